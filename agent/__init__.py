@@ -1,0 +1,1 @@
+"""One robot's mind: scan to corners, wireframe, filter, alignment, exploration, driving."""

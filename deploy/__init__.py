@@ -1,0 +1,1 @@
+"""How wireswarm is run and looked at: command line, launcher, report, benchmarks."""

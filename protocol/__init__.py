@@ -1,0 +1,1 @@
+"""What travels: key expressions, messages, the wireframe codec, sessions."""

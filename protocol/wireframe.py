@@ -1,0 +1,131 @@
+"""The map that travels: a labelled, embedded, directed graph of corners and walls (paper III-A)."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.errors import ProtocolError
+
+MAX_VERTICES = 20_000
+"""More than any building of this scale has (gbeltramo_building, 600 m2, has 200); bounds memory, ours."""
+
+MAX_COORDINATE_M = 10_000.0
+"""Positions farther out are nonsense for a robot that drives 0.2 m/s; ours."""
+
+_HEADER = struct.Struct("<4sBII")
+_MAGIC = b"WSWF"
+_VERSION = 1
+
+
+class Label(IntEnum):
+    """What is known of a vertex (paper III-A)."""
+
+    NOMINAL = 0
+    """A true corner, both its walls seen."""
+    OCCLUSION = 1
+    """A true corner at a depth jump: its wall turns away there and hides what lies behind."""
+    FRONTIER = 2
+    """No corner: the end of what was seen of a wall that goes on."""
+
+
+
+
+@dataclass(frozen=True, slots=True)
+class Wireframe:
+    """Corners and directed walls; free space lies on the left of every edge i to j.
+
+    Each vertex has at most one edge out and one in, so the graph is a set of chains that close into rings.
+    """
+
+    points: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    """(n, 2) metres, in the frame that the owner says."""
+    labels: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    """(n,) of Label."""
+    edges: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
+    """(m, 2) vertex indices, from and to."""
+    likelihood: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(m,) in [0, 1]: seen against should have been seen."""
+    own: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """(m,) whether the owner saw the wall itself, or has it from a peer only."""
+
+    def check(self) -> None:
+        """Raise ProtocolError unless every array has its shape, and all is finite, in bounds and degree <= 1."""
+        n, m = len(self.points), len(self.edges)
+        if n > MAX_VERTICES or m > MAX_VERTICES:
+            raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
+        if self.points.shape != (n, 2) or self.labels.shape != (n,) or self.edges.shape != (m, 2):
+            raise ProtocolError("the arrays of a wireframe do not fit each other")
+        if self.likelihood.shape != (m,) or self.own.shape != (m,):
+            raise ProtocolError("a wireframe needs one likelihood and one origin per edge")
+        if not np.isfinite(self.points).all() or (np.abs(self.points) > MAX_COORDINATE_M).any():
+            raise ProtocolError("a vertex of the wireframe is not finite or out of bounds")
+        if n and int(self.labels.max()) > max(Label):
+            raise ProtocolError("a vertex of the wireframe has an unknown label")
+        if not m:
+            return
+        if self.edges.min() < 0 or self.edges.max() >= n:
+            raise ProtocolError("an edge of the wireframe names a vertex that is not there")
+        if not np.isfinite(self.likelihood).all() or self.likelihood.min() < 0 or self.likelihood.max() > 1:
+            raise ProtocolError("an edge likelihood is not in [0, 1]")
+        if (self.edges[:, 0] == self.edges[:, 1]).any():
+            raise ProtocolError("an edge of the wireframe joins a vertex to itself")
+        for column, word in ((0, "out of"), (1, "into")):
+            if np.bincount(self.edges[:, column]).max() > 1:
+                raise ProtocolError(f"two edges lead {word} one vertex of the wireframe")
+
+    def segments(self) -> NDArray[np.float64]:
+        """Walls as (m, 4) x1, y1, x2, y2 in metres."""
+        return np.asarray(self.points[self.edges].reshape(-1, 4), np.float64)
+
+
+def encode_wireframe(wireframe: Wireframe) -> bytes:
+    """Bytes of a wireframe: float32 positions (1 um at 10 m), labels, edges, likelihoods and origins."""
+    n, m = len(wireframe.points), len(wireframe.edges)
+    return b"".join(
+        (
+            _HEADER.pack(_MAGIC, _VERSION, n, m),
+            wireframe.points.astype("<f4").tobytes(),
+            wireframe.labels.astype("u1").tobytes(),
+            wireframe.edges.astype("<u2").tobytes(),
+            wireframe.likelihood.astype("<f4").tobytes(),
+            wireframe.own.astype("u1").tobytes(),
+        )
+    )
+
+
+def decode_wireframe(data: bytes) -> Wireframe:
+    """Wireframe of its bytes; raises ProtocolError on anything else than `encode_wireframe` makes."""
+    if len(data) < _HEADER.size:
+        raise ProtocolError("a wireframe is shorter than its header")
+    magic, version, n, m = _HEADER.unpack_from(data)
+    if magic != _MAGIC:
+        raise ProtocolError("these bytes are no wireframe")
+    if version != _VERSION:
+        raise ProtocolError(f"a wireframe of version {version}; this program reads version {_VERSION}")
+    if n > MAX_VERTICES or m > MAX_VERTICES:
+        raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
+    if len(data) != _HEADER.size + 9 * n + 9 * m:
+        raise ProtocolError(f"a wireframe of {n} vertices and {m} edges is not {len(data)} bytes long")
+    at = _HEADER.size
+
+    def take(dtype: str, count: int) -> NDArray[np.generic]:
+        nonlocal at
+        array = np.frombuffer(data, dtype, count, at)
+        at += array.nbytes
+        return array
+
+    points = take("<f4", 2 * n).astype(np.float64).reshape(n, 2)
+    labels = take("u1", n).astype(np.uint8)
+    edges = take("<u2", 2 * m).astype(np.int32).reshape(m, 2)
+    likelihood = take("<f4", m).astype(np.float32)
+    own = take("u1", m)
+    if m and own.max() > 1:
+        raise ProtocolError("an edge's origin is neither own nor heard")
+    wireframe = Wireframe(points, labels, edges, likelihood, own.astype(np.bool_))
+    wireframe.check()
+    return wireframe

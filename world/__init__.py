@@ -1,0 +1,1 @@
+"""The truth: world files, physics, lidar, radio, clock and coverage."""
