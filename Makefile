@@ -1,0 +1,48 @@
+# wireswarm on a fresh Debian machine: python3, venv, git and make are enough.
+
+PYTHON ?= python3
+ARGS ?=
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+
+# Small arrays: threads of the numeric libraries only wait for each other.
+export OPENBLAS_NUM_THREADS := 1
+export OMP_NUM_THREADS := 1
+
+.PHONY: help install run test check format lock
+
+help: ## list the targets
+	@sed -nE 's/^([a-z]+):[^#]*## (.*)/make \1 \t\2/p' $(MAKEFILE_LIST) | expand -t 16
+
+install: $(INSTALLED) ## make .venv from requirements.lock
+
+# A file, so that nothing is installed twice: only a newer lock or pyproject brings it up again.
+$(INSTALLED): requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("wireswarm needs Python 3.11 or newer")'
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(BIN)/python -m deploy.warm
+	@touch $@
+
+run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--seed 1")
+	$(BIN)/wireswarm run --world maze-15 --robots 3 $(ARGS)
+
+test: $(INSTALLED) ## run the tests (make test ARGS="-k report")
+	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+check: $(INSTALLED) ## lint, format, types, import rules
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(INSTALLED) ## bring the sources into shape
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+# No index in it: the lock holds names, versions and hashes, good for any mirror and platform.
+lock: $(INSTALLED) ## resolve pyproject.toml into requirements.lock anew
+	$(BIN)/uv pip compile pyproject.toml --quiet --output-file requirements.lock --upgrade --all-extras \
+		--universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
+		--custom-compile-command "make lock"
