@@ -1,0 +1,191 @@
+"""Exact lidar: each wall covers one interval of beams, and only those are intersected.
+
+"Angular interval" of facts/simulation.md: as exact as testing every beam against every wall, at the cost of
+the pairs that do meet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.messages import LidarSpec
+
+CELL_M = 1.0
+"""Walls within range are found per cell of this size, once."""
+
+CHUNK = 20
+"""Robots cast at once: more make arrays so large that the system pages them in anew (measured)."""
+
+NOTHING = -1
+"""In place of a wall's index: the beam met nothing within range."""
+
+DISC = -2
+"""In place of a wall's index: the beam met a teammate."""
+
+_ROUNDING_BEAMS = 1e-9
+"""Intervals are widened by this much, so that rounding leaves no leak where two walls share a corner."""
+
+_TOUCHING_M = 1e-9
+"""Nearer than this to a wall, or to its straight continuation, is on it."""
+
+
+class Lidar:
+    """A scanning lidar among walls."""
+
+    def __init__(self, segments: NDArray[np.float64], spec: LidarSpec) -> None:
+        """Walls are (n, 4) x1, y1, x2, y2 in metres, world frame; those without length are dropped."""
+        segments = np.asarray(segments, np.float64).reshape(-1, 4)
+        lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
+        self.spec = spec
+        self._index = np.flatnonzero(lengths > _TOUCHING_M)
+        self._ends = segments[self._index]
+        self._cells: dict[tuple[int, int], NDArray[np.intp]] = {}
+
+    def cast(
+        self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """True ranges, (k, beams) metres; see `trace`."""
+        return self.trace(poses, discs)[0]
+
+    def trace(
+        self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+        """True ranges and what was met, both (k, beams).
+
+        `poses` is (k, 3) x, y, theta; beam i points at theta + i * 2 pi / beams. `discs` is (m, 3) x, y,
+        radius: teammates; one that a lidar stands in is its own robot. Ranges are metres from 0 to
+        range_max_m, inf beyond; what was met is the index of a wall, NOTHING or DISC.
+        """
+        poses = np.asarray(poses, np.float64).reshape(-1, 3)
+        ranges = np.full((len(poses), self.spec.beams), np.inf)
+        met = np.full((len(poses), self.spec.beams), NOTHING, np.intp)
+        for low in range(0, len(poses), CHUNK):
+            part = slice(low, low + CHUNK)
+            self._walls(poses[part], ranges[part].reshape(-1), met[part].reshape(-1))
+            if discs is not None and len(discs):
+                self._discs(poses[part], discs, ranges[part].reshape(-1), met[part].reshape(-1))
+        beyond = ranges > self.spec.range_max_m
+        ranges[beyond] = np.inf
+        met[beyond] = NOTHING
+        return ranges, met
+
+    def measured(
+        self, ranges: NDArray[np.float64], rngs: Sequence[np.random.Generator]
+    ) -> NDArray[np.float64]:
+        """True ranges (k, beams) as the sensor reports them, with one generator a robot.
+
+        Noise is Gaussian; a beam that drops out, or whose range is less than range_min_m or more than
+        range_max_m, reports nothing: inf.
+        """
+        spec = self.spec
+        noise = np.stack([rng.standard_normal(spec.beams) for rng in rngs])
+        chance = np.stack([rng.random(spec.beams) for rng in rngs])
+        out = ranges + spec.noise_m * noise
+        lost = (ranges < spec.range_min_m) | (out < spec.range_min_m) | (out > spec.range_max_m)
+        out[lost | (chance < spec.dropout)] = np.inf
+        return out
+
+    def _near(self, x: float, y: float) -> NDArray[np.intp]:
+        """Rows of the walls that a lidar somewhere in this place's cell may see."""
+        cell = (math.floor(x / CELL_M), math.floor(y / CELL_M))
+        found = self._cells.get(cell)
+        if found is None:
+            middle = (np.array(cell) + 0.5) * CELL_M
+            reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5)
+            start, end = self._ends[:, :2] - middle, self._ends[:, 2:] - middle
+            found = np.flatnonzero(_nearest(start, end)[0] <= reach)
+            self._cells[cell] = found
+        return found
+
+    def _walls(self, poses: NDArray[np.float64], ranges: NDArray[np.float64], met: NDArray[np.intp]) -> None:
+        near = [self._near(x, y) for x, y, _ in poses.tolist()]
+        wall = np.concatenate(near)
+        robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
+        here = poses[robot]
+        start, end = self._ends[wall, :2] - here[:, :2], self._ends[wall, 2:] - here[:, :2]
+        nearest, farthest = _nearest(start, end)
+        close = np.flatnonzero(nearest <= self.spec.range_max_m)
+        wall, robot, start, end = wall[close], robot[close], start[close], end[close]
+        nearest, farthest, heading = nearest[close], farthest[close], here[close, 2]
+
+        along = end - start
+        turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+        sweep = np.arctan2(turn, (start * end).sum(1))
+        first = np.where((sweep >= 0)[:, None], start, end)
+        begin = (np.arctan2(first[:, 1], first[:, 0]) - heading) % (2 * math.pi)
+        on = nearest <= _TOUCHING_M  # then every beam starts on the wall
+        begin[on], sweep[on] = 0.0, 2 * math.pi
+        # on the wall's straight continuation a beam along the wall returns its near end
+        edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along[:, 0], along[:, 1])
+
+        pair, beam = self._interval(begin, np.abs(sweep))
+        angle = heading[pair] + beam * (2 * math.pi / self.spec.beams)
+        across = np.cos(angle) * along[pair, 1] - np.sin(angle) * along[pair, 0]
+        parallel = edge_on[pair] | (across == 0)
+        distance = turn[pair] / np.where(parallel, 1.0, across)
+        distance[parallel] = nearest[pair][parallel]
+        # rounding must not carry a grazing hit off the wall
+        distance = np.clip(distance, nearest[pair], farthest[pair])
+        _keep_nearest(robot[pair] * self.spec.beams + beam, distance, self._index[wall[pair]], ranges, met)
+
+    def _discs(
+        self,
+        poses: NDArray[np.float64],
+        discs: NDArray[np.float64],
+        ranges: NDArray[np.float64],
+        met: NDArray[np.intp],
+    ) -> None:
+        offset = discs[None, :, :2] - poses[:, None, :2]
+        away = np.hypot(offset[..., 0], offset[..., 1])
+        radius = np.broadcast_to(discs[:, 2], away.shape)
+        robot, disc = np.nonzero((away > radius) & (away - radius <= self.spec.range_max_m))
+        away, radius = away[robot, disc], radius[robot, disc]
+        bearing = np.arctan2(offset[robot, disc, 1], offset[robot, disc, 0]) - poses[robot, 2]
+        half = np.arcsin(radius / away)
+        pair, beam = self._interval((bearing - half) % (2 * math.pi), 2 * half)
+        off = beam * (2 * math.pi / self.spec.beams) - bearing[pair]
+        chord = np.maximum(radius[pair] ** 2 - (away[pair] * np.sin(off)) ** 2, 0.0)
+        distance = away[pair] * np.cos(off) - np.sqrt(chord)
+        what = np.full(len(pair), DISC, np.intp)
+        _keep_nearest(robot[pair] * self.spec.beams + beam, distance, what, ranges, met)
+
+    def _interval(
+        self, begin: NDArray[np.float64], sweep: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """All (row, beam) with the beam in [begin, begin + sweep], radians from the heading."""
+        beams = self.spec.beams
+        scale = beams / (2 * math.pi)
+        low = np.ceil(begin * scale - _ROUNDING_BEAMS).astype(np.intp)
+        high = np.floor((begin + sweep) * scale + _ROUNDING_BEAMS).astype(np.intp)
+        count = np.clip(high - low + 1, 0, beams)
+        row = np.repeat(np.arange(len(begin)), count)
+        nth = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        return row, (low[row] + nth) % beams
+
+
+def _nearest(
+    start: NDArray[np.float64], end: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nearest and farthest distance of segments from the origin."""
+    along = end - start
+    share = np.clip(-(start * along).sum(1) / (along * along).sum(1), 0.0, 1.0)
+    foot = start + share[:, None] * along
+    farthest = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
+    return np.hypot(foot[:, 0], foot[:, 1]), farthest
+
+
+def _keep_nearest(
+    ray: NDArray[np.intp],
+    distance: NDArray[np.float64],
+    what: NDArray[np.intp],
+    ranges: NDArray[np.float64],
+    met: NDArray[np.intp],
+) -> None:
+    """Lower `ranges` to the least distance of each ray, and note in `met` what stood there."""
+    np.minimum.at(ranges, ray, distance)
+    won = distance == ranges[ray]
+    met[ray[won]] = what[won]

@@ -1,0 +1,307 @@
+"""A world file: what stands where, and where robots may start."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import yaml
+from numpy.typing import NDArray
+from shapely import affinity
+from shapely.geometry import LineString, Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+BUNDLED = Path(__file__).parent / "bundled"
+
+SLIT_M = 2e-3
+"""Gaps between abutting solids narrower than this are closed (as in the scorer): a yaw of 1.5708 is not pi/2."""
+
+THIN_M = 2e-4
+"""Thickness of a wall that has none: a solid needs an inside (as in the scorer)."""
+
+STRAIGHT_M = 5e-5
+"""Vertices nearer than this to the chord of their neighbours are no corners; a quarter of THIN_M."""
+
+FRAME_M = 1.0
+"""Free space is known this far around the solids (as in the scorer)."""
+
+SPAWN_DISTANCE_M = 1.0
+"""Drawn starts keep this from each other where there is room, so that no robot boxes in another."""
+
+SPAWN_CLEARANCE_M = 0.1
+"""Drawn starts keep this from the walls, beside the robot's radius, so that it can turn and leave."""
+
+MAX_COORDINATE_M = 1000.0
+"""No building is larger; a file that says so is in other units."""
+
+MAX_BYTES = 10_000_000
+"""Of a world file; a thousand walls take 50 kB."""
+
+
+class WorldFileError(ValueError):
+    """A world file that cannot be run; the text names file and field."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Solids, their outline, and the starts of the robots. Metres, radians, world frame."""
+
+    name: str
+    source: str
+    """The file's name, for messages."""
+    solid: BaseGeometry
+    """All that stands, hairline slits closed."""
+    spawns: NDArray[np.float64]
+    """(k, 3) x, y, theta: r1 starts at the first."""
+    document: Mapping[str, Any] = field(repr=False)
+    """The file with its numbers as floats, unknown keys kept."""
+
+    @cached_property
+    def hash(self) -> str:
+        """SHA-256 of the world's geometry and spawns; layout and comments of the file do not count."""
+        known = {key: self.document.get(key) or [] for key in ("boxes", "walls", "polygons", "spawns")}
+        return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
+
+    @cached_property
+    def free(self) -> list[Polygon]:
+        """Free space, exteriors counter-clockwise; the outermost polygon ends FRAME_M around the world."""
+        x0, y0, x1, y1 = self.solid.bounds
+        frame = shapely.box(x0 - FRAME_M, y0 - FRAME_M, x1 + FRAME_M, y1 + FRAME_M)
+        return [shapely.orient_polygons(part) for part in polygons_of(frame.difference(self.solid))]
+
+    @cached_property
+    def rings(self) -> list[NDArray[np.float64]]:
+        """Outlines of the solids: closed (n, 2) rings with free space on the left, straight runs merged."""
+        x0, _, x1, _ = self.solid.bounds
+        rings = []
+        for polygon in self.free:
+            for ring in (polygon.exterior, *polygon.interiors):
+                points = np.asarray(ring.coords)
+                if points[:, 0].min() < x0 - FRAME_M / 2 and points[:, 0].max() > x1 + FRAME_M / 2:
+                    continue  # the frame is no wall
+                # simplify never drops the first vertex: start at one that surely is a corner
+                first = int(np.lexsort((points[:-1, 1], points[:-1, 0]))[0])
+                points = np.vstack([points[first:-1], points[: first + 1]])
+                rings.append(np.asarray(LineString(points).simplify(STRAIGHT_M).coords))
+        return rings
+
+    @cached_property
+    def segments(self) -> NDArray[np.float64]:
+        """The outline as (n, 4) x1, y1, x2, y2, free space on the left."""
+        return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in self.rings])
+
+    def regions(self, radius_m: float) -> list[Polygon]:
+        """Where the centre of a robot can be; one polygon for each region that hangs together."""
+        return polygons_of(shapely.union_all(self.free).buffer(-radius_m))
+
+    def region_of(self, x: float, y: float, radius_m: float) -> Polygon | None:
+        """The region of a robot's centre that holds this place, or None in a wall."""
+        spot = Point(x, y)
+        return next((r for r in self.regions(radius_m) if r.distance(spot) < 1e-3), None)
+
+    def starts(
+        self, robots: int, radius_m: float, rng: np.random.Generator, *, drawn: bool = False
+    ) -> NDArray[np.float64]:
+        """(robots, 3) start poses: the file's spawns, missing ones (with `drawn`, all) drawn from rng.
+
+        Drawn ones lie in one region: that of the first spawn, else the largest that is closed.
+        Raises WorldFileError where a spawn leaves no room for a robot, or the world for so many.
+        """
+        starts = [] if drawn else [tuple(map(float, spawn)) for spawn in self.spawns[:robots]]
+        for i, (x, y, _) in enumerate(starts):
+            if self.region_of(x, y, radius_m) is None:
+                raise WorldFileError(
+                    f"{self.source}: spawns[{i}]: no free space for a robot of radius {radius_m} m"
+                )
+            for j, (u, v, _) in enumerate(starts[:i]):
+                if math.hypot(x - u, y - v) <= 2 * radius_m:
+                    raise WorldFileError(f"{self.source}: spawns[{i}]: overlaps spawns[{j}]")
+        if len(starts) == robots:
+            return np.array(starts, np.float64).reshape(-1, 3)
+        region = self._home(radius_m)
+        roomy = region.buffer(-SPAWN_CLEARANCE_M)
+        roomy = region if roomy.is_empty else roomy
+        shapely.prepare(roomy)
+        x0, y0, x1, y1 = roomy.bounds
+        distance = max(SPAWN_DISTANCE_M, 4 * radius_m)
+        while len(starts) < robots:
+            spots = rng.uniform((x0, y0, -math.pi), (x1, y1, math.pi), (200, 3))
+            for spot in spots[shapely.contains_xy(roomy, spots[:, 0], spots[:, 1])]:
+                if all(math.hypot(spot[0] - x, spot[1] - y) >= distance for x, y, _ in starts):
+                    starts.append((float(spot[0]), float(spot[1]), float(spot[2])))
+                    break
+            else:
+                distance *= 0.8  # crowded: stand closer, but not in each other
+                if distance < 2.2 * radius_m:
+                    raise WorldFileError(f"{self.source}: spawns: no room for {robots} robots")
+        return np.array(starts, np.float64)
+
+    def _home(self, radius_m: float) -> Polygon:
+        """The region that drawn robots start in."""
+        if len(self.spawns):
+            region = self.region_of(float(self.spawns[0, 0]), float(self.spawns[0, 1]), radius_m)
+            if region is not None:
+                return region
+        regions = self.regions(radius_m)
+        x0, y0, x1, y1 = self.solid.bounds
+        inside = shapely.box(x0, y0, x1, y1)
+        closed = [region for region in regions if region.within(inside)]
+        if not regions:
+            raise WorldFileError(f"{self.source}: no free space for a robot of radius {radius_m} m")
+        return max(closed or regions, key=lambda region: region.area)
+
+
+def bundled() -> list[str]:
+    """Names of the worlds that come with the package."""
+    return sorted(path.stem for path in BUNDLED.glob("*.yaml"))
+
+
+def load(name_or_path: str | Path) -> World:
+    """World of a bundled name or of a YAML or JSON file; raises WorldFileError naming file and field."""
+    path = BUNDLED / f"{name_or_path}.yaml"
+    if str(name_or_path) not in bundled():
+        path = Path(name_or_path)
+        if not path.is_file():
+            raise WorldFileError(
+                f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})"
+            )
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise WorldFileError(f"{path}: larger than {MAX_BYTES} bytes")
+        return parse(path.read_text(encoding="utf-8"), str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldFileError(f"{path}: cannot be read: {error}") from None
+
+
+@lru_cache(maxsize=8)
+def parse(text: str, source: str) -> World:
+    """World of a file's text; `source` names it in errors. The same text gives the same object."""
+    try:
+        document = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise WorldFileError(f"{source}: no YAML: {' '.join(str(error).split())}") from None
+    except (RecursionError, ValueError) as error:  # nested too deep; a date or number that is none
+        raise WorldFileError(f"{source}: no YAML: {error}") from None
+    if not isinstance(document, dict):
+        raise WorldFileError(f"{source}: must be a map of fields, not {type(document).__name__}")
+    return from_document(document, source)
+
+
+def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
+    """World of the fields of a file; raises WorldFileError naming the field."""
+    units = document.get("units", "m")
+    if units != "m":
+        raise WorldFileError(f"{source}: units: {units!r} is unknown; worlds are in m")
+    name = document.get("name", Path(source).stem)
+    if not isinstance(name, str) or not name:
+        raise WorldFileError(f"{source}: name: must be a text")
+    boxes = list(_rows(document, "boxes", 5, source))
+    walls = list(_rows(document, "walls", 4, source))
+    spawns = list(_rows(document, "spawns", 3, source))
+    polygons = list(_polygons(document, source))
+    if not boxes and not walls and not polygons:
+        raise WorldFileError(f"{source}: has no boxes, walls or polygons")
+    solids: list[BaseGeometry] = []
+    for i, (cx, cy, yaw, length, thickness) in enumerate(boxes):
+        if length <= 0 or thickness <= 0:
+            raise WorldFileError(f"{source}: boxes[{i}]: length and thickness must be more than zero")
+        box = shapely.box(-length / 2, -thickness / 2, length / 2, thickness / 2)
+        solids.append(affinity.translate(affinity.rotate(box, yaw, origin=(0, 0), use_radians=True), cx, cy))
+    for i, (x1, y1, x2, y2) in enumerate(walls):
+        if math.hypot(x2 - x1, y2 - y1) < THIN_M:
+            raise WorldFileError(f"{source}: walls[{i}]: zero length")
+        solids.append(LineString([(x1, y1), (x2, y2)]).buffer(THIN_M / 2, cap_style="flat"))
+    for i, rings in enumerate(polygons):
+        polygon = Polygon(rings[0], rings[1:]).buffer(0)
+        if not polygon.area > 0:
+            raise WorldFileError(f"{source}: polygons[{i}]: has no area")
+        solids.append(polygon)
+    solid = shapely.union_all(solids)
+    solid = solid.buffer(SLIT_M, join_style="mitre").buffer(-SLIT_M, join_style="mitre")
+    for i, (x, y, _) in enumerate(spawns):
+        if solid.intersects(Point(x, y)):
+            raise WorldFileError(f"{source}: spawns[{i}]: no free space, ({x:g}, {y:g}) lies in a wall")
+    numbers = {"boxes": boxes, "walls": walls, "polygons": polygons, "spawns": spawns}
+    return World(
+        name=name,
+        source=source,
+        solid=solid,
+        spawns=np.array(spawns, np.float64).reshape(-1, 3),
+        document={**document, "name": name, "units": "m", **{k: v for k, v in numbers.items() if v}},
+    )
+
+
+def to_yaml(document: Mapping[str, Any]) -> str:
+    """Text of a world file, one shape a line."""
+    text: str = yaml.dump(
+        dict(document),
+        Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper),
+        default_flow_style=None,
+        sort_keys=False,
+        width=120,
+    )
+    return text
+
+
+def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
+    """The polygons of a geometry, in its order."""
+    parts = getattr(geometry, "geoms", [geometry])
+    return [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
+
+
+def _rows(document: Mapping[Any, Any], key: str, width: int, source: str) -> Iterator[list[float]]:
+    rows = document.get(key)
+    if rows is None:
+        return
+    if not isinstance(rows, list):
+        raise WorldFileError(f"{source}: {key}: must be a list")
+    for i, row in enumerate(rows):
+        if not isinstance(row, list) or len(row) != width:
+            raise WorldFileError(f"{source}: {key}[{i}]: must be a list of {width} numbers")
+        yield [_number(value, f"{source}: {key}[{i}][{k}]") for k, value in enumerate(row)]
+
+
+def _polygons(document: Mapping[Any, Any], source: str) -> Iterator[list[list[list[float]]]]:
+    polygons = document.get("polygons")
+    if polygons is None:
+        return
+    if not isinstance(polygons, list):
+        raise WorldFileError(f"{source}: polygons: must be a list")
+    for i, rings in enumerate(polygons):
+        if not isinstance(rings, list) or not rings:
+            raise WorldFileError(f"{source}: polygons[{i}]: must be a list of rings")
+        made = []
+        for k, ring in enumerate(rings):
+            where = f"{source}: polygons[{i}][{k}]"
+            if not isinstance(ring, list) or len(ring) < 3:
+                raise WorldFileError(f"{where}: a ring must be a list of at least 3 points")
+            points = []
+            for n, point in enumerate(ring):
+                if not isinstance(point, list) or len(point) != 2:
+                    raise WorldFileError(f"{where}[{n}]: a point must be a list of 2 numbers")
+                points.append([_number(value, f"{where}[{n}]") for value in point])
+            made.append(points)
+        yield made
+
+
+def _number(value: object, where: str) -> float:
+    """A finite float; a text such as 1e-5, which YAML 1.1 takes for one though JSON does not, is a number."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise WorldFileError(f"{where}: must be a number, not {value!r}")
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        raise WorldFileError(f"{where}: must be a number, not {str(value)[:40]!r}") from None
+    if not math.isfinite(number):
+        raise WorldFileError(f"{where}: not finite")
+    if abs(number) > MAX_COORDINATE_M:
+        raise WorldFileError(f"{where}: {number:g} is more than {MAX_COORDINATE_M:g}; is the file in metres?")
+    return number
