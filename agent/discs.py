@@ -1,0 +1,157 @@
+"""Teammates in a scan: discs of known radius, whose beams tell nothing about walls (ours, facts/mapping.md rule 11)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.segmentation import beam_sums, fit
+
+Floats = NDArray[np.float64]
+
+
+@njit(cache=True)
+def disc_range(distance: float, offset: float, radius: float) -> float:
+    """Range at which a beam `offset` radians off the centre meets a disc; inf where it misses."""
+    side = distance * math.sin(offset)
+    if abs(side) >= radius or abs(offset) > math.pi / 2:
+        return math.inf
+    return distance * math.cos(offset) - math.sqrt(radius**2 - side**2)
+
+
+@njit(cache=True)
+def _residuals(
+    ranges: Floats, distance: float, bearing: float, radius: float, near: float
+) -> tuple[int, int, float, float, float]:
+    """Over the beams well inside a disc: all, those on it, their squared residuals, first and last bearing offset."""
+    n = len(ranges)
+    step = 2 * math.pi / n
+    half = math.asin(min(radius / distance, 1.0))
+    low = math.ceil((bearing - 0.95 * half) / step)
+    high = math.floor((bearing + 0.95 * half) / step)
+    inside, on, total, first, last = 0, 0, 0.0, 1.0, -1.0
+    for k in range(low, high + 1):
+        offset = k * step - bearing
+        off = ranges[k % n] - disc_range(distance, offset, radius)
+        inside += 1
+        if abs(off) < near:
+            on += 1
+            total += off * off
+            first, last = min(first, offset), max(last, offset)
+    return inside, on, total, first, last
+
+
+@njit(cache=True)
+def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sigmas: float) -> Floats:
+    """Discs in a full turn of ranges (inf: nothing): (d, 2) metres, centres in the robot's frame.
+
+    A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
+    another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
+    """
+    n = len(ranges)
+    step = 2 * math.pi / n
+    near = sigmas * noise + 0.1 * radius
+    found = np.empty((n, 3))
+    count = 0
+    for i in range(n):
+        if not math.isfinite(ranges[i]):
+            continue
+        distance, bearing = ranges[i] + radius, i * step
+        inside, on, total, first, last = _residuals(ranges, distance, bearing, radius, near)
+        if on < 3 or 2 * on < inside:
+            continue
+        for _ in range(3):  # Gauss-Newton with the two exact derivatives of the range
+            a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
+            half = math.asin(min(radius / distance, 1.0))
+            for k in range(
+                math.ceil((bearing - 0.9 * half) / step), math.floor((bearing + 0.9 * half) / step) + 1
+            ):
+                offset = k * step - bearing
+                off = ranges[k % n] - disc_range(distance, offset, radius)
+                if abs(off) > near:
+                    continue
+                root = math.sqrt(radius**2 - (distance * math.sin(offset)) ** 2)
+                by_distance = math.cos(offset) + distance * math.sin(offset) ** 2 / root
+                by_bearing = (
+                    distance * math.sin(offset) - distance**2 * math.sin(offset) * math.cos(offset) / root
+                )
+                a11 += by_distance**2
+                a12 += by_distance * by_bearing
+                a22 += by_bearing**2
+                b1 += by_distance * off
+                b2 += by_bearing * off
+            det = a11 * a22 - a12 * a12
+            if det > 1e-9 * a11 * a22:
+                d_distance, d_bearing = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+            else:
+                d_distance, d_bearing = b1 / a11, 0.0
+            distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
+            bearing += max(-step, min(step, d_bearing))
+        inside, on, total, first, last = _residuals(ranges, distance, bearing, radius, near)
+        if on < 3 or 2 * on < inside or total / noise**2 > max_chi2 * on:
+            continue
+        k0, k1 = round((bearing + first) / step), round((bearing + last) / step)
+        run = np.empty(k1 - k0 + 1)
+        angle = np.empty(k1 - k0 + 1)
+        m = 0
+        for k in range(k0, k1 + 1):
+            if abs(ranges[k % n] - disc_range(distance, k * step - bearing, radius)) < near:
+                run[m], angle[m] = ranges[k % n], k * step
+                m += 1
+        line = fit(beam_sums(run[:m], angle[:m], noise)[m])[2]
+        if m > 3 and line < total / noise**2 + 9.0:
+            continue
+        better = True
+        for c in range(count):  # of those on the same spot, the first that fits best stays
+            apart = math.hypot(
+                found[c, 0] * math.cos(found[c, 1]) - distance * math.cos(bearing),
+                found[c, 0] * math.sin(found[c, 1]) - distance * math.sin(bearing),
+            )
+            if apart < radius:
+                if total / on < found[c, 2]:
+                    found[c, 0], found[c, 1], found[c, 2] = distance, bearing, total / on
+                better = False
+                break
+        if better:
+            found[count, 0], found[count, 1], found[count, 2] = distance, bearing, total / on
+            count += 1
+    kept = np.empty((count, 2))
+    n_kept = 0
+    for c in range(count):
+        distance, bearing = found[c, 0], found[c, 1]
+        half = math.asin(min(radius / distance, 1.0))
+        free = 0
+        for side in (-1, 1):
+            k = round((bearing + side * (half + step)) / step)
+            r = ranges[k % n]
+            tangent = distance * math.cos(half)
+            if r > distance + 0.3 * radius or r < tangent - radius:
+                free += 1
+                continue
+            for other in range(count):
+                if other != c and found[other, 0] > 0:
+                    gap = abs((k * step - found[other, 1] + math.pi) % (2 * math.pi) - math.pi)
+                    if gap <= math.asin(min(radius / found[other, 0], 1.0)) + step:
+                        free += 1
+                        break
+        if free == 2:
+            kept[n_kept, 0], kept[n_kept, 1] = distance * math.cos(bearing), distance * math.sin(bearing)
+            n_kept += 1
+    return kept[:n_kept].copy()
+
+
+@njit(cache=True)
+def hidden_beams(n: int, discs: Floats, radius: float) -> NDArray[np.bool_]:
+    """(n,) which beams of a full turn meet one of the discs, or pass within one beam of it."""
+    out = np.zeros(n, np.bool_)
+    step = 2 * math.pi / n
+    for d in range(len(discs)):
+        distance = max(math.hypot(discs[d, 0], discs[d, 1]), 1.001 * radius)
+        bearing = math.atan2(discs[d, 1], discs[d, 0])
+        half = math.asin(radius / distance) + step
+        for k in range(math.ceil((bearing - half) / step), math.floor((bearing + half) / step) + 1):
+            out[k % n] = True
+    return out

@@ -1,0 +1,122 @@
+"""Thresholds of exploration: goals, paths and driving. All ours; the paper gives none."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agent.config import Config
+
+Positive = Annotated[float, Field(gt=0)]
+
+DefaultState = Literal["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"]
+"""What a robot does when no frontier is left: the four of the paper (IV-B), and ours: sweep, then least likely."""
+
+
+class ExplorationConfig(Config):
+    """Which goals a robot pursues, and when it gives one up."""
+
+    default_state: DefaultState = "ours"
+    look_ticks: Annotated[int, Field(ge=1)] = 4
+    """Scans taken at a standing point before the goal counts as unresolved: the map needs three to change its mind."""
+    arrive_m: Positive = 0.08
+    """Closer than this is there; half the distance driven in two ticks at full speed, so that none overshoots."""
+    same_place_m: Positive = 0.2
+    """Goals closer than this are the same one (facts/mapping.md, rule 10)."""
+    same_direction_rad: Positive = 0.8
+    """... if their walls go on in like directions: 45 degrees, as opposite faces and corners differ by 90."""
+    standing_points: Annotated[int, Field(ge=1)] = 3
+    """Standing points tried in one attempt at a goal."""
+    attempts: Annotated[int, Field(ge=1)] = 2
+    """Attempts at a goal, the later ones when nothing else is left and the map has changed; then it is unreachable."""
+    patience_s: Positive = 15.0
+    """A goal is given up when it takes this long beyond twice the time its path needs."""
+    remembered: Annotated[int, Field(ge=10)] = 400
+    """Most goals kept in memory; a building of 600 m2 brings about 100."""
+    switch_gain_m: Positive = 1.5
+    """Another goal must be nearer than the present one by this much, or a robot between two turns for ever."""
+    reconsider_ticks: Annotated[int, Field(ge=1)] = 10
+    """Goals are compared anew every 2 s if the map changed: in this time a robot drives 0.4 m, less than a doorway."""
+    refresh_ticks: Annotated[int, Field(ge=1)] = 3
+    """Open ends are read from the map this often besides at changes of structure, as they move with each scan."""
+    stare_cost: Positive = 0.5
+    """Metres of path that a metre of distance between standing point and goal is worth: nearer sees better."""
+    grazing_rad: Positive = 0.35
+    """Flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle."""
+    pose_spacing_m: Positive = 0.5
+    """Distance between kept poses: half of what would leave gaps in a swept corridor 1.9 m to either side."""
+    kept_poses: Annotated[int, Field(ge=10)] = 3000
+    """Most kept poses (24 bytes each); 1.5 km of path."""
+    smallest_object_m: Positive = 0.1
+    """Width of the smallest object that the sweep must find (a post)."""
+    object_beams: Annotated[int, Field(ge=1)] = 3
+    """Beams on an object that make it seen; three beams on 0.1 m: 1.9 m (facts/mapping.md, rule 12)."""
+    sweep_lattice_m: Positive = 0.6
+    """Distance between standing points considered by the sweep; a third of its radius."""
+    sweep_candidates: Annotated[int, Field(ge=1)] = 12
+    """Nearest standing points whose gain of seen area is worked out."""
+    sweep_detour_m: Positive = 1.0
+    """Path that every standing point is charged on top: keeps from creeping along the rim for slivers of area."""
+    least_likelihood: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Edges below this are looked at again."""
+    vertex_visits: Annotated[int, Field(ge=1)] = 10
+    """Random vertices visited in a row without a new goal: the policy's end."""
+    park_clearance_m: Positive = 0.45
+    """Distance from walls of a parked robot: another (0.21 m wide) passes on either side, and no doorway is blocked."""
+    persist_ticks: Annotated[int, Field(ge=1)] = 4
+    """A goal must last this long to wake a complete robot: single scans flicker."""
+    stuck_s: Positive = 4.0
+    """Without progress on the path for this long a robot is stuck; a right-angle turn takes 0.6 s."""
+    stuck_progress_m: Positive = 0.06
+    """Less than this is no progress: one tick and a half of driving."""
+    back_off_m: Positive = 0.2
+    """How far a stuck robot moves away from what it is close to."""
+    back_off_s: Positive = 3.0
+    """... or how long at most."""
+    wait_s: Positive = 4.0
+    """Longest wait for a teammate to clear the way, before planning around it as around a wall."""
+    teammate_memory_s: Positive = 3.0
+    """How long a teammate seen is planned around after it was seen last."""
+
+
+class PlanningConfig(Config):
+    """Paths around known walls."""
+
+    clearance_m: Positive = 0.18
+    """Distance of paths from walls where there is room: 7.5 cm of air; passes doorways of 0.5 m with 7 cm to spare."""
+    tight_clearance_m: Positive = 0.13
+    """Distance where there is not: 2.5 cm of air, five times the error of a wall in the map."""
+    node_offset_m: Positive = 0.01
+    """Corners are passed this much wider than the clearance, so that walls may move a little with the next scans."""
+    frontier_reach_m: Positive = 0.5
+    """A wall probably goes on at least this far beyond its frontier end."""
+    frontier_cost_m: Positive = 3.0
+    """What crossing that stretch costs, in metres of path."""
+
+
+class DrivingConfig(Config):
+    """Following a path at the speed of the robot without touching anything."""
+
+    tick_s: Positive = 0.2
+    """Duration of a command: one period of the lidar."""
+    lookahead_m: Positive = 0.6
+    """Distance of the point steered for; less wiggles, more leaves the path."""
+    turn_in_place_rad: Positive = 0.5
+    """Heading error beyond which the robot turns on the spot."""
+    turn_gain: Annotated[float, Field(gt=0, le=1)] = 0.6
+    """Share of the heading error corrected in a tick; 1 would overshoot at the slightest delay."""
+    wall_margin_m: Positive = 0.015
+    """Air left to walls in every predicted motion: 1.5 sigma of a range, and three of a fitted wall."""
+    slow_margin_m: Positive = 0.05
+    """Air below which the robot drives slowly."""
+    slow_share: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Share of full speed when slow."""
+    teammate_margin_m: Positive = 0.06
+    """Air left to a teammate: it may come 0.044 m nearer in the same tick."""
+    horizon_ticks: Annotated[int, Field(ge=1)] = 2
+    """Ticks ahead that must be free: this one, and the next in case the answer comes late."""
+    meet_m: Positive = 1.2
+    """A teammate nearer than this and ahead is passed on the right: time for both to move over (2.7 s)."""
+    meet_rad: Positive = 0.8
+    """Half-angle that counts as ahead."""

@@ -1,0 +1,281 @@
+"""From a lidar scan to a corner scan (paper II): straight pieces, their corners, and the labels of their ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.config import PerceptionConfig
+from agent.corner_scan import PIECE, CornerScan
+from agent.discs import find_discs, hidden_beams
+from agent.segmentation import fit, piecewise, split_and_merge
+from protocol.messages import LidarSpec
+from protocol.wireframe import Label
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
+
+LOOK_PAST = 3
+"""Beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing."""
+
+
+@njit(cache=True)
+def _split_at_gaps(cuts: Ints, ranges: Floats, bearings: Floats, min_hits: int, max_gap: float) -> Ints:
+    """Cut pieces where neighbouring hits are farther apart on the wall than max_gap."""
+    m = len(ranges)
+    out = np.empty((m + 1, 2), np.int64)
+    count = 0
+    for k in range(len(cuts)):
+        begin = cuts[k, 0]
+        for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
+            if j < cuts[k, 1]:
+                turn = bearings[j % m] - bearings[(j - 1) % m]
+                r, q = ranges[j % m], ranges[(j - 1) % m]
+                if r * r + q * q - 2 * r * q * math.cos(turn) <= max_gap * max_gap:
+                    continue
+            if j - begin >= min_hits:
+                out[count, 0], out[count, 1] = begin, j
+                count += 1
+            begin = j
+    return out[:count].copy()
+
+
+@njit(cache=True)
+def _join_across_strays(
+    cuts: Ints, sums: Floats, ranges: Floats, bearings: Floats, line_cost: float, max_gap: float
+) -> tuple[Ints, Floats]:
+    """Join neighbouring pieces on one line that only a stray or two in front part; returns pieces and their sums."""
+    m = len(ranges)
+    out = np.empty_like(cuts)
+    total = np.empty((len(cuts), 6))
+    count = 0
+    for k in range(len(cuts)):
+        own = sums[cuts[k, 1]] - sums[cuts[k, 0]]
+        if count:
+            before, strays = total[count - 1], cuts[k, 0] - out[count - 1, 1]
+            a, b, joint = fit(before + own)
+            if strays <= 2 and joint < fit(before)[2] + fit(own)[2] + line_cost:
+                p, q = (out[count - 1, 1] - 1) % m, cuts[k, 0] % m
+                gap = math.hypot(
+                    ranges[p] * math.cos(bearings[p]) - ranges[q] * math.cos(bearings[q]),
+                    ranges[p] * math.sin(bearings[p]) - ranges[q] * math.sin(bearings[q]),
+                )
+                through = False
+                for j in range(out[count - 1, 1], cuts[k, 0]):
+                    u = a * math.cos(bearings[j % m]) + b * math.sin(bearings[j % m])
+                    through = through or ranges[j % m] * u > 1.05
+                if gap <= max_gap and not through:
+                    out[count - 1, 1] = cuts[k, 1]
+                    total[count - 1] = before + own
+                    continue
+        out[count], total[count] = cuts[k], own
+        count += 1
+    return out[:count].copy(), total[:count].copy()
+
+
+@njit(cache=True)
+def _end_label(
+    ranges: Floats,
+    hidden: NDArray[np.bool_],
+    beam: int,
+    side: int,
+    sums: Floats,
+    noise: float,
+    range_max: float,
+    sigmas: float,
+) -> tuple[int, int]:
+    """Label of a piece's end by prediction, and the beam that decided.
+
+    The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
+    something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
+    """
+    n = len(ranges)
+    a, b, _ = fit(sums)
+    det = sums[0] * sums[2] - sums[1] * sums[1]
+    silent = 0
+    for ahead in range(1, LOOK_PAST + 1):
+        k = beam + side * ahead
+        c, s = math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)
+        u = a * c + b * s
+        if hidden[k % n] or u <= 1.0 / range_max:
+            return FRONTIER, k
+        predicted = 1.0 / u
+        spread = predicted**2 * math.sqrt((c * c * sums[2] - 2 * c * s * sums[1] + s * s * sums[0]) / det)
+        margin = sigmas * math.hypot(noise, spread)
+        r = ranges[k % n]
+        if not math.isfinite(r):
+            if predicted > range_max - margin:
+                return FRONTIER, k
+            silent += 1
+            if silent == 2:  # one may have dropped out, two in a row went through
+                return OCCLUSION, k
+        elif r > predicted + margin:
+            return OCCLUSION, k
+        elif r < predicted - margin:
+            return FRONTIER, k
+    return FRONTIER, beam + side * LOOK_PAST
+
+
+@njit(cache=True)
+def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    """Where a ray at the bearing meets the piece's line, metres from its centroid; inf where it does not."""
+    c, s = math.cos(bearing), math.sin(bearing)
+    cross = c * piece.uy - s * piece.ux
+    if abs(cross) < 1e-6:
+        return math.inf
+    return -(c * piece.y - s * piece.x) / cross
+
+
+@njit(cache=True)
+def _meet(p, q) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]  # noqa: ANN001
+    """Sine of the angle between two pieces, and where their lines meet along p and along q (metres)."""
+    sine = p.ux * q.uy - p.uy * q.ux
+    if abs(sine) < 1e-6:
+        return 0.0, 0.0, 0.0
+    dx, dy = q.x - p.x, q.y - p.y
+    return sine, (dx * q.uy - dy * q.ux) / sine, (dx * p.uy - dy * p.ux) / sine
+
+
+@njit(cache=True)
+def _assemble(
+    pieces: NDArray[np.void],
+    cuts: Ints,
+    totals: Floats,
+    beams: Ints,
+    ranges: Floats,
+    hidden: NDArray[np.bool_],
+    noise: float,
+    range_max: float,
+    sigmas: float,
+    min_sine: float,
+) -> None:
+    """Fill the pieces of a scan: lines, corners, labels. `beams` are the indices of the finite beams."""
+    n, m = len(ranges), len(beams)
+    step = 2 * math.pi / n
+    count = len(cuts)
+    first, last = np.empty(count, np.int64), np.empty(count, np.int64)
+    for k in range(count):
+        first[k] = beams[cuts[k, 0] % m] + n * (cuts[k, 0] // m)
+        last[k] = beams[(cuts[k, 1] - 1) % m] + n * ((cuts[k, 1] - 1) // m)
+        a, b, _ = fit(totals[k])
+        norm = math.hypot(a, b)
+        piece = pieces[k]
+        piece.ux, piece.uy = -b / norm, a / norm
+        hits, sum_t, sum_tt = 0.0, 0.0, 0.0
+        for j in range(cuts[k, 0], cuts[k, 1]):
+            angle, r = beams[j % m] * step, ranges[beams[j % m]]
+            if abs(r * (a * math.cos(angle) + b * math.sin(angle)) - 1.0) * norm**-1.0 > 10 * noise:
+                continue  # a stray that the piece was joined across
+            t = r * (math.cos(angle) * piece.ux + math.sin(angle) * piece.uy)
+            hits += 1.0
+            sum_t += t
+            sum_tt += t * t
+        t = sum_t / hits
+        piece.hits, piece.spread = hits, max(sum_tt - hits * t * t, 1e-9)
+        piece.x, piece.y = a / norm**2 + t * piece.ux, b / norm**2 + t * piece.uy
+        piece.bearing[0], piece.bearing[1] = first[k] * step, last[k] * step
+        piece.end[0], piece.end[1] = _along(piece, first[k] * step), _along(piece, last[k] * step)
+        for side in range(2):
+            piece.label[side], piece.link[side], piece.slack[side] = FRONTIER, -1, 0.0
+    for k in range(count):
+        p, q = pieces[k], pieces[(k + 1) % count]
+        begins = first[(k + 1) % count] + (n if k + 1 == count else 0)
+        if count < 2 or begins - last[k] > LOOK_PAST:
+            continue
+        sine, along_p, along_q = _meet(p, q)
+        if abs(sine) < min_sine:
+            continue
+        off_p = sigmas * noise * math.sqrt(1 / p.hits + along_p**2 / p.spread)
+        off_q = sigmas * noise * math.sqrt(1 / q.hits + along_q**2 / q.spread)
+        slack_p, slack_q = math.hypot(off_q, off_p) / abs(sine), math.hypot(off_p, off_q) / abs(sine)
+        next_p, next_q = _along(p, begins * step), _along(q, last[k] * step)
+        next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
+        next_q = next_q if next_q < q.end[0] else -math.inf
+        if (
+            p.end[1] - slack_p <= along_p <= next_p + slack_p
+            and next_q - slack_q <= along_q <= q.end[0] + slack_q
+        ):
+            p.label[1], q.label[0] = NOMINAL, NOMINAL
+            p.link[1], q.link[0] = (k + 1) % count, k
+            p.end[1], q.end[0] = along_p, along_q
+    for k in range(count):
+        p = pieces[k]
+        for side in range(2):
+            if p.label[side] == NOMINAL:
+                continue
+            beam = first[k] if side == 0 else last[k]
+            label, decided = _end_label(
+                ranges, hidden, beam, 2 * side - 1, totals[k], noise, range_max, sigmas
+            )
+            p.label[side] = label
+            if label == OCCLUSION:
+                p.slack[side] = abs(_along(p, decided * step) - p.end[side])
+
+
+@njit(cache=True)
+def _open_sectors(ranges: Floats, hidden: NDArray[np.bool_]) -> Floats:
+    """(s, 2) rad: runs of at least three silent beams; fewer may have dropped out."""
+    n = len(ranges)
+    step = 2 * math.pi / n
+    out = np.empty((n, 2))
+    count = 0
+    start = -1
+    for k in range(n):  # begin at a beam that is not silent
+        if math.isfinite(ranges[k]) or hidden[k]:
+            start = k
+            break
+    if start < 0:
+        out[0, 0], out[0, 1] = 0.0, 2 * math.pi
+        return out[:1].copy()
+    run = 0
+    for k in range(start, start + n + 1):
+        if not math.isfinite(ranges[k % n]) and not hidden[k % n]:
+            run += 1
+            continue
+        if run >= 3:
+            out[count, 0], out[count, 1] = (k - run) * step, (k - 1) * step
+            count += 1
+        run = 0
+    return out[:count].copy()
+
+
+def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig) -> CornerScan:
+    """Corner scan of a full turn.
+
+    ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
+    treated as silent. The result is in the robot's frame.
+    """
+    ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
+    noise = max(spec.noise_m, config.noise_floor_m)
+    sigmas = config.range_margin_sigmas
+    reach = spec.range_max_m - sigmas * noise
+    discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
+    hidden = hidden_beams(len(ranges), discs, config.teammate_radius_m)
+    opened = _open_sectors(ranges, hidden)
+    beams = np.flatnonzero(np.isfinite(ranges) & ~hidden)
+    if len(beams) < config.min_hits:
+        return CornerScan(np.zeros(0, PIECE), opened, discs, reach, noise)
+    cut = piecewise if config.method == "piecewise" else split_and_merge
+    finite, bearings = ranges[beams], beams * (2 * math.pi / len(ranges))
+    cuts, sums = cut(finite, bearings, noise, config.min_hits, config.line_cost, config.stray_cost)
+    cuts = _split_at_gaps(cuts, finite, bearings, config.min_hits, config.max_gap_m)
+    cuts, totals = _join_across_strays(cuts, sums, finite, bearings, config.line_cost, config.max_gap_m)
+    pieces = np.zeros(len(cuts), PIECE)
+    _assemble(
+        pieces,
+        cuts,
+        totals,
+        beams,
+        ranges,
+        hidden,
+        noise,
+        spec.range_max_m,
+        sigmas,
+        math.sin(math.radians(config.min_corner_deg)),
+    )
+    return CornerScan(pieces, opened, discs, reach, noise)
