@@ -10,22 +10,25 @@ from pydantic import ValidationError
 from protocol.errors import ProtocolError
 from protocol.messages import Message
 
-MAX_MESSAGE_BYTES = 1 << 20
+MAX_FRAME_BYTES = 1 << 20
 """The transport refuses more (protocol.session); a map of 20,000 vertices has 360 kB."""
+
+MAX_MESSAGE_BYTES = MAX_FRAME_BYTES - 4096
+"""What a frame has room for beside key and framing, which take under 100 B; ours."""
 
 M = TypeVar("M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
-    """Bytes of a message."""
+    """Bytes of a message; raises ProtocolError where no receiver would take as many."""
     data: bytes = msgpack.packb(message.model_dump(), use_bin_type=True)
+    _check_size(type(message), data)
     return data
 
 
 def decode(kind: type[M], data: bytes) -> M:
     """Message of the given kind from its bytes; raises ProtocolError on anything else."""
-    if len(data) > MAX_MESSAGE_BYTES:
-        raise ProtocolError(f"a {kind.__name__} of {len(data)} bytes; at most {MAX_MESSAGE_BYTES} are taken")
+    _check_size(kind, data)
     try:
         fields = msgpack.unpackb(data, raw=False, use_list=True)
     except Exception as error:  # msgpack raises some ten unrelated types
@@ -38,5 +41,8 @@ def decode(kind: type[M], data: bytes) -> M:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(str(part) for part in first["loc"]) or "message"
         raise ProtocolError(f"a bad {kind.__name__}: {where}: {first['msg']}") from None
-    except RecursionError:
-        raise ProtocolError(f"a bad {kind.__name__}: nested too deep") from None
+
+
+def _check_size(kind: type[Message], data: bytes) -> None:
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise ProtocolError(f"a {kind.__name__} of {len(data)} bytes; at most {MAX_MESSAGE_BYTES} are taken")

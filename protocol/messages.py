@@ -17,10 +17,17 @@ PROTOCOL_VERSION = 1
 EVERYONE = "*"
 """The receiver of a broadcast."""
 
+MAX_TEXT = 1000
+"""Characters; longer is no sentence, ours."""
+MAX_EVENT_DEPTH = 8
+"""A transform in a list of candidates in an event is 4 deep; ours."""
+MAX_EVENT_NODES = 10_000
+"""Values in one event; ours."""
+
 RobotId = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
 Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
-Text = Annotated[str, StringConstraints(max_length=1000)]
+Text = Annotated[str, StringConstraints(max_length=MAX_TEXT)]
 Tick = Annotated[int, Field(ge=0, le=2**40)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
 
@@ -28,6 +35,47 @@ Count = Annotated[int, Field(ge=0, le=2**40)]
 def _finite(value: float) -> float:
     if not math.isfinite(value):
         raise ValueError("not finite")
+    return value
+
+
+def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
+    """The value, where it is JSON, finite and small; walked without recursion, so that depth cannot hurt."""
+    left = MAX_EVENT_NODES
+    level: list[Any] = [value]
+    for _ in range(MAX_EVENT_DEPTH):
+        below: list[Any] = []
+        for node in level:
+            match node:
+                case dict():
+                    if any(not isinstance(key, str) or len(key) > MAX_TEXT for key in node):
+                        raise ValueError("a key is no short text")
+                    below.extend(node.values())
+                case list() | tuple():
+                    below.extend(node)
+                case str():
+                    if len(node) > MAX_TEXT:
+                        raise ValueError(f"a text of more than {MAX_TEXT} characters")
+                case float():
+                    _finite(node)
+                case None | bool() | int():
+                    pass
+                case _:
+                    raise ValueError(f"{type(node).__name__} is no JSON value")
+        left -= len(below)
+        if left < 0:
+            raise ValueError(f"more than {MAX_EVENT_NODES} values")
+        if not below:
+            return value
+        level = below
+    raise ValueError(f"nested deeper than {MAX_EVENT_DEPTH}")
+
+
+def _ranges(value: bytes) -> bytes:
+    if len(value) % 4:
+        raise ValueError("not a whole number of float32")
+    ranges = np.frombuffer(value, "<f4")
+    if not (ranges >= 0).all():  # NaN is not
+        raise ValueError("a range is negative or not a number")
     return value
 
 
@@ -88,11 +136,18 @@ class Refused(Message):
     reason: Text
 
 
+class End(Message):
+    """World to robot, the last of all: the run is over for this robot."""
+
+    reason: Text
+    """`complete`, `time` or `interrupted` for all; anything else is why this robot alone was given up."""
+
+
 class Observation(Message):
     """World to robot, the last of a tick's messages on robots/ID/in/**."""
 
     tick: Tick
-    ranges: Annotated[bytes, Field(max_length=4 * 4096)]
+    ranges: Annotated[bytes, Field(max_length=4 * 4096), AfterValidator(_ranges)]
     """float32 little-endian metres, one per beam; inf where nothing came back."""
     odometry: Pose
     """In the robot's own frame, which is its start pose."""
@@ -126,8 +181,8 @@ class Event(Message):
     """Something that a researcher wants to know later; a line of events.jsonl."""
 
     event: Kind
-    data: dict[Text, Any] = {}
-    """JSON values only."""
+    data: Annotated[dict[str, Any], AfterValidator(_bounded_json)] = {}
+    """JSON values only, finite, and few."""
 
 
 class Action(Message):
@@ -174,3 +229,27 @@ class MapBroadcast(Message):
     pose: Pose
     """Where the sender is, in its own frame."""
     wireframe: Annotated[bytes, Field(max_length=2**20)]
+
+
+class Clock(Message):
+    """World to anybody, some times a second: how far the run is; tells nothing of the walls."""
+
+    tick: Tick
+    t: Annotated[Finite, Field(ge=0)]
+    """Simulated seconds."""
+    status: dict[RobotId, Text]
+    """Per robot: `exploring`, `complete` or `dead`."""
+    ended: Text | None = None
+    """How the run ended: `complete`, `time`, `dead`, `interrupted`; None while it goes on."""
+
+
+class Progress(Message):
+    """World to viewers with its credential: what only the truth can judge."""
+
+    clock: Clock
+    coverage: dict[RobotId, Finite]
+    """Per robot: share of the visible wall, 0 to 1."""
+    team: Finite
+    """The union of all robots."""
+    late_ticks: Count = 0
+    """Ticks that a robot missed in real time."""

@@ -33,8 +33,6 @@ class Label(IntEnum):
     """No corner: the end of what was seen of a wall that goes on."""
 
 
-
-
 @dataclass(frozen=True, slots=True)
 class Wireframe:
     """Corners and directed walls; free space lies on the left of every edge i to j.
@@ -54,10 +52,12 @@ class Wireframe:
     """(m,) whether the owner saw the wall itself, or has it from a peer only."""
 
     def check(self) -> None:
-        """Raise ProtocolError unless every array has its shape, and all is finite, in bounds and degree <= 1."""
+        """Raise ProtocolError unless every array has its shape, all is finite, in bounds and degree <= 1."""
         n, m = len(self.points), len(self.edges)
         if n > MAX_VERTICES or m > MAX_VERTICES:
-            raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
+            raise ProtocolError(
+                f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken"
+            )
         if self.points.shape != (n, 2) or self.labels.shape != (n,) or self.edges.shape != (m, 2):
             raise ProtocolError("the arrays of a wireframe do not fit each other")
         if self.likelihood.shape != (m,) or self.own.shape != (m,):

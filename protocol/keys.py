@@ -1,0 +1,71 @@
+"""Every key expression, who writes it, and nothing else; docs/design.md says why each is as it is.
+
+A robot writes robots/ID/out/** and its token, reads robots/ID/in/** and world/pub/**, and asks
+robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control.
+"""
+
+from __future__ import annotations
+
+# World to robot: the last part of robots/ID/in/...
+OBS = "obs"
+RADIO = "radio"
+END = "end"
+INPUTS = (OBS, RADIO, END)
+
+# Robot to world: the last part of robots/ID/out/...; RADIO is both.
+ACT = "act"
+SCAN = "scan"
+MAP = "map"
+POSE = "pose"
+OUTPUTS = (RADIO, SCAN, MAP, POSE, ACT)
+
+# Robot asks world: the last part of robots/ID/srv/...
+JOIN = "join"
+
+ALL_OUT = "robots/*/out/**"
+"""The world's one subscriber: one ordered thread for what all robots say."""
+ALL_ALIVE = "robots/*/alive"
+ALL_SRV = "robots/*/srv/**"
+
+WORLD_ALIVE = "world/pub/alive"
+"""Liveliness token of the world; its end tells robots apart a dead world from a slow one."""
+CLOCK = "world/pub/clock"
+"""Tick and status of the robots, for anybody."""
+PROGRESS = "world/truth/progress"
+"""Coverage, which is judged against the truth and so is no robot's to read."""
+
+
+def all_in(robot: str) -> str:
+    """What a robot hears of the world: its one subscriber, so that the order of a tick is kept."""
+    return f"robots/{robot}/in/**"
+
+
+def to_robot(robot: str, channel: str) -> str:
+    """World to robot: one of INPUTS."""
+    return f"robots/{robot}/in/{channel}"
+
+
+def from_robot(robot: str, channel: str) -> str:
+    """Robot to world: one of OUTPUTS."""
+    return f"robots/{robot}/out/{channel}"
+
+
+def alive(robot: str) -> str:
+    """Liveliness token of a robot; declared when it is ready for its first observation."""
+    return f"robots/{robot}/alive"
+
+
+def service(robot: str, name: str) -> str:
+    """Robot asks, world answers: JOIN."""
+    return f"robots/{robot}/srv/{name}"
+
+
+def robot_of(key: str) -> str:
+    """ID in a key under robots/ID/; the empty string where the key is none of these."""
+    parts = key.split("/", 2)
+    return parts[1] if len(parts) == 3 and parts[0] == "robots" else ""
+
+
+def channel_of(key: str) -> str:
+    """Last part of a key: one of INPUTS, OUTPUTS or a service's name."""
+    return key.rsplit("/", 1)[-1]

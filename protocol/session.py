@@ -1,0 +1,125 @@
+"""How sessions are opened: the world is an embedded router, robots and viewers are clients of its endpoint.
+
+Reasons and measurements for every setting: docs/design.md.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from protocol.codec import MAX_FRAME_BYTES
+from protocol.errors import LinkError
+
+# Zenoh would log to stdout, which is for tables and JSON; so its log is never initialised.
+
+LEASE_MS = 500
+"""A stopped or unplugged process is noticed after this; each side announces its own."""
+
+WAIT_BEFORE_CLOSE_US = 300_000
+"""How long a blocking put waits for a receiver that does not read; the default, 5 s, stalls all others."""
+
+RETRY_MS = (100, 400)
+"""A client tries again after the first, doubling up to the second: back 0.2 s after a world is."""
+
+FREE_PORT_TRIES = 8
+"""A free port can be taken between being found and being used, by another run that starts with this."""
+
+
+def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
+    common: dict[str, object] = {
+        "mode": mode,
+        "scouting/multicast/enabled": False,  # nobody is found by chance: two runs on one machine stay apart
+        "scouting/gossip/enabled": False,
+        # by the wall clock, so not reproducible, and 26 B a message
+        "timestamping/enabled": {"router": False, "peer": False, "client": False},
+        "adminspace/enabled": False,
+        "transport/shared_memory/enabled": False,  # no gain at these sizes, and a race (zenoh #2628)
+        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/keep_alive": 4,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": WAIT_BEFORE_CLOSE_US,
+        "transport/link/rx/max_message_size": MAX_FRAME_BYTES,  # 1 GiB by default
+    }
+    config = zenoh.Config()
+    for key, value in (common | settings).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+_ENDPOINT = re.compile(r"[a-z][a-z0-9-]*/\S+:(\d{1,5})")
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Raise LinkError unless endpoint looks like tcp/127.0.0.1:7447."""
+    match = _ENDPOINT.fullmatch(endpoint)
+    if not match or int(match[1]) > 65535:
+        raise LinkError(f"{endpoint!r} is no endpoint: write it like tcp/127.0.0.1:7447")
+
+
+def _free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@contextmanager
+def open_router(listen: str | None = None) -> Iterator[tuple[zenoh.Session, str]]:
+    """Open the world's session, an embedded router, and yield it with its endpoint.
+
+    listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1.
+    Raises LinkError where the endpoint cannot be listened on.
+    """
+    if listen:
+        check_endpoint(listen)
+    tries = 1 if listen else FREE_PORT_TRIES
+    for left in reversed(range(tries)):
+        endpoint = listen or _free_endpoint()
+        try:
+            session = zenoh.open(_config("router", {"listen/endpoints": [endpoint]}))
+        except zenoh.ZError as error:
+            if left:
+                continue
+            raise LinkError(f"cannot listen on {endpoint}: {_cause(error)}; choose another address") from None
+        with session:  # without, a process with callbacks hangs at its exit
+            yield session, endpoint
+        return
+
+
+@contextmanager
+def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session]:
+    """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
+
+    Raises LinkError when no world answers within timeout_s seconds (0: tried once).
+    """
+    check_endpoint(connect)
+    settings: dict[str, object] = {
+        "listen/endpoints": [],
+        "connect/endpoints": [connect],
+        "connect/timeout_ms": int(timeout_s * 1000),
+        "connect/retry": {
+            "period_init_ms": RETRY_MS[0],
+            "period_max_ms": RETRY_MS[1],
+            "period_increase_factor": 2,
+        },
+    }
+    try:
+        session = zenoh.open(_config("client", settings))
+    except zenoh.ZError as error:
+        if "nable to connect" not in str(error):
+            raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
+        raise LinkError(
+            f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that address and port are "
+            "right and that no firewall is between"
+        ) from None
+    with session:
+        yield session
+
+
+def _cause(error: Exception) -> str:
+    """What a zenoh error says last, without its source locations."""
+    return str(error).split(" at /")[0].rsplit("[", 1)[-1].strip().rstrip(".")
