@@ -54,10 +54,7 @@ class Wireframe:
     def check(self) -> None:
         """Raise ProtocolError unless every array has its shape, all is finite, in bounds and degree <= 1."""
         n, m = len(self.points), len(self.edges)
-        if n > MAX_VERTICES or m > MAX_VERTICES:
-            raise ProtocolError(
-                f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken"
-            )
+        _check_count(n, m)
         if self.points.shape != (n, 2) or self.labels.shape != (n,) or self.edges.shape != (m, 2):
             raise ProtocolError("the arrays of a wireframe do not fit each other")
         if self.likelihood.shape != (m,) or self.own.shape != (m,):
@@ -81,6 +78,11 @@ class Wireframe:
     def segments(self) -> NDArray[np.float64]:
         """Walls as (m, 4) x1, y1, x2, y2 in metres."""
         return np.asarray(self.points[self.edges].reshape(-1, 4), np.float64)
+
+
+def _check_count(n: int, m: int) -> None:
+    if n > MAX_VERTICES or m > MAX_VERTICES:
+        raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
 
 
 def encode_wireframe(wireframe: Wireframe) -> bytes:
@@ -107,8 +109,7 @@ def decode_wireframe(data: bytes) -> Wireframe:
         raise ProtocolError("these bytes are no wireframe")
     if version != _VERSION:
         raise ProtocolError(f"a wireframe of version {version}; this program reads version {_VERSION}")
-    if n > MAX_VERTICES or m > MAX_VERTICES:
-        raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
+    _check_count(n, m)
     if len(data) != _HEADER.size + 9 * n + 9 * m:
         raise ProtocolError(f"a wireframe of {n} vertices and {m} edges is not {len(data)} bytes long")
     at = _HEADER.size
