@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 BUNDLED = Path(__file__).parent / "bundled"
 
 SLIT_M = 2e-3
-"""Gaps between abutting solids narrower than this are closed (as in the scorer): a yaw of 1.5708 is not pi/2."""
+"""Gaps between abutting solids narrower than this are closed (as in the scorer): 1.5708 is not pi/2."""
 
 THIN_M = 2e-4
 """Thickness of a wall that has none: a solid needs an inside (as in the scorer)."""

@@ -1,0 +1,86 @@
+"""All numbers of the world, with units and reasons."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from protocol.messages import RobotSpec
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Config(BaseModel):
+    """Immutable and free of unknown keys, so that a typing error in a file is found."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PhysicsConfig(Config):
+    """The bodies of the robots (facts/simulation.md)."""
+
+    step_s: Positive = 0.02
+    """Time of one physics step: at 0.22 m/s a robot moves 4 mm in it."""
+    iterations: Annotated[int, Field(ge=1, le=100)] = 10
+    """Rounds of the contact solver; measured to be enough."""
+    slop_m: Positive = 1e-3
+    """How far bodies may sink into each other at rest; pymunk's own 0.1 is meant for pixels."""
+    mass_kg: Positive = 1.0
+    """Of a TurtleBot3 Burger; decides only who pushes whom."""
+
+
+class OdometryConfig(Config):
+    """Dead reckoning. Exact by default (paper III); `noisy` adds what wheels of this size do (ours)."""
+
+    noisy: bool = False
+    distance_sd: NotNegative = 0.02
+    """Metres of error along the path, per square root of a metre driven."""
+    heading_sd_deg: NotNegative = 1.0
+    """Degrees of heading error, per square root of a metre driven."""
+    turn_sd: NotNegative = 0.02
+    """Radians of heading error, per square root of a radian turned."""
+
+
+class RadioConfig(Config):
+    """Who hears whom."""
+
+    range_m: Positive = 4.0
+    """A disc around the sender, judged at the sending tick (paper III: robots within radio range)."""
+
+
+class CoverageConfig(Config):
+    """What of the walls counts as visible; the scorer's numbers."""
+
+    piece_m: Positive = 0.05
+    """Walls are counted in pieces of at most this length."""
+    grazing_deg: NotNegative = 8.0
+    """A wall seen flatter than this is not expected to be mapped."""
+    grid_m: Positive = 0.30
+    """Distance between the poses that visibility is tried from."""
+
+
+class WorldConfig(Config):
+    """One run, as the world sees it."""
+
+    world: str = "maze-15"
+    """A bundled world's name or a world file."""
+    robots: Annotated[int, Field(ge=1, le=500)] = 3
+    """r1, r2, ..."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """All that is random in a run is drawn from it."""
+    starts: Literal["file", "random"] = "file"
+    """`random` draws all starts from the seed, even where the file gives spawns."""
+    until: Literal["complete"] | Positive = "complete"
+    """End when all live robots are complete in one tick, or after so many simulated seconds."""
+    max_time_s: Positive = 7200.0
+    """End at this simulated time at the latest: no bundled world takes a robot two hours."""
+    snapshot_s: Positive = 10.0
+    """Simulated time between the maps kept in snapshots/."""
+    spec: RobotSpec = RobotSpec()
+    """Body and lidar of every robot."""
+    physics: PhysicsConfig = PhysicsConfig()
+    odometry: OdometryConfig = OdometryConfig()
+    radio: RadioConfig = RadioConfig()
+    coverage: CoverageConfig = CoverageConfig()
