@@ -73,7 +73,7 @@ def visible_ring(x: float, y: float, walls: Floats, radius: float, rays: int) ->
             d = c * dy - s * dx
             if d == 0.0:
                 continue
-            u = (ax * s - ay * c) / -d
+            u = (ax * s - ay * c) / d
             if u < 0.0 or u > 1.0:
                 continue
             r = (ax * dy - ay * dx) / d

@@ -1,0 +1,167 @@
+"""What a robot does when no frontier is left: the four default states of the paper (IV-B), and ours. All of them end."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from agent.exploration_config import ExplorationConfig
+from agent.goals import GoalMemory, stands_at_edges
+from agent.planning import Roads, chains
+from agent.sweep import Sweep
+from agent.visibility import all_seen
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe
+
+Floats = NDArray[np.float64]
+
+_PERIMETER_STEP_M = 1.5
+"""Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""
+
+
+class Errand(NamedTuple):
+    """Something to look at, and the way to where it is looked at from."""
+
+    kind: Literal["sweep", "edge", "vertex", "perimeter"]
+    place: Floats
+    stand: Floats
+    path: Floats
+
+
+class DefaultStates:
+    """The chosen default state, which proposes errands until it has none."""
+
+    def __init__(self, config: ExplorationConfig, spec: RobotSpec, rng: np.random.Generator) -> None:
+        self.config = config
+        self.rng = rng
+        self.sweep = Sweep(config, spec.lidar)
+        self._edges = GoalMemory(config)
+        self._lap: Floats | None = None
+        self._vertices = 0
+        self._vertex_version = -1
+        self._swept = -1
+
+    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Errand | None:
+        """The next errand, or None if the state has come to its end."""
+        state = self.config.default_state
+        if state == "ours":
+            return self._sweep(wireframe, version, roads, poses) or self._least_likely(wireframe, version, roads)
+        if state == "interior-sweep":
+            return self._sweep(wireframe, version, roads, poses)
+        if state == "least-likely":
+            return self._least_likely(wireframe, version, roads)
+        if state == "perimeter":
+            return self._perimeter(wireframe, roads)
+        return self._random_vertex(wireframe, version, roads)
+
+    def ended(self) -> str:
+        """Why there is nothing left to do."""
+        return {
+            "ours": "no frontier left, all free area seen, every edge likely or looked at",
+            "interior-sweep": "no frontier left, all free area seen",
+            "least-likely": "no frontier left, every edge likely or looked at",
+            "perimeter": "no frontier left, perimeter followed",
+            "random-vertex": "no frontier left, random vertices showed nothing new",
+        }[self.config.default_state]
+
+    def visited(self, kind: str, place: Floats, wireframe: Wireframe, version: int, poses: Floats) -> None:
+        """The robot stood where the errand asked."""
+        if kind == "sweep":
+            self.sweep.update(wireframe, version, poses)
+            self.sweep.give_up(float(place[0]), float(place[1]), wireframe.segments())
+        else:
+            self.failed(kind, place, wireframe, version)
+
+    def failed(self, kind: str, place: Floats, wireframe: Wireframe, version: int) -> None:
+        """The errand is not to be proposed again."""
+        if kind == "sweep":
+            self.sweep.give_up(float(place[0]), float(place[1]), wireframe.segments())
+        elif kind == "edge":
+            self._edges.note(place, self._edge_along).attempts += 1
+        elif kind == "perimeter" and self._lap is not None:
+            self._lap = self._lap[1:]
+
+    def _sweep(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Errand | None:
+        self.sweep.update(wireframe, version, poses)
+        found = self.sweep.best_stand(roads)
+        return None if found is None else Errand("sweep", found[0], *found)
+
+    def _least_likely(self, wireframe: Wireframe, version: int, roads: Roads) -> Errand | None:
+        """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""
+        for k in np.argsort(wireframe.likelihood, kind="stable"):
+            if wireframe.likelihood[k] >= self.config.least_likelihood:
+                break
+            a, b = wireframe.points[wireframe.edges[k]]
+            middle, along = 0.5 * (a + b), (b - a) / max(math.hypot(*(b - a)), 1e-9)
+            record = self._edges.note(middle, along)
+            if record.attempts >= self.config.attempts:
+                continue
+            stands = stands_at_edges(wireframe, np.array([k]))
+            good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+            found = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
+            if found is None:
+                continue
+            self._edge_along = along
+            return Errand("edge", middle, stands.points[good][found[0]], found[2])
+        return None
+
+    def _random_vertex(self, wireframe: Wireframe, version: int, roads: Roads) -> Errand | None:
+        """Vertices at random [paper], until so many in a row changed nothing."""
+        if version != self._vertex_version:
+            self._vertex_version, self._vertices = version, 0
+        while self._vertices < self.config.vertex_visits:
+            self._vertices += 1
+            point = wireframe.points[int(self.rng.integers(len(wireframe.points)))]
+            angles = np.arange(12) * (math.pi / 6)
+            around = point + 0.5 * np.stack((np.cos(angles), np.sin(angles)), 1)
+            around = around[roads.standable(around)]
+            found = roads.nearest(around, np.zeros(len(around)))
+            if found is not None:
+                return Errand("vertex", point, around[found[0]], found[2])
+        return None
+
+    def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Errand | None:
+        """Once around, along the longest chain of walls [paper: the outer perimeter]."""
+        if self._lap is None:
+            self._lap = _lap(wireframe)
+        while len(self._lap):
+            point = self._lap[0]
+            if roads.standable(point[None])[0]:
+                found = roads.nearest(point[None], np.zeros(1))
+                if found is not None:
+                    return Errand("perimeter", point, point, found[2])
+            self._lap = self._lap[1:]
+        return None
+
+
+def _lap(wireframe: Wireframe) -> Floats:
+    """Points (k, 2) half a metre off the longest chain, in its order."""
+    into, out_of = chains(wireframe)
+    left = set(range(len(into)))
+    longest, best = [], 0.0
+    starts = [v for v in range(len(into)) if into[v] < 0] + list(range(len(into)))
+    for v in starts:
+        chain = []
+        while v >= 0 and v in left:
+            left.discard(v)
+            chain.append(v)
+            v = int(out_of[v])
+        if v >= 0 and chain and v == chain[0]:
+            chain.append(v)
+        if len(chain) > 1:
+            length = shapely.length(shapely.linestrings(wireframe.points[chain]))
+            if length > best:
+                best, longest = length, chain
+    points = []
+    for a, b in zip(longest[:-1], longest[1:], strict=True):
+        p, q = wireframe.points[a], wireframe.points[b]
+        d = q - p
+        length = math.hypot(*d)
+        n = max(1, math.ceil(length / _PERIMETER_STEP_M))
+        free = np.array((-d[1], d[0])) / max(length, 1e-9)
+        points += [p + d * (k + 0.5) / n + 0.5 * free for k in range(n)]
+    return np.array(points).reshape(-1, 2)
