@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-
-class Config(BaseModel):
-    """Immutable and free of unknown keys, so that a typing error in a file is found."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+from agent.base_config import Config, Positive
+from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
 
 
 class PerceptionConfig(Config):
@@ -41,7 +35,64 @@ class PerceptionConfig(Config):
     """Radius of teammates, all of one kind."""
 
 
+class MapConfig(Config):
+    """Corner scans to a wireframe."""
+
+    offset_gate_m: Positive = 0.012
+    """A wall and a piece of it may lie this far apart beside noise: walls are not straight (facts/mapping.md rule 5)."""
+    gate_sigmas: Positive = 3.5
+    """Noise that an association allows for: 0.9995 of it."""
+    angle_gate_deg: Positive = 3.0
+    """As offset_gate_m, for directions."""
+    bridge_m: Positive = 0.25
+    """A piece may lie this far beyond a frontier of its wall; as far as perception claims wall between two hits."""
+    end_margin_m: Positive = 0.04
+    """Views of an end agree within this: 1 beam at 2.3 m, or 4 sigma."""
+    patience: Positive = 3.0
+    """Views against an end before it changes; one is a wrong label (6 % of ends), three in a row are not."""
+    patience_growth: Positive = 0.3
+    """More of them per view that confirmed it (facts/mapping.md rule 7)."""
+    max_direction_sd_deg: Positive = 10.0
+    """A new wall's direction must be known this well: five sigma from the next rectilinear one would be 50 degrees."""
+    min_corner_deg: Positive = 20.0
+    """Walls that meet flatter than this share no corner."""
+    close_corner_m: Positive = 0.06
+    """Open ends this near to where their walls meet are that corner."""
+    view_step_m: Positive = 0.08
+    """Samples along a wall when a scan is held against it: half the thickness of a usual wall."""
+    view_margin_m: Positive = 0.035
+    """A wall this near to what was seen is what was seen: 3.5 sigma of the default lidar."""
+    end_skip_m: Positive = 0.05
+    """Ends are not held against a scan: their place is known to about a beam."""
+    cut_after: Positive = 3.0
+    """Scans that see through the same part of a wall before it is cut (facts/mapping.md rule 8)."""
+    drop_after: Positive = 8.0
+    """Scans in view without a hit before a wall on probation is dropped (facts/mapping.md rule 8)."""
+    drop_growth: Positive = 0.3
+    """More of them per hit of a wall that left probation, up to 50 hits: as patience_growth."""
+    sure_after: Positive = 4.0
+    """Scans that hit a wall before it leaves probation."""
+    publish_after: Positive = 2.0
+    """Scans that hit a wall before it is shown: one may be a false piece."""
+    min_length_m: Positive = 0.05
+    """What is left of a cut wall is dropped below this."""
+
+
+class TalkConfig(Config):
+    """What a robot says, and when it counts a peer as met or lost."""
+
+    map_period_s: Positive = 1.0
+    """A changed map is broadcast at most this often."""
+    silence_s: Positive = 5.0
+    """A peer unheard for longer is lost; the next message from it is a new contact (contracts)."""
+
+
 class AgentConfig(Config):
     """One robot's mind."""
 
     perception: PerceptionConfig = PerceptionConfig()
+    map: MapConfig = MapConfig()
+    exploration: ExplorationConfig = ExplorationConfig()
+    planning: PlanningConfig = PlanningConfig()
+    driving: DrivingConfig = DrivingConfig()
+    radio: TalkConfig = TalkConfig()

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agent.config import Config
+from agent.base_config import Config
 
 Positive = Annotated[float, Field(gt=0)]
 

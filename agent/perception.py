@@ -122,7 +122,7 @@ def _end_label(
 
 
 @njit(cache=True)
-def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]
     """Where a ray at the bearing meets the piece's line, metres from its centroid; inf where it does not."""
     c, s = math.cos(bearing), math.sin(bearing)
     cross = c * piece.uy - s * piece.ux
@@ -132,7 +132,7 @@ def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]  # n
 
 
 @njit(cache=True)
-def _meet(p, q) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def _meet(p, q) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]
     """Sine of the angle between two pieces, and where their lines meet along p and along q (metres)."""
     sine = p.ux * q.uy - p.uy * q.ux
     if abs(sine) < 1e-6:

@@ -1,0 +1,192 @@
+"""What a scan says against walls: seen through, not seen where they should be, overlaid (facts/mapping.md rule 8)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.edges import FRONTIER, Edges, above, along, length, new_slot, part, remove, set_tip, tip_at
+
+UNSEEN, THROUGH, ON = 0, 1, 2
+
+GRAZING = math.sin(math.radians(8.0))
+"""Sine of the flattest view of a wall that is expected to show it; as in the scorer."""
+
+
+class ViewRules(NamedTuple):
+    """Rules of contradiction, as plain numbers for the kernels (agent.config.MapConfig says why)."""
+
+    step: float
+    margin: float
+    half_beam: float
+    end_skip: float
+    cut_after: float
+    drop_after: float
+    drop_growth: float
+    sure_after: float
+    min_length: float
+
+
+@njit(cache=True)
+def piece_at(pieces: NDArray[np.void], bearing: float, half_beam: float) -> int:
+    """The piece that a ray in the robot's frame meets well inside its ends, or -1. bearing in [0, 2 pi)."""
+    for k in range(len(pieces)):
+        for turn in (0.0, 2 * math.pi):
+            if pieces[k].bearing[0] + half_beam <= bearing + turn <= pieces[k].bearing[1] - half_beam:
+                return k
+    return -1
+
+
+@njit(cache=True)
+def look_at(
+    x: float,
+    y: float,
+    pose: tuple[float, float, float],
+    raw: NDArray[np.void],
+    pieces: NDArray[np.void],
+    opened: NDArray[np.float64],
+    reach: float,
+    rules: ViewRules,
+) -> tuple[int, int]:
+    """What the scan saw at a point of the map: UNSEEN, THROUGH it, or a wall ON it; and the piece it met.
+
+    raw has the pieces' bearings, pieces the same in the map's frame.
+    """
+    dx, dy = x - pose[0], y - pose[1]
+    distance = math.hypot(dx, dy)
+    if distance > reach or distance < 1e-6:
+        return UNSEEN, -1
+    bearing = (math.atan2(dy, dx) - pose[2]) % (2 * math.pi)
+    k = piece_at(raw, bearing, rules.half_beam)
+    if k >= 0:
+        p = pieces[k]
+        off = (y - p.y) * p.ux - (x - p.x) * p.uy
+        if off > rules.margin:
+            return THROUGH, k
+        if off < -rules.margin:
+            return UNSEEN, k
+        return ON, k
+    for s in range(len(opened)):
+        for turn in (0.0, 2 * math.pi):
+            if opened[s, 0] + rules.half_beam <= bearing + turn <= opened[s, 1] - rules.half_beam:
+                return (THROUGH, -1) if distance < reach - rules.margin else (UNSEEN, -1)
+    return UNSEEN, -1
+
+
+@njit(cache=True)
+def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewRules) -> int:
+    """Take the part [low, high] (coordinates along the wall) out of a wall."""
+    tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
+    keep_tail, keep_head = low - tail > rules.min_length, head - high > rules.min_length
+    if not keep_tail and not keep_head:
+        remove(edges, e)
+        return count
+    if keep_tail and keep_head:
+        f, count = new_slot(edges, count)
+        if f >= 0:
+            edges[f] = edges[e]
+            g = edges[e].link[1]
+            if g >= 0:
+                edges[g].link[0] = f
+                edges[e].link[1] = -1
+            edges[f].link[0] = -1
+            edges[f].label[0], edges[f].slack[0], edges[f].strength[0] = FRONTIER, 0.0, 0.0
+            edges[f].conflict[0] = 0.0
+            edges[f].probation, edges[f].misses, edges[f].through = 1, 0.0, 0.0
+            set_tip(edges[f], 0, high)
+        keep_head = False
+    side = 0 if keep_head else 1
+    part(edges, e, side)
+    edges[e].label[side], edges[e].slack[side] = FRONTIER, 0.0
+    edges[e].strength[side], edges[e].conflict[side] = 0.0, 0.0
+    set_tip(edges[e], side, high if keep_head else low)
+    edges[e].probation, edges[e].misses, edges[e].through = 1, 0.0, 0.0
+    return count
+
+
+@njit(cache=True)
+def contradict(
+    edges: Edges,
+    count: int,
+    pose: tuple[float, float, float],
+    raw: NDArray[np.void],
+    pieces: NDArray[np.void],
+    walls: NDArray[np.int64],
+    opened: NDArray[np.float64],
+    reach: float,
+    rules: ViewRules,
+) -> int:
+    """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the new count."""
+    for e in range(count):
+        w = edges[e]
+        if w.alive == 0:
+            continue
+        size = length(w)
+        t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
+        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > reach:
+            continue
+        side = above(w, pose[0], pose[1])
+        skip = min(rules.end_skip, 0.25 * size)
+        n = max(3, int(math.ceil((size - 2 * skip) / rules.step)))
+        low, high, visible, on = math.inf, -math.inf, 0, 0
+        tail = tip_at(w, 0) + skip
+        spacing = (size - 2 * skip) / (n - 1)
+        for j in range(n):
+            t = tail + j * spacing
+            x, y = w.x + t * w.ux, w.y + t * w.uy
+            saw, k = look_at(x, y, pose, raw, pieces, opened, reach, rules)
+            if saw == UNSEEN:
+                continue
+            faces = side > GRAZING * math.hypot(x - pose[0], y - pose[1])
+            if saw == THROUGH:
+                low, high = min(low, t), max(high, t)
+                if faces:
+                    visible += 1
+            elif faces:
+                visible += 1
+                if walls[k] == e:
+                    on += 1  # else another wall stands in its place
+        if on == 0:  # a piece may lie wholly within the half beam at its ends
+            for k in range(len(walls)):
+                if walls[k] == e:
+                    on, visible = 1, max(visible, 1)
+        if visible >= 2 or on > 0:
+            w.due += 1.0
+        if on > 0:
+            w.seen += 1.0
+            w.misses = 0.0
+            if w.seen >= rules.sure_after and w.through == 0.0:
+                w.probation = 0
+        elif visible >= 2:
+            w.misses += 1.0
+        if w.misses >= rules.drop_after + (
+            0.0 if w.probation == 1 else rules.drop_growth * min(w.seen, 50.0)
+        ):
+            remove(edges, e)
+            continue
+        if low > high:
+            if on > 0 and w.through > 0.0 and 2 * on > n:
+                w.through -= 1.0
+            continue
+        if w.through > 0.0:  # the same place as before?
+            one, two = along(w, w.gap[0, 0], w.gap[0, 1]), along(w, w.gap[1, 0], w.gap[1, 1])
+            if min(max(one, two), high) >= max(min(one, two), low) - spacing:
+                low, high = min(low, one, two), max(high, one, two)
+                w.through += 1.0
+            else:
+                w.through = 1.0
+        else:
+            w.through = 1.0
+        w.gap[0, 0], w.gap[0, 1] = w.x + low * w.ux, w.y + low * w.uy
+        w.gap[1, 0], w.gap[1, 1] = w.x + high * w.ux, w.y + high * w.uy
+        if w.through >= rules.cut_after:
+            if low <= tail + 0.5 * spacing:
+                low = tip_at(w, 0)
+            if high >= tail + (n - 1.5) * spacing:
+                high = tip_at(w, 1)
+            count = _cut(edges, count, e, low - 0.5 * spacing, high + 0.5 * spacing, rules)
+    return count

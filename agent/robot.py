@@ -1,0 +1,130 @@
+"""One robot: what it sees and hears in, where it drives and what it says out. Plain: no clock, no network."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.config import AgentConfig
+from agent.contacts import Contacts
+from agent.exploration import Command, Configs, Explorer
+from agent.perception import perceive
+from agent.wireframe_filter import WireframeFilter
+from protocol.codec import encode
+from protocol.messages import (
+    EVERYONE,
+    Action,
+    Event,
+    Heard,
+    MapBroadcast,
+    MapReport,
+    Observation,
+    Pose,
+    PoseReport,
+    RobotSpec,
+    ScanReport,
+    Send,
+)
+from protocol.wireframe import Wireframe, encode_wireframe
+
+MOVED_M = 0.01
+"""A corner that moved less is where it was: the size of a quantised position on the radio."""
+
+
+class Step(NamedTuple):
+    """All that a robot puts out in one tick."""
+
+    action: Action
+    sends: list[Send]
+    scan: ScanReport
+    pose: PoseReport
+    map: MapReport | None
+
+
+class Robot:
+    """A robot's mind. It knows its body, its configuration and its own random numbers, and nothing of the world."""
+
+    def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None:
+        """Be `robot`; the pose at the first tick is the origin of its frame."""
+        self.robot = robot
+        self.spec = spec
+        self.config = config
+        noise = max(spec.lidar.noise_m, config.perception.noise_floor_m)
+        self.filter = WireframeFilter(config.map, noise, spec.lidar.beams)
+        self.explorer = Explorer(
+            Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
+        )
+        self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
+        self.wireframe = Wireframe()
+        self.version = 0
+        self._said_version = 0
+        self._talk_ticks = max(1, round(config.radio.map_period_s * spec.lidar.rate_hz))
+
+    @staticmethod
+    def _random(seed: int, purpose: str) -> np.random.Generator:
+        """A generator of its own for each purpose, so that a draw in one place moves nothing elsewhere."""
+        return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
+        """Take one tick: the paper's Algorithm 1, with mapping before it.
+
+        Alignment, verification and merging have their place between hearing and exploring: C is `contacts`;
+        Z and T come with them.
+        """
+        started = time.perf_counter()
+        tick, pose = observation.tick, observation.odometry
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception)
+        self.filter.update(scan, pose)
+        changed = self._read_map()
+        events = self.contacts.hear(tick, heard)
+        seen = scan.wireframe()
+        command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs)
+        sends = self._talk(tick, pose)
+        map_bytes = encode_wireframe(self.wireframe)
+        return Step(
+            self._act(tick, command, events, len(sends), len(map_bytes), started),
+            sends,
+            ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
+            PoseReport(tick=tick, pose=pose),
+            MapReport(tick=tick, wireframe=map_bytes) if changed else None,
+        )
+
+    def _read_map(self) -> bool:
+        """Take the filter's best map; true, and a new version, where it differs from the last one."""
+        new, old = self.filter.wireframe(), self.wireframe
+        alike = (
+            np.array_equal(new.labels, old.labels)
+            and np.array_equal(new.edges, old.edges)
+            and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
+        )
+        if not alike:
+            self.wireframe = new
+            self.version += 1
+        return not alike
+
+    def _talk(self, tick: int, pose: Pose) -> list[Send]:
+        """Broadcast id, maximum-likelihood wireframe and position (paper III), if the map changed."""
+        if tick % self._talk_ticks or self.version == self._said_version:
+            return []
+        self._said_version = self.version
+        said = MapBroadcast(robot=self.robot, pose=pose, wireframe=encode_wireframe(self.wireframe))
+        return [Send(tick=tick, to=EVERYONE, kind="map", payload=encode(said))]
+
+    def _act(
+        self, tick: int, command: Command, events: list[Event], sent: int, map_bytes: int, started: float
+    ) -> Action:
+        return Action(
+            tick=tick,
+            speed_mps=command.speed_mps,
+            turn_rps=command.turn_rps,
+            sent=sent,
+            complete=command.complete,
+            events=[*events, *command.events],
+            map_bytes=map_bytes,
+            filter_bytes=self.filter.nbytes,
+            step_ms=(time.perf_counter() - started) * 1e3,
+        )

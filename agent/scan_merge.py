@@ -1,0 +1,289 @@
+"""A corner scan merged into one particle: lines fused, ends moved, corners linked, walls joined and inserted."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.association import Gates, cost, overlap
+from agent.edges import (
+    FRONTIER,
+    NOMINAL,
+    OCCLUSION,
+    Edges,
+    add_hits,
+    along,
+    join,
+    line_sd,
+    meet,
+    new_slot,
+    part,
+    remove,
+    set_tip,
+    settle_corner,
+    tip_at,
+)
+
+
+class MergeRules(NamedTuple):
+    """Rules of a merge, as plain numbers for the kernels (agent.config.MapConfig says why)."""
+
+    end_margin: float
+    patience: float
+    patience_growth: float
+    max_direction_sd: float
+    min_sine: float
+    close_corner: float
+
+
+@njit(cache=True)
+def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> NDArray[np.void]:
+    """Pieces moved from the robot's frame into the map's."""
+    out = pieces.copy()
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(out)):
+        p = out[k]
+        p.x, p.y = pose[0] + c * p.x - s * p.y, pose[1] + s * p.x + c * p.y
+        p.ux, p.uy = c * p.ux - s * p.uy, s * p.ux + c * p.uy
+    return out
+
+
+@njit(cache=True)
+def _outlasted(e, side: int, rules: MergeRules) -> bool:  # type: ignore[no-untyped-def]
+    """Count one view against an end; true once such views outnumber what confirmed it (rule 7)."""
+    e.conflict[side] += 1.0
+    return e.conflict[side] > rules.patience + rules.patience_growth * e.strength[side]
+
+
+@njit(cache=True)
+def _set_end(edges: Edges, k: int, side: int, label: int, t: float, slack: float) -> None:
+    """Replace an end by what was seen."""
+    part(edges, k, side)
+    edges[k].label[side], edges[k].slack[side] = label, slack
+    edges[k].conflict[side], edges[k].strength[side] = 0.0, 1.0
+    set_tip(edges[k], side, t)
+
+
+@njit(cache=True)
+def _see_end(edges: Edges, k: int, side: int, label: int, t: float, slack: float, rules: MergeRules) -> None:
+    """Fuse one view of an end. All coordinates count outward here: a larger one is more wall."""
+    e = edges[k]
+    out = 1.0 if side == 1 else -1.0
+    seen, known = out * t, out * tip_at(e, side)
+    margin = rules.end_margin
+    if e.label[side] == FRONTIER:
+        if label == FRONTIER:
+            if seen > known:
+                set_tip(e, side, t)
+        elif known <= seen + slack + margin:
+            high = max(seen + slack, known)
+            set_tip(e, side, out * max(seen, known))
+            e.label[side], e.slack[side] = OCCLUSION, high - max(seen, known)
+            e.strength[side], e.conflict[side] = 1.0, 0.0
+        elif _outlasted(e, side, rules):
+            _set_end(edges, k, side, OCCLUSION, t, slack)
+        return
+    reach = known + (e.slack[side] if e.label[side] == OCCLUSION else 0.0)
+    if label == FRONTIER:
+        if seen > reach + margin:
+            if _outlasted(e, side, rules):
+                _set_end(edges, k, side, FRONTIER, t, 0.0)
+        elif e.label[side] == OCCLUSION and seen > known:
+            set_tip(e, side, out * min(seen, reach))
+            e.slack[side] = max(reach - seen, 0.0)
+        return
+    if seen > reach + margin or seen + slack < known - margin:
+        if _outlasted(e, side, rules):
+            _set_end(edges, k, side, OCCLUSION, t, slack)
+        return
+    e.conflict[side] = max(e.conflict[side] - 1.0, 0.0)
+    if e.label[side] == OCCLUSION:  # an interval, intersected over scans (rule 3)
+        low, high = max(known, seen), min(reach, seen + slack)
+        if low > high:
+            low = high = 0.5 * (low + high)
+        set_tip(e, side, out * low)
+        e.slack[side] = high - low
+        e.strength[side] += 1.0
+
+
+@njit(cache=True)
+def _see_corner(edges: Edges, e: int, f: int, rules: MergeRules) -> None:
+    """Fuse one view of the head of e meeting the tail of f."""
+    if e == f or abs(meet(edges[e], edges[f])[0]) < rules.min_sine:
+        return
+    if edges[e].link[1] == f and edges[f].link[0] == e:
+        edges[e].strength[1] += 1.0
+        edges[f].strength[0] += 1.0
+        edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
+        settle_corner(edges, e)
+        return
+    free = True
+    if edges[e].link[1] >= 0 and not _outlasted(edges[e], 1, rules):
+        free = False
+    if edges[f].link[0] >= 0 and not _outlasted(edges[f], 0, rules):
+        free = False
+    if free:
+        part(edges, e, 1)
+        part(edges, f, 0)
+        join(edges, e, f, 1.0)
+
+
+@njit(cache=True)
+def _unite(edges: Edges, e: int, f: int) -> None:
+    """Join wall f into wall e on the same line: hits add up, so the better supported one keeps its line (rule 6)."""
+    add_hits(edges[e], edges[f].hits, edges[f].x, edges[f].y, edges[f].xx, edges[f].xy, edges[f].yy)
+    for side in range(2):
+        out = 1.0 if side == 1 else -1.0
+        other = along(edges[e], edges[f].tip[side, 0], edges[f].tip[side, 1])
+        # an inner corner is no corner of the joint wall
+        if out * other > out * tip_at(edges[e], side):
+            part(edges, e, side)
+            edges[e].label[side], edges[e].slack[side] = edges[f].label[side], edges[f].slack[side]
+            edges[e].strength[side], edges[e].conflict[side] = (
+                edges[f].strength[side],
+                edges[f].conflict[side],
+            )
+            set_tip(edges[e], side, other)
+            g = edges[f].link[side]
+            if g >= 0:
+                edges[f].link[side] = -1
+                edges[e].link[side] = g
+                edges[g].link[1 - side] = e
+                settle_corner(edges, e if side == 1 else g)
+    edges[e].seen = max(edges[e].seen, edges[f].seen)
+    edges[e].due = max(edges[e].due, edges[f].due)
+    edges[e].probation = min(edges[e].probation, edges[f].probation)
+    edges[e].own = max(edges[e].own, edges[f].own)
+    edges[e].through = 0.0
+    remove(edges, f)
+
+
+@njit(cache=True)
+def _same_line(e, f, gates: Gates) -> bool:  # type: ignore[no-untyped-def]
+    """Whether two walls may be one: each one's centroid lies on the other's line."""
+    if e.ux * f.ux + e.uy * f.uy < 0.95:
+        return False
+    for a, b in ((e, f), (f, e)):
+        t = along(a, b.x, b.y)
+        off = abs((b.y - a.y) * a.ux - (b.x - a.x) * a.uy)
+        sd = math.hypot(line_sd(a, t, gates.noise), line_sd(b, 0.0, gates.noise))
+        if off > gates.offset + gates.sigmas * sd:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _inner_ends_give_way(edges: Edges, e: int, f: int, rules: MergeRules) -> bool:
+    """Whether the ends between two walls on one line are open, or have been contradicted for long enough."""
+    first, second = (
+        (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
+    )
+    give = True
+    if edges[first].label[1] == NOMINAL and not _outlasted(edges[first], 1, rules):
+        give = False
+    if edges[second].label[0] == NOMINAL and not _outlasted(edges[second], 0, rules):
+        give = False
+    return give
+
+
+@njit(cache=True)
+def _close_open_corners(edges: Edges, count: int, gates: Gates, rules: MergeRules) -> None:
+    """Link an open head and an open tail whose lines meet where both walls end."""
+    for e in range(count):
+        if edges[e].alive == 0 or edges[e].link[1] >= 0:
+            continue
+        best, winner = rules.close_corner, -1
+        for f in range(count):
+            if f == e or edges[f].alive == 0 or edges[f].link[0] >= 0:
+                continue
+            if (
+                math.hypot(edges[e].tip[1, 0] - edges[f].tip[0, 0], edges[e].tip[1, 1] - edges[f].tip[0, 1])
+                > 0.5
+            ):
+                continue
+            sine, x, y, at_e = meet(edges[e], edges[f])
+            if abs(sine) < rules.min_sine:
+                continue
+            beyond_e = at_e - tip_at(edges[e], 1)
+            beyond_f = tip_at(edges[f], 0) - along(edges[f], x, y)
+            off = 0.0
+            for beyond, slack in ((beyond_e, edges[e].slack[1]), (beyond_f, edges[f].slack[0])):
+                off = max(off, -beyond, beyond - slack)
+            if off < best:
+                best, winner = off, f
+        if winner >= 0:
+            join(edges, e, winner, 0.0)
+
+
+@njit(cache=True)
+def merge_scan(
+    edges: Edges,
+    count: int,
+    pieces: NDArray[np.void],
+    walls: NDArray[np.int64],
+    gates: Gates,
+    rules: MergeRules,
+) -> int:
+    """Merge pieces (map frame), each associated with a wall or with -1, into a particle; returns the new count.
+
+    `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed.
+    """
+    for k in range(len(pieces)):
+        p = pieces[k]
+        scatter = p.spread
+        e = walls[k]
+        if e < 0:
+            if gates.noise / math.sqrt(p.spread) > rules.max_direction_sd:
+                continue  # its direction says nothing yet
+            e, count = new_slot(edges, count)
+            if e < 0:
+                continue
+            walls[k] = e
+            n = edges[e]
+            n.alive, n.own, n.probation = 1, 1, 1
+            n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
+            n.xx, n.xy, n.yy = scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy
+            n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
+            for side in range(2):
+                n.link[side], n.strength[side], n.conflict[side] = -1, 0.0, 0.0
+                n.label[side], n.slack[side] = p.label[side], p.slack[side]
+                if p.label[side] == NOMINAL:
+                    n.label[side] = OCCLUSION  # until its partner is known
+                set_tip(n, side, p.end[side])
+            continue
+        for f in range(count):  # a piece that lies on two walls shows that they are one
+            if f == e or edges[f].alive == 0 or not math.isfinite(cost(edges[f], p, gates)):
+                continue
+            if (
+                overlap(edges[f], p, gates) > rules.end_margin
+                and overlap(edges[e], p, gates) > rules.end_margin
+            ):
+                if _same_line(edges[e], edges[f], gates) and _inner_ends_give_way(edges, e, f, rules):
+                    _unite(edges, e, f)
+                    for j in range(len(walls)):
+                        if walls[j] == f:
+                            walls[j] = e
+        w = edges[e]
+        add_hits(w, p.hits, p.x, p.y, scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy)
+        w.own = 1
+    for k in range(len(pieces)):
+        p, e = pieces[k], walls[k]
+        if e < 0:
+            continue
+        t = along(edges[e], p.x, p.y)
+        for side in range(2):
+            if p.label[side] != NOMINAL:
+                _see_end(edges, e, side, p.label[side], t + p.end[side], p.slack[side], rules)
+            elif walls[p.link[side]] < 0:
+                _see_end(edges, e, side, OCCLUSION, t + p.end[side], 0.0, rules)
+        if p.label[1] == NOMINAL and walls[p.link[1]] >= 0:
+            _see_corner(edges, e, walls[p.link[1]], rules)
+    for e in range(count):
+        if edges[e].alive == 1 and edges[e].link[1] >= 0:
+            settle_corner(edges, e)
+    _close_open_corners(edges, count, gates, rules)
+    return count
