@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pymunk
 import pymunk.batch
@@ -33,7 +31,7 @@ class Physics:
         self.poses = np.array(poses, np.float64)
         """(k, 3) where the robots are; theta grows beyond pi where they turn on and on."""
         self.wall_contacts = np.zeros(len(poses), np.int64)
-        """(k,) times that a robot began to touch walls; to touch again within one period is the same contact."""
+        """(k,) times that a robot began to touch walls, after a whole period without."""
         self.robot_contacts = np.zeros(len(poses), np.int64)
         """(k,) the same for touching other robots."""
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
@@ -127,8 +125,3 @@ class Physics:
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, touched: NDArray[np.bool_]) -> None:
         """Called by pymunk for each pair of shapes that touch in a step."""
         touched[[self._row[body.id] for body in arbiter.bodies if body.id in self._row]] = True
-
-
-def wrapped(angle: float) -> float:
-    """The same direction in (-pi, pi]."""
-    return math.pi - (math.pi - angle) % (2 * math.pi)

@@ -71,26 +71,34 @@ class World:
         return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
     @cached_property
-    def free(self) -> list[Polygon]:
-        """Free space, exteriors counter-clockwise; the outermost polygon ends FRAME_M around the world."""
+    def _open(self) -> BaseGeometry:
         x0, y0, x1, y1 = self.solid.bounds
         frame = shapely.box(x0 - FRAME_M, y0 - FRAME_M, x1 + FRAME_M, y1 + FRAME_M)
-        return [shapely.orient_polygons(part) for part in polygons_of(frame.difference(self.solid))]
+        return frame.difference(self.solid)
+
+    @cached_property
+    def free(self) -> list[Polygon]:
+        """Free space, exteriors counter-clockwise; the outermost polygon ends FRAME_M around the world."""
+        return [shapely.orient_polygons(part) for part in polygons_of(self._open)]
+
+    def outline(self, polygon: Polygon) -> Iterator[NDArray[np.float64]]:
+        """Closed (n, 2) rings of one polygon of `free` that are walls, free space on the left."""
+        x0, _, x1, _ = self.solid.bounds
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = np.asarray(ring.coords)
+            if not (points[:, 0].min() < x0 - FRAME_M / 2 and points[:, 0].max() > x1 + FRAME_M / 2):
+                yield points  # the frame is no wall
 
     @cached_property
     def rings(self) -> list[NDArray[np.float64]]:
-        """Outlines of the solids: closed (n, 2) rings with free space on the left, straight runs merged."""
-        x0, _, x1, _ = self.solid.bounds
+        """All outlines as closed (n, 2) rings, free space on the left, straight runs merged."""
         rings = []
         for polygon in self.free:
-            for ring in (polygon.exterior, *polygon.interiors):
-                points = np.asarray(ring.coords)
-                if points[:, 0].min() < x0 - FRAME_M / 2 and points[:, 0].max() > x1 + FRAME_M / 2:
-                    continue  # the frame is no wall
+            for points in self.outline(polygon):
                 # simplify never drops the first vertex: start at one that surely is a corner
                 first = int(np.lexsort((points[:-1, 1], points[:-1, 0]))[0])
-                points = np.vstack([points[first:-1], points[: first + 1]])
-                rings.append(np.asarray(LineString(points).simplify(STRAIGHT_M).coords))
+                turned = np.vstack([points[first:-1], points[: first + 1]])
+                rings.append(np.asarray(LineString(turned).simplify(STRAIGHT_M).coords))
         return rings
 
     @cached_property
@@ -100,7 +108,7 @@ class World:
 
     def regions(self, radius_m: float) -> list[Polygon]:
         """Where the centre of a robot can be; one polygon for each region that hangs together."""
-        return polygons_of(shapely.union_all(self.free).buffer(-radius_m))
+        return polygons_of(self._open.buffer(-radius_m))
 
     def region_of(self, x: float, y: float, radius_m: float) -> Polygon | None:
         """The region of a robot's centre that holds this place, or None in a wall."""
@@ -118,9 +126,7 @@ class World:
         starts = [] if drawn else [tuple(map(float, spawn)) for spawn in self.spawns[:robots]]
         for i, (x, y, _) in enumerate(starts):
             if self.region_of(x, y, radius_m) is None:
-                raise WorldFileError(
-                    f"{self.source}: spawns[{i}]: no free space for a robot of radius {radius_m} m"
-                )
+                raise WorldFileError(f"{self.source}: spawns[{i}]: no free space for a robot of radius {radius_m} m")
             for j, (u, v, _) in enumerate(starts[:i]):
                 if math.hypot(x - u, y - v) <= 2 * radius_m:
                     raise WorldFileError(f"{self.source}: spawns[{i}]: overlaps spawns[{j}]")
@@ -170,9 +176,7 @@ def load(name_or_path: str | Path) -> World:
     if str(name_or_path) not in bundled():
         path = Path(name_or_path)
         if not path.is_file():
-            raise WorldFileError(
-                f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})"
-            )
+            raise WorldFileError(f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})")
     try:
         if path.stat().st_size > MAX_BYTES:
             raise WorldFileError(f"{path}: larger than {MAX_BYTES} bytes")

@@ -1,0 +1,147 @@
+"""The run directory: everything that a run leaves behind (contracts.md), byte for byte the same for the same run.
+
+Only `real_time_factor`, `step_ms_median` and `late_ticks` of summary.json depend on the machine.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.wireframe import Label, Wireframe
+from world.radio import Passage
+from world.worldfile import World, to_yaml
+
+METRICS = ("t", "robot", "coverage", "path_m", "vertices", "bytes_sent", "bytes_received")
+RADIO = ("tick", "sender", "receiver", "kind", "bytes", "outcome")
+
+PLACE_DIGITS = 6
+"""Micrometres and microradians: wireframes travel as float32."""
+
+
+class Recorder:
+    """Writes one run directory."""
+
+    def __init__(
+        self,
+        out: Path,
+        world: World,
+        robots: Sequence[str],
+        starts: NDArray[np.float64],
+        radius_m: float,
+        range_m: float,
+    ) -> None:
+        """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame."""
+        self._out = out
+        for folder in ("maps", "snapshots", "trajectories"):
+            (out / folder).mkdir(parents=True, exist_ok=True)
+        (out / "world.yaml").write_text(to_yaml(world.document), encoding="utf-8")
+        frames = {robot: start.tolist() for robot, start in zip(robots, starts, strict=True)}
+        self._json("truth.json", {"frames": frames, "robot_radius": radius_m, "lidar_range": range_m})
+        self._files = ExitStack()
+        self._events = self._open("events.jsonl")
+        self._metrics = csv.writer(self._open("metrics.csv"), lineterminator="\n")
+        self._metrics.writerow(METRICS)
+        self._radio = csv.writer(self._open("radio.csv"), lineterminator="\n")
+        self._radio.writerow(RADIO)
+        self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
+        self._trajectories = {robot: self._open(f"trajectories/{robot}.tum") for robot in robots}
+
+    def event(self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any]) -> None:
+        """One line of events.jsonl; `data` cannot hide when, who and what."""
+        line = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
+        self._events.write(_dump(line | {key: value for key, value in data.items() if key not in line}))
+
+    def trajectory(self, t: float, robot: str, pose: Sequence[float]) -> None:
+        """One line of trajectories/ID.tum: time, position, quaternion of the true pose in the world."""
+        x, y, theta = pose
+        spin = f"{math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}"
+        self._trajectories[robot].write(f"{t:.3f} {x:.9f} {y:.9f} 0 0 0 {spin}\n")
+
+    def radio(self, passages: Iterable[Passage]) -> None:
+        """Lines of radio.csv."""
+        self._radio.writerows(passages)
+
+    def metrics(
+        self,
+        t: float,
+        robot: str,
+        coverage: float,
+        path_m: float,
+        vertices: int | None,
+        bytes_sent: int,
+        bytes_received: int,
+    ) -> None:
+        """One line of metrics.csv."""
+        known = "" if vertices is None else vertices
+        self._metrics.writerow(
+            (seconds(t), robot, f"{coverage:.6f}", f"{path_m:.4f}", known, bytes_sent, bytes_received)
+        )
+
+    def snapshot(self, t: float, robot: str, wireframe: Wireframe) -> None:
+        """One line of snapshots/ID.jsonl."""
+        self._snapshots[robot].write(_dump({"t": seconds(t), "map": map_fields(robot, wireframe)}))
+
+    def close(
+        self,
+        maps: Mapping[str, Wireframe],
+        summary: Mapping[str, Any],
+        bandwidth: Mapping[str, Any],
+    ) -> None:
+        """The final maps, the summary and the books; closes all files."""
+        for robot, wireframe in maps.items():
+            self._json(f"maps/{robot}.json", map_fields(robot, wireframe))
+            self._json(f"maps/{robot}.own.json", map_fields(robot, own_part(wireframe)))
+        self._json("summary.json", summary)
+        self._json("bandwidth.json", bandwidth)
+        self._files.close()
+
+    def _open(self, name: str) -> Any:
+        return self._files.enter_context((self._out / name).open("w", encoding="utf-8", newline=""))
+
+    def _json(self, name: str, value: Mapping[str, Any]) -> None:
+        (self._out / name).write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def map_fields(robot: str, wireframe: Wireframe) -> dict[str, Any]:
+    """A map as in maps/ID.json."""
+    return {
+        "robot": robot,
+        "vertices": wireframe.points.round(PLACE_DIGITS).tolist(),
+        "labels": [Label(label).name.lower() for label in wireframe.labels.tolist()],
+        "edges": wireframe.edges.tolist(),
+        "edge_likelihood": wireframe.likelihood.astype(np.float64).round(4).tolist(),
+    }
+
+
+def own_part(wireframe: Wireframe) -> Wireframe:
+    """The map without walls that only others saw, and without the vertices that only those had."""
+    own = wireframe.own
+    gone = np.zeros(len(wireframe.points), np.bool_)
+    gone[wireframe.edges[~own].reshape(-1)] = True
+    gone[wireframe.edges[own].reshape(-1)] = False
+    renumbered = np.cumsum(~gone) - 1
+    return Wireframe(
+        points=wireframe.points[~gone],
+        labels=wireframe.labels[~gone],
+        edges=renumbered[wireframe.edges[own]].astype(np.int32),
+        likelihood=wireframe.likelihood[own],
+        own=own[own],
+    )
+
+
+def seconds(t: float) -> float:
+    """A simulated time as it is printed."""
+    return round(t, 3)
+
+
+def _dump(line: Mapping[str, Any]) -> str:
+    return json.dumps(line, separators=(", ", ": "), allow_nan=False) + "\n"
