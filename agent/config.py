@@ -58,6 +58,12 @@ class MapConfig(Config):
     """Walls that meet flatter than this share no corner."""
     close_corner_m: Positive = 0.06
     """Open ends this near to where their walls meet are that corner."""
+    axis_trust: Positive = 0.8
+    """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
+    off_axis_deg: Positive = 10.0
+    """A new wall this oblique is suspect where walls are rectilinear; their true angles are within 2 degrees."""
+    off_axis_hits: Positive = 12.0
+    """Beams that an oblique new wall must show: 0.25 m seen from 1.2 m, where no smear over a 0.1 m step fits a line."""
     view_step_m: Positive = 0.08
     """Samples along a wall when a scan is held against it: half the thickness of a usual wall."""
     view_margin_m: Positive = 0.035

@@ -18,6 +18,7 @@ from agent.edges import (
     add_hits,
     along,
     join,
+    length,
     line_sd,
     meet,
     new_slot,
@@ -38,6 +39,9 @@ class MergeRules(NamedTuple):
     max_direction_sd: float
     min_sine: float
     close_corner: float
+    off_axis: float
+    off_axis_hits: float
+    axis_trust: float
 
 
 @njit(cache=True)
@@ -179,9 +183,7 @@ def _same_line(e, f, gates: Gates) -> bool:  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _inner_ends_give_way(edges: Edges, e: int, f: int, rules: MergeRules) -> bool:
     """Whether the ends between two walls on one line are open, or have been contradicted for long enough."""
-    first, second = (
-        (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
-    )
+    first, second = (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
     give = True
     if edges[first].label[1] == NOMINAL and not _outlasted(edges[first], 1, rules):
         give = False
@@ -200,10 +202,7 @@ def _close_open_corners(edges: Edges, count: int, gates: Gates, rules: MergeRule
         for f in range(count):
             if f == e or edges[f].alive == 0 or edges[f].link[0] >= 0:
                 continue
-            if (
-                math.hypot(edges[e].tip[1, 0] - edges[f].tip[0, 0], edges[e].tip[1, 1] - edges[f].tip[0, 1])
-                > 0.5
-            ):
+            if math.hypot(edges[e].tip[1, 0] - edges[f].tip[0, 0], edges[e].tip[1, 1] - edges[f].tip[0, 1]) > 0.5:
                 continue
             sine, x, y, at_e = meet(edges[e], edges[f])
             if abs(sine) < rules.min_sine:
@@ -220,6 +219,34 @@ def _close_open_corners(edges: Edges, count: int, gates: Gates, rules: MergeRule
 
 
 @njit(cache=True)
+def main_axis(edges: Edges, count: int) -> tuple[float, float]:
+    """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
+    c, s, total = 0.0, 0.0, 1e-9
+    for e in range(count):
+        if edges[e].alive == 1 and edges[e].probation == 0:
+            angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
+            c += size * math.cos(angle)
+            s += size * math.sin(angle)
+            total += size
+    return 0.25 * math.atan2(s, c), math.hypot(c, s) / total if total > 1.0 else 0.0
+
+
+@njit(cache=True)
+def _worth_a_wall(p, axis: float, trust: float, gates: Gates, rules: MergeRules) -> bool:  # type: ignore[no-untyped-def]
+    """Whether a new piece of scan shows a wall: its direction is known, and it is no smear over a small step.
+
+    Where the walls so far are rectilinear, a short oblique piece is far likelier a few beams across a step or a
+    corner than an oblique wall, so it has to show more beams: the robot sees them when it comes nearer.
+    """
+    if gates.noise / math.sqrt(p.spread) > rules.max_direction_sd:
+        return False
+    if trust < rules.axis_trust or p.hits >= rules.off_axis_hits:
+        return True
+    off = 4 * (math.atan2(p.uy, p.ux) - axis)
+    return abs(math.atan2(math.sin(off), math.cos(off))) / 4 < rules.off_axis + gates.noise / math.sqrt(p.spread)
+
+
+@njit(cache=True)
 def merge_scan(
     edges: Edges,
     count: int,
@@ -232,13 +259,14 @@ def merge_scan(
 
     `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed.
     """
+    axis, trust = main_axis(edges, count)
     for k in range(len(pieces)):
         p = pieces[k]
         scatter = p.spread
         e = walls[k]
         if e < 0:
-            if gates.noise / math.sqrt(p.spread) > rules.max_direction_sd:
-                continue  # its direction says nothing yet
+            if not _worth_a_wall(p, axis, trust, gates, rules):
+                continue
             e, count = new_slot(edges, count)
             if e < 0:
                 continue
@@ -258,10 +286,7 @@ def merge_scan(
         for f in range(count):  # a piece that lies on two walls shows that they are one
             if f == e or edges[f].alive == 0 or not math.isfinite(cost(edges[f], p, gates)):
                 continue
-            if (
-                overlap(edges[f], p, gates) > rules.end_margin
-                and overlap(edges[e], p, gates) > rules.end_margin
-            ):
+            if overlap(edges[f], p, gates) > rules.end_margin and overlap(edges[e], p, gates) > rules.end_margin:
                 if _same_line(edges[e], edges[f], gates) and _inner_ends_give_way(edges, e, f, rules):
                     _unite(edges, e, f)
                     for j in range(len(walls)):

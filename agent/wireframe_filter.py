@@ -64,6 +64,9 @@ class WireframeFilter:
             math.radians(config.max_direction_sd_deg),
             math.sin(math.radians(config.min_corner_deg)),
             config.close_corner_m,
+            math.radians(config.off_axis_deg),
+            config.off_axis_hits,
+            config.axis_trust,
         )
         self._views = ViewRules(
             config.view_step_m,
