@@ -1,0 +1,22 @@
+"""The report of a finished run, from the files of its run directory alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from deploy.report.page import write_page
+from deploy.report.picture import write_picture
+from deploy.report.rundir import read_run
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write report.png and report.html into a run directory; returns the path of the page.
+
+    Files that are missing or broken are named in the page. Raises NotADirectoryError where there is none.
+    """
+    if not run_dir.is_dir():
+        raise NotADirectoryError(f"{run_dir} is no run directory")
+    run = read_run(run_dir)
+    write_picture(run, run_dir / "report.png")
+    write_page(run, run_dir / "report.html")
+    return run_dir / "report.html"

@@ -1,0 +1,239 @@
+"""report.html: one file that opens without a network."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from deploy.report import plan, style
+from deploy.report.picture import MAX_SINGLE, curves_svg
+from deploy.report.rundir import Run
+from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
+from protocol.wireframe import Label
+
+HERE = Path(__file__).parent
+
+MAX_EVENTS = 500
+"""Rows of the events table, the first and the last; events.jsonl has them all."""
+
+ROBOT_COLUMNS = (
+    ("coverage", "coverage", share),
+    ("90 % after", "t_90", seconds),
+    ("99 % after", "t_99", seconds),
+    ("path", "path_m", lambda value: NONE if number(value) == NONE else f"{number(value)} m"),
+    ("wall contacts", "wall_contacts", lambda value: number(value, 0)),
+    ("robot contacts", "robot_contacts", lambda value: number(value, 0)),
+    ("sent", "bytes_sent", size),
+    ("received", "bytes_received", size),
+    ("map", "map_bytes", size),
+    ("filter", "filter_bytes", size),
+    (
+        "step, median",
+        "step_ms_median",
+        lambda value: NONE if number(value) == NONE else f"{number(value, 2)} ms",
+    ),
+)
+
+PAGE = Template("""<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>$title</title>
+<style>
+$css</style>
+<h1>$title</h1>
+<p class="about">$about</p>
+$notes
+<section class="top">
+<div>
+$plan
+<div class="controls" id="replay" hidden>
+<button id="play" aria-label="Play or pause">▶</button>
+<input id="slider" type="range" min="0" value="0" aria-label="Simulated time">
+<output id="time"></output>
+</div>
+<p class="caption" id="caption"></p>
+<div class="controls">$switches</div>
+<p class="legend">$legend</p>
+</div>
+<div class="curves">
+$curves
+</div>
+</section>
+$sections
+<script id="frames" type="application/json">$frames</script>
+<script>
+$js</script>
+</html>
+""")
+
+
+def write_page(run: Run, file: Path) -> None:
+    """Write report.html."""
+    title = escape(headline(run))
+    file.write_text(
+        PAGE.substitute(
+            title=title,
+            about=escape(subtitle(run)),
+            css=(HERE / "page.css").read_text("utf-8"),
+            js=(HERE / "page.js").read_text("utf-8"),
+            notes=_notes(run),
+            plan=plan.overview(run),
+            switches=_switches(run),
+            legend=_legend(),
+            curves="\n".join(curves_svg(run)),
+            sections="\n".join((_singles(run), _robots(run), _messages(run), _events(run), _configuration(run))),
+            frames=_embedded(plan.frames(run)),
+        ),
+        "utf-8",
+    )
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: str = "") -> str:
+    """An HTML table of plain texts.
+
+    The first `words` columns are words, the others numbers; `last` is the class of the last row.
+    """
+    kinds = [' class="number"' if k >= words else "" for k in range(len(head))]
+    lines = ["".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) for row in rows]
+    body = [f"<tr>{line}</tr>" for line in lines]
+    if last and lines:
+        body[-1] = f'<tr class="{last}">{lines[-1]}</tr>'
+    top = "".join(f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, head, strict=True))
+    rows_text = "\n".join(body)
+    inner = f"<thead><tr>{top}</tr></thead>\n<tbody>\n{rows_text}\n</tbody>"
+    return f'<div class="scroll"><table>{inner}</table></div>'
+
+
+def _notes(run: Run) -> str:
+    if not run.notes:
+        return ""
+    items = "".join(f"<li>{escape(note)}</li>" for note in run.notes)
+    return f'<div class="notes">This report is not whole:<ul>{items}</ul></div>'
+
+
+def _switches(run: Run) -> str:
+    robots = [
+        f'<label style="--robot:{style.colour(k)}">'
+        f'<input type="checkbox" checked data-robot="{escape(robot)}">'
+        f'<span class="swatch"></span>{escape(robot)}</label>'
+        for k, robot in enumerate(run.robots)
+        if robot in run.frames
+    ]
+    layers = [
+        f'<label><input type="checkbox" checked data-layer="{layer}">{layer}</label>'
+        for layer in ("truth", "corners", "paths")
+    ]
+    return "".join(robots + layers)
+
+
+def _legend() -> str:
+    shapes = {
+        Label.NOMINAL: '<circle cx="6" cy="6" r="4.5"/>',
+        Label.OCCLUSION: '<path d="M6 1l5 9H1z"/>',
+        Label.FRONTIER: '<path d="M2 2h8v8H2z"/>',
+    }
+    meanings = {
+        Label.NOMINAL: "nominal: a corner, both walls seen",
+        Label.OCCLUSION: "occlusion: the wall turns away here",
+        Label.FRONTIER: "frontier: the wall goes on unseen",
+    }
+    return "".join(
+        f'<span><svg width="12" height="12" fill="{style.FAINT}" aria-hidden="true">{shape}</svg> '
+        f"{meanings[label]}</span>"
+        for label, shape in shapes.items()
+    )
+
+
+def _singles(run: Run) -> str:
+    if not run.robots:
+        return ""
+    figures = []
+    for k, robot in enumerate(run.robots[:MAX_SINGLE]):
+        about = f"{len(run.maps[robot].edges)} walls" if robot in run.maps else "no map"
+        frame = "" if robot in run.frames else ", in its own frame"
+        figures.append(
+            f'<figure style="--robot:{style.colour(k)}">{plan.single(run, robot)}'
+            f"<figcaption><b>{escape(robot)}</b> {about}{frame}</figcaption></figure>"
+        )
+    more = len(run.robots) - MAX_SINGLE
+    rest = f"<p>{more} more robots are not drawn.</p>" if more > 0 else ""
+    return f'<h2>The map of each robot</h2>\n<div class="singles">{"".join(figures)}</div>{rest}'
+
+
+def _robots(run: Run) -> str:
+    robots = _mapping(run.summary.get("robots"))
+    if not robots:
+        return ""
+    columns = [column for column in ROBOT_COLUMNS if any(column[1] in _mapping(row) for row in robots.values())]
+    rows = [
+        [robot, str(_mapping(robots.get(robot)).get("ended", NONE))]
+        + [show(_mapping(robots.get(robot)).get(key)) for _, key, show in columns]
+        for robot in run.robots
+    ]
+    team = _mapping(run.summary.get("team"))
+    if team:
+        rows.append(["team", ""] + [show(team[key]) if key in team else "" for _, key, show in columns])
+    overlap = f"<p>Overlap of the team's run: {share(team['overlap'])}.</p>" if "overlap" in team else ""
+    head = ["robot", "ended", *(title for title, _, _ in columns)]
+    return f"<h2>Robots</h2>\n{table(head, rows, words=2, last='team' if team else '')}\n{overlap}"
+
+
+def _messages(run: Run) -> str:
+    if not run.radio:
+        return ""
+    outcomes = sorted({outcome for kind in run.radio.values() for outcome in kind})
+    rows = [
+        [kind, *(number(counts.get(outcome, 0), 0) for outcome in outcomes)]
+        for kind, counts in sorted(run.radio.items())
+    ]
+    return f"<h2>Radio: messages by kind and outcome</h2>\n{table(['kind', *outcomes], rows)}"
+
+
+def _events(run: Run) -> str:
+    if not run.events:
+        return ""
+    counts: dict[str, int] = {}
+    for event in run.events:
+        counts[event["event"]] = counts.get(event["event"], 0) + 1
+    about = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+    shown, cut = run.events, ""
+    if len(shown) > MAX_EVENTS:
+        shown = shown[: MAX_EVENTS // 2] + shown[-MAX_EVENTS // 2 :]
+        cut = f"<p>The first and the last {MAX_EVENTS // 2} of {len(run.events)} are listed.</p>"
+    rows = [[number(e["t"]), e["robot"], e["event"], _details(e)] for e in shown]
+    listed = table(["t (s)", "robot", "event", "about"], rows, words=4)
+    return f"<h2>Events</h2>\n<p>{escape(about)}</p>{cut}\n{listed}"
+
+
+def _details(event: dict[str, Any]) -> str:
+    rest = {key: value for key, value in event.items() if key not in ("t", "tick", "robot", "event")}
+    return ", ".join(f"{key} {_short(value)}" for key, value in rest.items())
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return "[" + ", ".join(_short(item) for item in value) + "]"
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _configuration(run: Run) -> str:
+    if not run.manifest:
+        return ""
+    text = escape(json.dumps(run.manifest, indent=2, ensure_ascii=False))
+    return f"<h2>Configuration</h2>\n<details><summary>manifest.json</summary><pre>{text}</pre></details>"
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _embedded(value: Any) -> str:
+    """JSON that cannot end the script element that it stands in."""
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")

@@ -1,0 +1,230 @@
+"""report.png: the maps over the truth, each map alone, and the curves. Also the curves of the page."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
+
+from deploy.report import style
+from deploy.report.rundir import TEAM, Map, Run
+from deploy.report.words import headline, subtitle
+from protocol.wireframe import Label
+from world.worldfile import polygons_of
+
+COLUMNS = 4
+"""Maps of single robots side by side."""
+
+MAX_SINGLE = 24
+"""Single maps drawn; more would not be looked at."""
+
+TITLE_IN = 0.8
+"""Height of title and subtitle."""
+
+SETTINGS: Any = {
+    "text.parse_math": False,  # names come from files
+    "font.family": style.FONT,
+    "font.size": 9,
+    "text.color": style.INK,
+    "axes.labelcolor": style.INK,
+    "axes.edgecolor": style.SOLID_EDGE,
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": style.RULE,
+    "grid.linewidth": 0.6,
+    "xtick.color": style.FAINT,
+    "ytick.color": style.FAINT,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "svg.hashsalt": "wireswarm",
+    "svg.fonttype": "none",
+}
+
+
+def write_picture(run: Run, file: Path) -> None:
+    """Write report.png."""
+    single = run.robots[:MAX_SINGLE]
+    columns = min(COLUMNS, max(len(single), 3))
+    rows = math.ceil(len(single) / columns)
+    heights = [7.2, 3.6 * rows][: 1 + (rows > 0)]
+    height = TITLE_IN + sum(heights)
+    with matplotlib.rc_context(SETTINGS):
+        layout = ConstrainedLayoutEngine(rect=(0, 0, 1, 1 - TITLE_IN / height), wspace=0.03)
+        figure = Figure(figsize=(13, height), layout=layout)
+        FigureCanvasAgg(figure)
+        figure.text(0.01, 1 - 0.30 / height, headline(run), size=17, weight="bold", va="center")
+        figure.text(0.01, 1 - 0.58 / height, subtitle(run), size=10, color=style.FAINT, va="center")
+        parts = figure.add_gridspec(len(heights), 1, height_ratios=heights)
+        whole = parts[0].subgridspec(2, 2, width_ratios=[7, 5.4])
+        draw_overview(figure.add_subplot(whole[:, 0]), run)
+        draw_coverage(figure.add_subplot(whole[0, 1]), run)
+        draw_bytes(figure.add_subplot(whole[1, 1]), run)
+        maps = parts[-1].subgridspec(max(rows, 1), columns)
+        for k, robot in enumerate(single):
+            draw_single(figure.add_subplot(maps[k // columns, k % columns]), run, robot)
+        figure.savefig(file, dpi=130, facecolor="white", metadata={"Software": None})
+
+
+def curves_svg(run: Run) -> list[str]:
+    """Coverage and bytes against simulated time, as two SVG elements for the page."""
+    made = []
+    with matplotlib.rc_context(SETTINGS):
+        for draw in (draw_coverage, draw_bytes):
+            figure = Figure(figsize=(6.2, 3.4), layout="constrained")
+            FigureCanvasSVG(figure)
+            draw(figure.subplots(), run)
+            text = io.StringIO()
+            figure.savefig(text, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+            made.append(text.getvalue()[text.getvalue().index("<svg") :])
+    return made
+
+
+def draw_overview(axes: Axes, run: Run) -> None:
+    """All maps over the true world, with paths and starts."""
+    robots = run.robots
+    placed = [robot for robot in robots if robot in run.frames]
+    draw_world(axes, run)
+    for robot in placed:
+        draw_path(axes, run, robot, style.colour(robots.index(robot)))
+    for robot, width in zip(placed, style.widths(len(placed), 5.0, 1.4), strict=True):
+        if robot in run.maps:
+            draw_map(axes, run.maps[robot].moved(run.frames[robot]), style.colour(robots.index(robot)), width, 4.5)
+    for robot in placed:
+        draw_start(axes, run, robot, style.colour(robots.index(robot)))
+    finish_plan(axes)
+    marks = [
+        Line2D([], [], color=style.FAINT, marker=style.MARKS[label], ls="", ms=5, label=label.name.lower())
+        for label in Label
+    ]
+    lines = [Line2D([], [], color=style.colour(k), lw=3, label=robot) for k, robot in enumerate(robots[:12])]
+    axes.legend(handles=[*lines, *marks], loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=7, handlelength=1.4)
+
+
+def draw_single(axes: Axes, run: Run, robot: str) -> None:
+    """One robot's map: over the truth where its frame is known, else in its own frame."""
+    colour = style.colour(run.robots.index(robot))
+    frame = run.frames.get(robot)
+    if frame is not None:
+        draw_world(axes, run)
+        draw_path(axes, run, robot, colour)
+    if robot in run.maps:
+        draw_map(axes, run.maps[robot].moved(frame), colour, 1.4, 3.0)
+    if frame is not None:
+        draw_start(axes, run, robot, colour)
+    finish_plan(axes)
+    about = "no map" if robot not in run.maps else f"{len(run.maps[robot].edges)} walls"
+    coverage = run.metrics[robot].at("coverage", math.inf) if robot in run.metrics else None
+    covered = "" if coverage is None else f", {100 * coverage:.1f} % covered"
+    axes.set_title(f"{robot}: {about}{covered}", color=colour, size=10, weight="bold")
+
+
+def draw_world(axes: Axes, run: Run) -> None:
+    """The true solids in grey."""
+    if run.world is None:
+        return
+    for polygon in polygons_of(run.world.solid):
+        rings = [Outline(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors)]
+        axes.add_patch(
+            PathPatch(Outline.make_compound_path(*rings), fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1)
+        )
+
+
+def draw_map(axes: Axes, wireframe: Map, colour: str, width: float, size: float) -> None:
+    """Walls as lines, vertices as circle (nominal), triangle (occlusion) or square (frontier)."""
+    walls = wireframe.points[wireframe.edges]
+    axes.add_collection(LineCollection(list(walls), colors=colour, linewidths=width, capstyle="round", zorder=3))
+    for label, mark in style.MARKS.items():
+        points = wireframe.points[wireframe.labels == label]
+        axes.plot(*points.T, mark, color=colour, ms=size, mec="white", mew=0.5, zorder=4)
+
+
+def draw_path(axes: Axes, run: Run, robot: str, colour: str) -> None:
+    """Where the robot drove."""
+    if robot in run.paths:
+        axes.plot(*run.paths[robot][:, 1:].T, color=colour, lw=0.8, alpha=0.45, zorder=2)
+
+
+def draw_start(axes: Axes, run: Run, robot: str, colour: str) -> None:
+    """A disc of the robot's size at its start, a stroke for its heading."""
+    x, y, theta = run.frames[robot]
+    tip = 2.2 * run.radius
+    axes.plot([x, x + tip * math.cos(theta)], [y, y + tip * math.sin(theta)], color=colour, lw=1.6, zorder=6)
+    axes.plot(x, y, "o", color="white", mec=colour, mew=1.6, ms=7, zorder=6)
+    axes.annotate(
+        robot,
+        (x, y),
+        xytext=(7, 5),
+        textcoords="offset points",
+        color=colour,
+        size=9,
+        weight="bold",
+        zorder=7,
+    )
+
+
+def finish_plan(axes: Axes) -> None:
+    """Equal scales, no box."""
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.grid(visible=False)
+    axes.set_axis_off()
+
+
+def draw_coverage(axes: Axes, run: Run) -> None:
+    """Share of the visible wall against simulated time, each robot and the team, merges marked."""
+    for k, robot in enumerate(run.robots):
+        series = run.metrics.get(robot)
+        if series is None or "coverage" not in series.columns:
+            continue
+        axes.plot(series.t, series.columns["coverage"], color=style.colour(k), lw=1.5, label=robot)
+        for event, mark in (("accepted", "D"), ("unmerged", "X")):
+            times = [float(e["t"]) for e in run.events if e.get("event") == event and e.get("robot") == robot]
+            heights = [series.at("coverage", t) or 0.0 for t in times]
+            axes.plot(times, heights, mark, color=style.colour(k), mec="white", ms=6, zorder=5)
+    team = run.metrics.get(TEAM)
+    if team is not None and "coverage" in team.columns:
+        axes.plot(team.t, team.columns["coverage"], color=style.INK, lw=2.2, label="team", zorder=4)
+    for level in (0.9, 0.99):
+        axes.axhline(level, color=style.FAINT, lw=0.8, ls=(0, (4, 3)), zorder=1)
+    axes.set(ylim=(0, 1.03), ylabel="coverage of the visible wall")
+    axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
+    _time_axis(axes, run)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", ncols=1 + len(run.robots) // 8)
+
+
+def draw_bytes(axes: Axes, run: Run) -> None:
+    """Bytes that each robot handed to its radio, against simulated time."""
+    for k, robot in enumerate(run.robots):
+        series = run.metrics.get(robot)
+        if series is not None and "bytes_sent" in series.columns:
+            axes.plot(series.t, series.columns["bytes_sent"], color=style.colour(k), lw=1.5, label=robot)
+    axes.set(ylabel="bytes sent, in all")
+    axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_formatter(EngFormatter("B"))
+    _time_axis(axes, run)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", ncols=1 + len(run.robots) // 8)
+
+
+def _time_axis(axes: Axes, run: Run) -> None:
+    axes.set_xlim(0, max(run.duration, 1.0))
+    axes.set_xlabel("simulated time (s)")
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -1,0 +1,207 @@
+"""The floor plan of the page as SVG: true world, maps, paths; and its frames for the slider.
+
+A drawing's unit is the metre, y up. All marks of a kind are one path string, so that a frame is a handful of
+short strings and the page needs to do no more than set them: a dot is a stroke of no length with a round cap,
+a square the same with a square cap.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from html import escape
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from deploy.report import style
+from deploy.report.rundir import TEAM, Floats, Map, Run
+from deploy.report.words import share
+from protocol.wireframe import Label
+from world.worldfile import polygons_of
+
+MARGIN_M = 0.3
+"""Room around the world."""
+
+MAX_FRAMES = 150
+"""Positions of the slider; a long run shows every second or third snapshot."""
+
+MARKS = ("walls", "nominal", "occlusion", "frontier")
+"""The paths that make a map."""
+
+
+def overview(run: Run) -> str:
+    """All maps over the truth, as they are at the end."""
+    robots = [robot for robot in run.robots if robot in run.frames]
+    unit = _unit(run)
+    widths = style.widths(len(robots), 6.5, 2.0)
+    layers = []
+    for robot, width in zip(robots, widths, strict=True):
+        drawn = _strings(run.maps.get(robot), run.frames[robot], unit)
+        layers.append(_layer(robot, run.robots.index(robot), drawn, _trail(run.paths.get(robot)), width))
+    starts = [_start(run, robot, unit) for robot in robots]
+    return _svg(run, "".join((_world(run), *layers)), "".join(starts), "plan", "All maps over the true world")
+
+
+def single(run: Run, robot: str) -> str:
+    """One robot's final map: over the truth where its frame is known, else in its own frame."""
+    frame = run.frames.get(robot)
+    unit = _unit(run) * 2.2
+    drawn = _strings(run.maps.get(robot), frame, unit)
+    index = run.robots.index(robot)
+    label = f"Map of {robot}"
+    if frame is None:
+        layer = _layer(robot, index, drawn, "", 2.0)
+        return _svg(run, layer, "", "single", label, run.maps.get(robot))
+    layer = _layer(robot, index, drawn, _trail(run.paths.get(robot)), 2.0)
+    return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", label)
+
+
+def frames(run: Run) -> dict[str, Any]:
+    """What the slider shows: `times`, `captions`, and per robot `maps` and `trails`, one for each time.
+
+    A map is a list of path strings as in MARKS, or 0 where it is that of the time before; a trail is what was
+    driven since.
+    """
+    robots = [robot for robot in run.robots if robot in run.frames]
+    times = sorted({t for robot in robots for t, _ in run.snapshots.get(robot, ())})
+    if not times:
+        return {}
+    times = times[:: math.ceil(len(times) / MAX_FRAMES)]
+    if run.duration > times[-1]:
+        times.append(run.duration)
+    unit = _unit(run)
+    return {
+        "times": times,
+        "captions": [_caption(run, t) for t in times],
+        "robots": {
+            robot: {"maps": _maps_at(run, robot, times, unit), "trails": _trails_at(run, robot, times)}
+            for robot in robots
+        },
+    }
+
+
+def _maps_at(run: Run, robot: str, times: list[float], unit: float) -> list[list[str] | int]:
+    snapshots = list(run.snapshots.get(robot, ()))
+    if robot in run.maps:
+        snapshots.append((times[-1], run.maps[robot]))
+    made: list[list[str] | int] = []
+    shown: list[str] = []
+    done = 0
+    for t in times:
+        latest = None
+        while done < len(snapshots) and snapshots[done][0] <= t:
+            latest = snapshots[done][1]
+            done += 1
+        drawn = shown if latest is None and shown else _strings(latest, run.frames[robot], unit)
+        made.append(0 if drawn == shown else drawn)
+        shown = drawn
+    return made
+
+
+def _trails_at(run: Run, robot: str, times: list[float]) -> list[str]:
+    path = run.paths.get(robot)
+    if path is None:
+        return [""] * len(times)
+    cuts = [0, *np.searchsorted(path[:, 0], times, "right").tolist()]
+    return [_trail(path[a:b], "M" if a == 0 else "L") for a, b in pairwise(cuts)]
+
+
+def _caption(run: Run, t: float) -> str:
+    parts = []
+    for robot in (*run.robots, TEAM):
+        covered = run.metrics[robot].at("coverage", t) if robot in run.metrics else None
+        if covered is not None:
+            parts.append(f"{robot} {share(covered)}")
+    return ", ".join(parts)
+
+
+def _strings(wireframe: Map | None, frame: Floats | None, unit: float) -> list[str]:
+    """The four path strings of a map in the frame of the drawing."""
+    if wireframe is None:
+        return [""] * len(MARKS)
+    moved = wireframe.moved(frame)
+    walls = moved.points[moved.edges].reshape(-1, 4)
+    r = 4.5 * unit
+    dots, triangles, squares = (moved.points[moved.labels == label] for label in Label)
+    return [
+        "".join(f"M{x1:.3f} {y1:.3f}L{x2:.3f} {y2:.3f}" for x1, y1, x2, y2 in walls),
+        "".join(f"M{x:.3f} {y:.3f}h0" for x, y in dots),
+        "".join(f"M{x:.3f} {y + r:.3f}l{0.87 * r:.3f} {-1.5 * r:.3f}h{-1.74 * r:.3f}z" for x, y in triangles),
+        "".join(f"M{x:.3f} {y:.3f}h0" for x, y in squares),
+    ]
+
+
+def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float) -> str:
+    paths = "".join(f'<path class="{kind}" d="{d}"/>' for kind, d in zip(MARKS, drawn, strict=True))
+    colours = f"--robot:{style.colour(index)};--wall:{width:.1f}"
+    return (
+        f'<g class="robot" data-robot="{escape(robot)}" style="{colours}"><path class="trail" d="{trail}"/>{paths}</g>'
+    )
+
+
+def _trail(path: Floats | None, begin: str = "M") -> str:
+    """Where a robot drove; positions within 5 cm of the last drawn one are left out."""
+    if path is None or not len(path):
+        return ""
+    kept = [path[0, 1:]]
+    for point in path[1:, 1:]:
+        if abs(point - kept[-1]).max() >= 0.05:
+            kept.append(point)
+    return begin + "L".join(f"{x:.2f} {y:.2f}" for x, y in kept)
+
+
+def _world(run: Run) -> str:
+    if run.world is None:
+        return ""
+    rings = [ring.coords[:-1] for part in polygons_of(run.world.solid) for ring in (part.exterior, *part.interiors)]
+    return f'<path class="solid" d="{"".join(_ring(ring) for ring in rings)}"/>'
+
+
+def _ring(points: Iterable[tuple[float, ...]]) -> str:
+    return "M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in points) + "z"
+
+
+def _start(run: Run, robot: str, unit: float) -> str:
+    """Disc, heading and name at a robot's start; texts stand outside the flipped part, so y is turned here."""
+    x, y, theta = run.frames[robot]
+    colour = style.colour(run.robots.index(robot))
+    tip = 2.2 * run.radius
+    return (
+        f'<g class="start" data-robot="{escape(robot)}" style="--robot:{colour}">'
+        f'<path d="M{x:.3f} {-y:.3f}l{tip * math.cos(theta):.3f} {-tip * math.sin(theta):.3f}"/>'
+        f'<circle cx="{x:.3f}" cy="{-y:.3f}" r="{max(run.radius, 4.5 * unit):.3f}"/>'
+        f'<text x="{x + 9 * unit:.3f}" y="{-y - 7 * unit:.3f}" font-size="{13 * unit:.3f}">'
+        f"{escape(robot)}</text></g>"
+    )
+
+
+def _svg(run: Run, flipped: str, upright: str, kind: str, label: str, around: Map | None = None) -> str:
+    x0, y0, x1, y1 = _bounds(run, around)
+    unit = _unit(run) * (1.0 if kind == "plan" else 2.2)
+    return (
+        f'<svg class="{kind}" role="img" aria-label="{escape(label)}" style="--unit:{unit:.5f}px" '
+        f'viewBox="{x0:.3f} {-y1:.3f} {x1 - x0:.3f} {y1 - y0:.3f}" xmlns="http://www.w3.org/2000/svg">'
+        f'<g transform="scale(1,-1)">{flipped}</g>{upright}</svg>'
+    )
+
+
+def _bounds(run: Run, around: Map | None = None) -> tuple[float, float, float, float]:
+    """Of the world, or else of all that was placed, or of the one map given."""
+    if around is not None and len(around.points):
+        points = around.points
+    elif run.world is not None:
+        x0, y0, x1, y1 = run.world.solid.bounds
+        points = np.array([[x0, y0], [x1, y1]])
+    else:
+        placed = [run.maps[robot].moved(frame).points for robot, frame in run.frames.items() if robot in run.maps]
+        points = np.concatenate([*placed, *([frame[:2]] for frame in run.frames.values()), np.zeros((1, 2))])
+    low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _unit(run: Run) -> float:
+    """Metres of a pixel where the overview is 900 pixels wide or high."""
+    x0, y0, x1, y1 = _bounds(run)
+    return max(x1 - x0, y1 - y0) / 900

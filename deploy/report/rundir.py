@@ -1,0 +1,233 @@
+"""A run directory as arrays, whatever of it is there: a run that was killed has a report, too."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.wireframe import Label
+from world.worldfile import World, load
+
+TEAM = "team"
+"""The name under which the union of all robots stands in metrics.csv."""
+
+LABELS = {label.name.lower(): label for label in Label}
+
+_BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
+"""What reading a file of any content may raise."""
+
+Floats = NDArray[np.float64]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Map:
+    """A robot's map in its own frame, metres."""
+
+    points: Floats
+    """(n, 2)"""
+    labels: NDArray[np.uint8]
+    """(n,) of Label."""
+    edges: NDArray[np.int64]
+    """(m, 2) vertex indices."""
+
+    def moved(self, frame: Floats | None) -> Map:
+        """The map in the frame in which `frame` (x, y, theta) is given; itself where that is None."""
+        if frame is None:
+            return self
+        c, s = math.cos(frame[2]), math.sin(frame[2])
+        return Map(self.points @ np.array([[c, s], [-s, c]]) + frame[:2], self.labels, self.edges)
+
+
+@dataclass(frozen=True)
+class Series:
+    """One robot's rows of metrics.csv, or the team's: columns by name, one value a simulated second."""
+
+    t: Floats
+    columns: dict[str, Floats]
+
+    def at(self, column: str, t: float) -> float | None:
+        """The last value at or before t; None where there is none."""
+        values = self.columns.get(column)
+        k = int(np.searchsorted(self.t, t, "right")) - 1
+        return None if values is None or k < 0 or not math.isfinite(values[k]) else float(values[k])
+
+
+@dataclass
+class Run:
+    """What a run directory holds. Empty where a file is missing or cannot be read; `notes` say so."""
+
+    path: Path
+    notes: list[str] = field(default_factory=list)
+    manifest: dict[str, Any] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+    bandwidth: dict[str, Any] = field(default_factory=dict)
+    world: World | None = None
+    frames: dict[str, Floats] = field(default_factory=dict)
+    """Robot to (3,) x, y, theta: where its own frame lies in the world."""
+    radius: float = 0.105
+    maps: dict[str, Map] = field(default_factory=dict)
+    snapshots: dict[str, list[tuple[float, Map]]] = field(default_factory=dict)
+    paths: dict[str, Floats] = field(default_factory=dict)
+    """Robot to (n, 3) t, x, y in the world frame."""
+    metrics: dict[str, Series] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    radio: dict[str, dict[str, int]] = field(default_factory=dict)
+    """Kind of message to outcome to number, from radio.csv."""
+
+    @property
+    def robots(self) -> list[str]:
+        """All robots that any file names, r2 before r10."""
+        names = {*self.frames, *self.maps, *self.snapshots, *self.paths, *self.metrics} - {TEAM}
+        robots = self.summary.get("robots")
+        names.update(robots if isinstance(robots, dict) else ())
+        return sorted(names, key=lambda name: (len(name), name))
+
+    @property
+    def duration(self) -> float:
+        """Simulated seconds: the last time that any file gives."""
+        times = [series.t[-1] for series in self.metrics.values()]
+        times += [path[-1, 0] for path in self.paths.values()]
+        times += [frames[-1][0] for frames in self.snapshots.values()]
+        return float(max(times, default=0.0))
+
+
+def read_run(path: Path) -> Run:
+    """Read a run directory. Nothing in it can make this fail; what is missing or broken becomes a note."""
+    run = Run(path)
+
+    def part(name: str, read: Callable[[Path], T], otherwise: T) -> T:
+        file = path / name
+        if not file.exists():
+            run.notes.append(f"{name} is missing")
+            return otherwise
+        try:
+            return read(file)
+        except _BROKEN as error:
+            run.notes.append(f"{name} cannot be read: {(str(error) or repr(error)).splitlines()[0]}")
+            return otherwise
+
+    def each(folder: str, suffix: str, read: Callable[[Path], T | None]) -> dict[str, T]:
+        files = [file for file in sorted((path / folder).glob(f"*{suffix}")) if file.name.count(".") == 1]
+        if not files:
+            run.notes.append(f"{folder}/ is missing or empty")
+        made = {file.name.removesuffix(suffix): part(f"{folder}/{file.name}", read, None) for file in files}
+        return {robot: item for robot, item in made.items() if item is not None}
+
+    run.manifest = part("manifest.json", _object, {})
+    run.summary = part("summary.json", _object, {})
+    run.bandwidth = part("bandwidth.json", _object, {})
+    run.world = part("world.yaml", load, None)
+    truth = part("truth.json", _truth, None)
+    if truth is not None:
+        run.frames, run.radius = truth
+    run.maps = each("maps", ".json", lambda file: _map(_object(file)))
+    run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
+    run.paths = each("trajectories", ".tum", _trajectory)
+    run.metrics = part("metrics.csv", _metrics, {})
+    run.events = part("events.jsonl", lambda file: _events(_lines(file, run)), [])
+    run.radio = part("radio.csv", _outcomes, {})
+    return run
+
+
+def _object(file: Path) -> dict[str, Any]:
+    value = json.loads(file.read_text("utf-8"))
+    if not isinstance(value, dict):
+        raise ValueError("it holds no JSON object")
+    return value
+
+
+def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
+    """The objects of a JSON lines file; the last line of a killed writer may be cut."""
+    made, bad = [], 0
+    for line in file.read_text("utf-8").splitlines():
+        try:
+            value = json.loads(line)
+        except ValueError:
+            value = None
+        if isinstance(value, dict):
+            made.append(value)
+        else:
+            bad += 1
+    if bad:
+        name = file.relative_to(run.path)
+        run.notes.append(f"{name}: {bad} of {bad + len(made)} lines are no JSON objects")
+    return made
+
+
+def _truth(file: Path) -> tuple[dict[str, Floats], float]:
+    truth = _object(file)
+    frames = {robot: _array(pose, (3,)) for robot, pose in dict(truth["frames"]).items()}
+    return frames, float(truth.get("robot_radius", 0.105))
+
+
+def _map(value: Mapping[str, Any]) -> Map:
+    points = _array(value["vertices"], (-1, 2))
+    labels = np.array([LABELS[label] for label in value["labels"]], np.uint8)
+    edges = _array(value["edges"], (-1, 2)).astype(np.int64)
+    if len(labels) != len(points):
+        raise ValueError(f"{len(points)} vertices, but {len(labels)} labels")
+    if len(edges) and (edges.min() < 0 or edges.max() >= len(points)):
+        raise ValueError("an edge names a vertex that is not there")
+    return Map(points, labels, edges)
+
+
+def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
+    frames = [(float(line["t"]), _map(line["map"])) for line in lines]
+    return sorted(frames, key=lambda frame: frame[0]) or None
+
+
+def _events(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    for line in lines:
+        line["t"] = float(line["t"])
+        line["event"], line["robot"] = str(line["event"]), str(line.get("robot", ""))
+    return lines
+
+
+def _trajectory(file: Path) -> Floats | None:
+    rows = [line.split()[:3] for line in file.read_text("utf-8").splitlines() if line and line[0] != "#"]
+    return _array(rows, (-1, 3)) if rows else None
+
+
+def _metrics(file: Path) -> dict[str, Series]:
+    with file.open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    by_robot: dict[str, list[dict[str, str]]] = {}
+    for row in rows:
+        by_robot.setdefault(row["robot"], []).append(row)
+    names = [name for name in (rows[0] if rows else ()) if name not in ("t", "tick", "robot")]
+    return {
+        robot: Series(
+            np.array([float(row["t"]) for row in own]),
+            {name: np.array([_float(row[name]) for row in own]) for name in names},
+        )
+        for robot, own in by_robot.items()
+    }
+
+
+def _outcomes(file: Path) -> dict[str, dict[str, int]]:
+    counts: dict[str, dict[str, int]] = {}
+    with file.open(encoding="utf-8", newline="") as stream:
+        for row in csv.DictReader(stream):
+            of_kind = counts.setdefault(row["kind"], {})
+            of_kind[row["outcome"]] = of_kind.get(row["outcome"], 0) + 1
+    return counts
+
+
+def _float(text: str | None) -> float:
+    return float(text) if text else math.nan
+
+
+def _array(value: Any, shape: tuple[int, ...]) -> Floats:
+    array = np.array(value, np.float64).reshape(shape)
+    if not np.isfinite(array).all():
+        raise ValueError("a number in it is not finite")
+    return array

@@ -1,0 +1,32 @@
+"""Colours and marks, the same in the picture and on the page."""
+
+from __future__ import annotations
+
+from protocol.wireframe import Label
+
+INK = "#1f2933"
+FAINT = "#7b8794"
+RULE = "#d9dee4"
+SOLID = "#d3d8de"
+"""Walls of the true world."""
+SOLID_EDGE = "#aab2bd"
+
+ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#6a3d9a", "#7a4b2a")
+"""Okabe and Ito's colours for the colour-blind, in the order of their contrast with white and each other."""
+
+MARKS = {Label.NOMINAL: "o", Label.OCCLUSION: "^", Label.FRONTIER: "s"}
+"""As in figures 2 and 3 of the paper: circle, triangle, square."""
+
+FONT = ("DejaVu Sans",)
+
+
+def colour(index: int) -> str:
+    """Colour of the robot of that number, from 0."""
+    return ROBOTS[index % len(ROBOTS)]
+
+
+def widths(robots: int, widest: float, finest: float) -> list[float]:
+    """Line widths for maps drawn over each other, the first widest, so that every one shows at both sides."""
+    if robots < 2:
+        return [finest] * robots
+    return [widest + (finest - widest) * k / (robots - 1) for k in range(robots)]

@@ -1,0 +1,314 @@
+import csv
+import json
+import math
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from deploy.report import write_report
+from deploy.report.plan import frames, overview
+from deploy.report.rundir import read_run
+from deploy.report.words import share, size
+
+WORLD = """
+name: {name}
+units: m
+boxes:
+  - [3.0, -0.05, 0.0, 6.2, 0.1]
+  - [3.0, 4.05, 0.0, 6.2, 0.1]
+  - [-0.05, 2.0, 1.5708, 4.0, 0.1]
+  - [6.05, 2.0, 1.5708, 4.0, 0.1]
+  - [3.0, 1.2, 1.5708, 2.4, 0.1]
+spawns: [[1.0, 1.0, 0.5], [5.0, 1.0, 2.0]]
+"""
+STARTS = {"r1": [1.0, 1.0, 0.5], "r2": [5.0, 1.0, 2.0]}
+RING = np.array([[0, 0], [2.95, 0], [2.95, 2.4], [3.05, 2.4], [3.05, 0], [6, 0], [6, 4], [0, 4]], float)
+"""The outline of the free space, counter-clockwise."""
+
+
+def seen(corners: int, start: list[float]) -> dict[str, Any]:
+    """The map after so many corners of RING, in the frame that starts at `start`."""
+    c, s = math.cos(start[2]), math.sin(start[2])
+    points = (RING[:corners] - start[:2]) @ np.array([[c, -s], [s, c]])
+    edges = [[k, k + 1] for k in range(corners - 1)]
+    labels = ["nominal"] * corners
+    if corners == len(RING):
+        edges.append([corners - 1, 0])
+    else:
+        labels[0], labels[-1] = "occlusion", "frontier"
+    return {
+        "vertices": points.tolist(),
+        "labels": labels,
+        "edges": edges,
+        "edge_likelihood": [0.9] * len(edges),
+    }
+
+
+def write_run(path: Path, name: str = "two-rooms") -> Path:
+    """A small run directory as contracts.md has it, by a writer of the tests' own."""
+    for folder in ("maps", "snapshots", "trajectories"):
+        (path / folder).mkdir(parents=True)
+    (path / "world.yaml").write_text(WORLD.format(name=json.dumps(name)))
+    truth = {"frames": STARTS, "robot_radius": 0.105, "lidar_range": 3.5}
+    (path / "truth.json").write_text(json.dumps(truth))
+    manifest = {"version": "0.1.0", "seed": 7, "ended": "complete", "command": ["wireswarm", "run"]}
+    (path / "manifest.json").write_text(json.dumps(manifest))
+    robots = {
+        r: {
+            "coverage": 1.0,
+            "t_90": 40.0,
+            "t_99": None,
+            "path_m": 12.5,
+            "bytes_sent": 5300,
+            "ended": "complete",
+        }
+        for r in STARTS
+    }
+    team = {"coverage": 1.0, "t_90": 31.0, "t_99": 47.0, "overlap": 0.8}
+    (path / "summary.json").write_text(json.dumps({"robots": robots, "team": team, "real_time_factor": 61.5}))
+    (path / "bandwidth.json").write_text("{}")
+    (path / "radio.csv").write_text(
+        "tick,sender,receiver,kind,bytes,outcome\n5,r1,r2,map,180,delivered\n9,r2,r1,map,180,range\n"
+    )
+    events = [
+        {"t": 3.0, "tick": 15, "robot": "r1", "event": "contact", "peer": "r2"},
+        {
+            "t": 30.0,
+            "tick": 150,
+            "robot": "r1",
+            "event": "accepted",
+            "peer": "r2",
+            "transform": [1.0, 2.0, 0.25],
+        },
+        {"t": 60.0, "tick": 300, "robot": "r2", "event": "complete"},
+    ]
+    (path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    with (path / "metrics.csv").open("w", newline="") as stream:
+        out = csv.writer(stream)
+        out.writerow(["t", "robot", "coverage", "path_m", "vertices", "bytes_sent", "bytes_received"])
+        for t in range(61):
+            out.writerows([t, r, min(1.0, t / 45), 0.2 * t, 8, 90 * t, 80 * t] for r in STARTS)
+            out.writerow([t, "team", min(1.0, t / 35), "", "", "", ""])
+    for r, start in STARTS.items():
+        (path / f"maps/{r}.json").write_text(json.dumps({"robot": r, **seen(len(RING), start)}))
+        lines = [{"t": 10.0 * k, "map": seen(min(2 + k, len(RING)), start)} for k in range(7)]
+        (path / f"snapshots/{r}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+        t = np.arange(0, 60, 0.2)
+        x, y = start[0] + 0.5 * np.sin(t / 9), start[1] + 2 * (1 - np.cos(t / 20))
+        rows = (f"{a:.2f} {b:.4f} {c:.4f} 0 0 0 0 1\n" for a, b, c in zip(t, x, y, strict=True))
+        (path / f"trajectories/{r}.tum").write_text("".join(rows))
+    return path
+
+
+class Page(HTMLParser):
+    """Tags, visible text and what would be fetched; checks that elements close in order."""
+
+    VOID = frozenset({"meta", "input", "br", "path", "circle"})
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.fetched: list[str] = []
+        self.open: list[str] = []
+        self.text = ""
+        self.source = file.read_text("utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.fetched += [
+            v or "" for k, v in attributes if k in ("src", "srcset") or (k == "href" and v and v[0] != "#")
+        ]
+
+    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not self.open or self.open[-1] not in ("script", "style"):
+            self.text += data
+
+
+def embedded(page: Page) -> Any:
+    found = re.search(r'<script id="frames" type="application/json">(.*?)</script>', page.source, re.S)
+    assert found
+    return json.loads(found[1])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = write_run(tmp_path_factory.mktemp("runs") / "two-rooms-7")
+    assert write_report(run) == run / "report.html"
+    return run
+
+
+def test_the_page_is_whole_and_fetches_nothing(whole: Path) -> None:
+    page = Page(whole / "report.html")
+    assert page.fetched == []
+    assert "url(" not in page.source.replace("url(#", "") and "@import" not in page.source
+    assert page.open == []
+    assert "not whole" not in page.text
+    for words in (
+        "two-rooms: 2 robots",
+        "seed 7",
+        "100.0 %",
+        "5.3 kB",
+        "transform [1, 2, 0.25]",
+        "1 accepted",
+    ):
+        assert words in page.text
+
+
+def test_the_same_run_gives_the_same_bytes(whole: Path, tmp_path: Path) -> None:
+    again = write_run(tmp_path / "two-rooms-7")
+    write_report(again)
+    for name in ("report.html", "report.png"):
+        assert (again / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_the_picture_shows_every_robot(whole: Path) -> None:
+    image = matplotlib.image.imread(whole / "report.png")[..., :3]
+    assert min(image.shape[:2]) > 900
+    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
+        near = np.abs(image - np.array(colour) / 255).max(axis=2) < 0.02
+        assert near.sum() > 1000
+
+
+def test_maps_are_placed_by_the_true_frames(whole: Path) -> None:
+    run = read_run(whole)
+    for robot in STARTS:
+        np.testing.assert_allclose(run.maps[robot].moved(run.frames[robot]).points, RING, atol=1e-9)
+    assert "M0.000 0.000L2.950 0.000" in overview(run)
+
+
+def test_the_slider_goes_from_the_first_snapshot_to_the_final_maps(whole: Path) -> None:
+    shown = frames(read_run(whole))
+    assert shown["times"] == [0, 10, 20, 30, 40, 50, 60]
+    assert shown == embedded(Page(whole / "report.html"))
+    maps = shown["robots"]["r1"]["maps"]
+    walls = [m and m[0].count("M") for m in maps]
+    assert walls == [1, 2, 3, 4, 5, 6, 8]
+    assert maps[0][2].count("z") == 1 and maps[0][3].count("M") == 1  # an occlusion, a frontier
+    assert maps[-1][2:] == ["", ""]
+    trails = shown["robots"]["r1"]["trails"]
+    assert "".join(trails).startswith("M1.00 1.00") and "".join(trails).count("M") == 1
+    assert shown["captions"][1] == "r1 22.2 %, r2 22.2 %, team 28.6 %"
+
+
+FILES = (
+    "manifest.json",
+    "summary.json",
+    "bandwidth.json",
+    "world.yaml",
+    "truth.json",
+    "maps",
+    "snapshots",
+    "trajectories",
+    "metrics.csv",
+    "events.jsonl",
+    "radio.csv",
+)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_missing_file_is_said(tmp_path: Path, name: str) -> None:
+    run = write_run(tmp_path / "run")
+    for file in (run / name).glob("*") if (run / name).is_dir() else [run / name]:
+        file.unlink()
+    read = read_run(run)
+    assert read.notes in ([f"{name} is missing"], [f"{name}/ is missing or empty"])
+    assert read.robots == ["r1", "r2"]
+
+
+@pytest.mark.parametrize("name", ["truth.json", "world.yaml", "maps", "metrics.csv"])
+def test_without_a_part_the_rest_is_shown(tmp_path: Path, name: str) -> None:
+    run = write_run(tmp_path / "run")
+    for file in (run / name).glob("*") if (run / name).is_dir() else [run / name]:
+        file.unlink()
+    page = Page(write_report(run))
+    assert page.open == [] and page.text.count("is missing") == 1
+    assert page.text.count("in its own frame") == (2 if name == "truth.json" else 0)
+    assert (run / "report.png").stat().st_size > 20_000
+
+
+def test_an_empty_directory_has_a_report(tmp_path: Path) -> None:
+    page = Page(write_report(tmp_path))
+    assert page.text.count("is missing") == len(FILES)
+    assert (tmp_path / "report.png").exists()
+
+
+def test_no_directory_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(NotADirectoryError):
+        write_report(tmp_path / "none")
+
+
+BROKEN = [
+    ("manifest.json", "[1]"),
+    ("summary.json", "{"),
+    ("world.yaml", "boxes: [[0, 0, 0]]"),
+    ("truth.json", '{"frames": {"r1": [0, NaN, 0]}}'),
+    ("truth.json", '{"frames": [1]}'),
+    ("maps/r1.json", '{"vertices": [[0, 0], [1e999, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
+    ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["nominal"], "edges": [[0, 7]]}'),
+    ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["corner"], "edges": []}'),
+    ("maps/r1.json", "[" * 100_000),
+    ("snapshots/r1.jsonl", '{"t": 0}\n'),
+    ("snapshots/r1.jsonl", '{"t": 10.0, "map": {"vert'),
+    ("trajectories/r1.tum", "0 1\n"),
+    ("metrics.csv", "t,robot,coverage\n1,r1\nx,r1,0.5\n"),
+    ("events.jsonl", '{"t": "soon", "event": "contact"}\n'),
+    ("events.jsonl", '{"t": 1, "event": "contact", "robot": "r1"}\n{"t": 2, "ev'),
+    ("radio.csv", "tick,sender\n1,r1\n"),
+    ("radio.csv", "\x00\xff"),
+]
+
+
+@pytest.mark.parametrize(("name", "text"), BROKEN)
+def test_a_broken_file_is_said(tmp_path: Path, name: str, text: str) -> None:
+    run = write_run(tmp_path / "run")
+    (run / name).write_bytes(text.encode("latin-1"))
+    assert [note.startswith(name) for note in read_run(run).notes] == [True]
+
+
+def test_broken_files_never_stop_the_report(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run")
+    for name, text in BROKEN:
+        (run / name).write_bytes(text.encode("latin-1"))
+    robots = '{"r1": 5, "r9": {"coverage": "x", "t_90": NaN, "path_m": 1e999}}'
+    (run / "summary.json").write_text(f'{{"robots": {robots}, "team": {{"t_90": "<b>", "coverage": []}}}}')
+    page = Page(write_report(run))
+    assert page.open == []
+    assert "r9" in page.text
+
+
+def test_text_from_files_is_escaped(tmp_path: Path) -> None:
+    evil = "</script><script>alert('$x$')</script>"
+    run = write_run(tmp_path / "run", evil)
+    (run / "events.jsonl").write_text(json.dumps({"t": 1, "robot": evil, "event": evil, "reason": evil}))
+    (run / "manifest.json").write_text(json.dumps({"seed": evil, "ended": evil, evil: evil}))
+    summary = json.loads((run / "summary.json").read_text())
+    summary["robots"][evil] = {"coverage": 0.5, "ended": evil}
+    (run / "summary.json").write_text(json.dumps(summary))
+    truth = json.loads((run / "truth.json").read_text())
+    truth["frames"][evil] = [0, 0, 0]
+    (run / "truth.json").write_text(json.dumps(truth))
+    (run / "radio.csv").write_text(f"tick,sender,receiver,kind,bytes,outcome\n1,r1,r2,{evil},1,{evil}\n")
+    page = Page(write_report(run))
+    assert page.tags.count("script") == 2
+    assert evil in page.text
+    assert evil in embedded(page)["robots"]
+
+
+def test_numbers_read_well() -> None:
+    assert (size(999), size(5300), size(2_500_000), size(None)) == ("999 B", "5.3 kB", "2.5 MB", "—")
+    assert (share(0.9876), share(None), share(math.nan)) == ("98.8 %", "—", "—")
