@@ -130,6 +130,7 @@ class Coverage:
         self._start = world.segments[:, :2]
         along = world.segments[:, 2:] - self._start
         self._unit = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+        self._origin = (self._start * self._unit).sum(1)
         self._lookups = {home: self._keys(world, walls[home].ends, blocks[home]) for home in walls}
         self._homes = np.array(homes)
         self.own = np.zeros(robots)
@@ -165,15 +166,18 @@ class Coverage:
         `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met walls (r, beams) as from
         `Lidar.trace`, with met < 0 for beams that are not to count.
         """
-        row, beam = np.nonzero(met >= 0)
-        wall = met[row, beam]
-        angle = poses[row, 2] + beam * (2 * math.pi / met.shape[1])
-        direction = np.stack([np.cos(angle), np.sin(angle)], 1)
-        hit = poses[row, :2] + ranges[row, beam, None] * direction
-        place = wall * _ROW_M + np.maximum(((hit - self._start[wall]) * self._unit[wall]).sum(1), 0.0)
+        ray = np.flatnonzero(met.reshape(-1) >= 0)
+        row, beam = np.divmod(ray, met.shape[1])
+        wall = met.reshape(-1)[ray]
+        x, y, theta = poses.T
+        angle = theta[row] + beam * (2 * math.pi / met.shape[1])
+        ux, uy = self._unit[wall].T
+        along = x[row] * ux + y[row] * uy - self._origin[wall]
+        along += ranges.reshape(-1)[ray] * (np.cos(angle) * ux + np.sin(angle) * uy)
+        place = wall * _ROW_M + np.maximum(along, 0.0)
         robot = robots[row]
         for home, (keys, pieces) in self._lookups.items():
-            mine = self._homes[robot] == home
+            mine = self._homes[robot] == home if len(self._lookups) > 1 else slice(None)
             self._count(robot[mine], wall[mine], place[mine], keys, pieces)
         self.own = self._length / np.maximum(self._total, 1e-9)
         self.team = self._team_length / max(self._team_total, 1e-9)

@@ -45,9 +45,7 @@ class Lidar:
         self._ends = segments[self._index]
         self._cells: dict[tuple[int, int], NDArray[np.intp]] = {}
 
-    def cast(
-        self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def cast(self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
         """True ranges, (k, beams) metres; see `trace`."""
         return self.trace(poses, discs)[0]
 
@@ -73,9 +71,7 @@ class Lidar:
         met[beyond] = NOTHING
         return ranges, met
 
-    def measured(
-        self, ranges: NDArray[np.float64], rngs: Sequence[np.random.Generator]
-    ) -> NDArray[np.float64]:
+    def measured(self, ranges: NDArray[np.float64], rngs: Sequence[np.random.Generator]) -> NDArray[np.float64]:
         """True ranges (k, beams) as the sensor reports them, with one generator a robot.
 
         Noise is Gaussian; a beam that drops out, or whose range is less than range_min_m or more than
@@ -123,14 +119,15 @@ class Lidar:
         edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along[:, 0], along[:, 1])
 
         pair, beam = self._interval(begin, np.abs(sweep))
-        angle = heading[pair] + beam * (2 * math.pi / self.spec.beams)
-        across = np.cos(angle) * along[pair, 1] - np.sin(angle) * along[pair, 0]
+        ray = robot[pair] * self.spec.beams + beam
+        angles = (poses[:, 2:] + np.arange(self.spec.beams) * (2 * math.pi / self.spec.beams)).reshape(-1)
+        across = np.cos(angles)[ray] * along[pair, 1] - np.sin(angles)[ray] * along[pair, 0]
         parallel = edge_on[pair] | (across == 0)
         distance = turn[pair] / np.where(parallel, 1.0, across)
         distance[parallel] = nearest[pair][parallel]
         # rounding must not carry a grazing hit off the wall
-        distance = np.clip(distance, nearest[pair], farthest[pair])
-        _keep_nearest(robot[pair] * self.spec.beams + beam, distance, self._index[wall[pair]], ranges, met)
+        distance = np.minimum(np.maximum(distance, nearest[pair]), farthest[pair])
+        _keep_nearest(ray, distance, self._index[wall[pair]], ranges, met)
 
     def _discs(
         self,
@@ -167,9 +164,7 @@ class Lidar:
         return row, (low[row] + nth) % beams
 
 
-def _nearest(
-    start: NDArray[np.float64], end: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _nearest(start: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nearest and farthest distance of segments from the origin."""
     along = end - start
     share = np.clip(-(start * along).sum(1) / (along * along).sum(1), 0.0, 1.0)

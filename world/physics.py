@@ -37,8 +37,8 @@ class Physics:
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
         self._steps = max(1, round(period_s / config.step_s))
         self._dt = period_s / self._steps
-        self._mass = config.mass_kg
-        self._moment = pymunk.moment_for_circle(config.mass_kg, 0, spec.radius_m)
+        moment = pymunk.moment_for_circle(config.mass_kg, 0, spec.radius_m)
+        self._gain = np.array([config.mass_kg, config.mass_kg, moment]) / self._dt
         self._space = space = pymunk.Space()
         space.iterations = config.iterations
         space.collision_slop = config.slop_m
@@ -46,16 +46,14 @@ class Physics:
             wall = pymunk.Segment(space.static_body, (x1, y1), (x2, y2), 0)
             wall.collision_type = _WALL
             space.add(wall)
-        self._bodies = []
         self._row: dict[int, int] = {}
         for i, (x, y, theta) in enumerate(self.poses.tolist()):
-            body = pymunk.Body(self._mass, self._moment)
+            body = pymunk.Body(config.mass_kg, moment)
             body.position, body.angle = (x, y), theta
             disc = pymunk.Circle(body, spec.radius_m)
             disc.collision_type = _ROBOT
             disc.friction = 0.0  # a disc without friction gets no torque: turns are as commanded
             space.add(body, disc)
-            self._bodies.append(body)
             self._row[body.id] = i
         self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
         self._touched_before = self._touched.copy()
@@ -75,34 +73,29 @@ class Physics:
         self._touched[:] = False
         if len(self.poses):
             rows = self._rows()
+            speed, turn = speed[rows[:-1]], turn[rows[:-1]]
             force = np.zeros((len(rows), 3))  # the last row is the static body, which stays
             for _ in range(self._steps):
-                self._step(rows[:-1], speed, turn, force)
+                self._step(speed, turn, force)
             self.poses = self._read()[np.argsort(rows[:-1]), :3]
         began = self._touched & ~self._touched_before
         self.wall_contacts += began[0]
         self.robot_contacts += began[1]
         return self.poses
 
-    def _step(
-        self,
-        rows: NDArray[np.intp],
-        speed: NDArray[np.float64],
-        turn: NDArray[np.float64],
-        force: NDArray[np.float64],
-    ) -> None:
+    def _step(self, speed: NDArray[np.float64], turn: NDArray[np.float64], force: NDArray[np.float64]) -> None:
         """One physics step, driven by force.
 
         pymunk moves first and solves contacts after: a velocity written before each step would throw the
         solution away, and robots would sink into walls.
         """
         state, dt = self._read()[:-1], self._dt
-        wanted = turn[rows]
-        heading = state[:, 2] + state[:, 5] * dt + wanted * (dt / 2)  # in the middle of the coming move
-        gain = self._mass / dt
-        force[:-1, 0] = (speed[rows] * np.cos(heading) - state[:, 3]) * gain
-        force[:-1, 1] = (speed[rows] * np.sin(heading) - state[:, 4]) * gain
-        force[:-1, 2] = (wanted - state[:, 5]) * (self._moment / dt)
+        heading = state[:, 2] + state[:, 5] * dt + turn * (dt / 2)  # in the middle of the coming move
+        force[:-1, 0] = speed * np.cos(heading)
+        force[:-1, 1] = speed * np.sin(heading)
+        force[:-1, 2] = turn
+        force[:-1] -= state[:, 3:]
+        force[:-1] *= self._gain
         self._drive.set_float_buf(force)
         pymunk.batch.set_space_bodies(self._space, BodyFields.FORCE | BodyFields.TORQUE, self._drive)
         self._space.step(dt)
