@@ -8,7 +8,8 @@ from __future__ import annotations
 import json
 import re
 import socket
-from collections.abc import Iterator
+import time
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 import zenoh
@@ -113,8 +114,8 @@ def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session
         if "nable to connect" not in str(error):
             raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
         raise LinkError(
-            f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that address and port are "
-            "right and that no firewall is between"
+            f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that the address and "
+            "port are right and that no firewall is between"
         ) from None
     with session:
         yield session
@@ -123,3 +124,13 @@ def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session
 def _cause(error: Exception) -> str:
     """What a zenoh error says last, without its source locations."""
     return str(error).split(" at /")[0].rsplit("[", 1)[-1].strip().rstrip(".")
+
+
+def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float) -> None:
+    """Wait until somebody subscribes to each; before that, a put is lost silently. LinkError on a time-out."""
+    deadline = time.monotonic() + timeout_s
+    for publisher in publishers:
+        while not publisher.matching_status:
+            if time.monotonic() > deadline:
+                raise LinkError(f"nobody reads {publisher.key_expr} within {timeout_s:g} s")
+            time.sleep(0.002)
