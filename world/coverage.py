@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -17,6 +18,9 @@ from world.worldfile import World, WorldFileError
 
 _EYE_M = 2e-4
 """A piece of wall is looked at this far before its middle: in free space (as in the scorer)."""
+
+_JOINT_M = 1e-6
+"""A hit this near to a joint of two pieces counts for the second; more than rounding."""
 
 _ROW_M = 1e4
 """Key of a place on the outline: segment times this plus metres along it; longer than any wall."""
@@ -98,6 +102,14 @@ def _poses(reachable: Polygon, grid_m: float) -> NDArray[np.float64]:
     return np.vstack([spots, shapely.get_coordinates(np.concatenate(rim))])
 
 
+class _Lookup(NamedTuple):
+    """Pieces sorted by where they begin on the lidar's segments."""
+
+    begins: NDArray[np.float64]
+    walls: NDArray[np.intp]
+    pieces: NDArray[np.intp]
+
+
 class Coverage:
     """Which pieces of wall each robot's own beams have hit so far, and when that made 90 and 99 %."""
 
@@ -141,17 +153,15 @@ class Coverage:
         """For each robot: simulated seconds at which a milestone was reached."""
         self.team_reached: dict[float, float] = {}
 
-    def _keys(
-        self, world: World, ends: NDArray[np.float64], block: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-        """Sorted keys of the pieces' beginnings along the lidar's segments, and the piece of each."""
+    def _keys(self, world: World, ends: NDArray[np.float64], block: int) -> _Lookup:
+        """Which piece a place on the lidar's segments belongs to."""
         middles = shapely.points((ends[:, :2] + ends[:, 2:]) / 2)
         tree = shapely.STRtree(shapely.linestrings(world.segments.reshape(-1, 2, 2)))
         piece, segment = tree.query_nearest(middles, all_matches=False)
         begin = ((ends[piece, :2] - self._start[segment]) * self._unit[segment]).sum(1)
         key = segment * _ROW_M + begin
         order = np.argsort(key, kind="stable")
-        return key[order], piece[order] + block
+        return _Lookup(key[order], segment[order], piece[order] + block)
 
     def update(
         self,
@@ -176,9 +186,9 @@ class Coverage:
         along += ranges.reshape(-1)[ray] * (np.cos(angle) * ux + np.sin(angle) * uy)
         place = wall * _ROW_M + np.maximum(along, 0.0)
         robot = robots[row]
-        for home, (keys, pieces) in self._lookups.items():
+        for home, lookup in self._lookups.items():
             mine = self._homes[robot] == home if len(self._lookups) > 1 else slice(None)
-            self._count(robot[mine], wall[mine], place[mine], keys, pieces)
+            self._count(robot[mine], wall[mine], place[mine], lookup)
         self.own = self._length / np.maximum(self._total, 1e-9)
         self.team = self._team_length / max(self._team_total, 1e-9)
         for share in self.MILESTONES:
@@ -192,12 +202,11 @@ class Coverage:
         robot: NDArray[np.intp],
         wall: NDArray[np.intp],
         place: NDArray[np.float64],
-        keys: NDArray[np.float64],
-        pieces: NDArray[np.intp],
+        lookup: _Lookup,
     ) -> None:
-        nth = np.maximum(np.searchsorted(keys, place + 1e-6, side="right") - 1, 0)
-        same_wall = np.floor_divide(keys[nth] + 1e-3, _ROW_M) == wall
-        robot, piece = robot[same_wall], pieces[nth[same_wall]]
+        nth = np.maximum(np.searchsorted(lookup.begins, place + _JOINT_M, side="right") - 1, 0)
+        known = lookup.walls[nth] == wall  # the outside of a building is no visible wall
+        robot, piece = robot[known], lookup.pieces[nth[known]]
         fresh = np.flatnonzero(~self._hit[robot, piece])
         if not len(fresh):
             return

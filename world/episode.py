@@ -201,11 +201,9 @@ class Episode:
             self._step_ms[robot].append(action.step_ms)
             if wireframe is not None:
                 self._maps[robot] = wireframe
-            if self._recorder:
-                for event in action.events:
-                    self._recorder.event(self.t, self.tick, robot, event.event, event.data)
-                if self._due(self.config.snapshot_s) and robot in self._maps:
-                    self._recorder.snapshot(self.t, robot, self._maps[robot])
+            self._record(robot, action)
+        if self._recorder and self._due(self.config.snapshot_s):
+            self._recorder.flush()
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
         after = self._physics.advance(commands)
@@ -214,6 +212,14 @@ class Episode:
         self._inputs = None
         if self.ended is None:
             self.ended = self._end()
+
+    def _record(self, robot: str, action: Action) -> None:
+        if not self._recorder:
+            return
+        for event in action.events:
+            self._recorder.event(self.t, self.tick, robot, event.event, event.data)
+        if self._due(self.config.snapshot_s) and robot in self._maps:
+            self._recorder.snapshot(self.t, robot, self._maps[robot])
 
     def _checked(self, robot: str, outputs: Outputs) -> Wireframe | None:
         """The new map of a robot's answer, if any; raises BadOutputsError."""

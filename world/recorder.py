@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,9 +48,9 @@ class Recorder:
         self._json("truth.json", {"frames": frames, "robot_radius": radius_m, "lidar_range": range_m})
         self._files = ExitStack()
         self._events = self._open("events.jsonl")
-        self._metrics = csv.writer(self._open("metrics.csv"), lineterminator="\n")
+        self._tables = self._open("metrics.csv"), self._open("radio.csv")
+        self._metrics, self._radio = (csv.writer(table, lineterminator="\n") for table in self._tables)
         self._metrics.writerow(METRICS)
-        self._radio = csv.writer(self._open("radio.csv"), lineterminator="\n")
         self._radio.writerow(RADIO)
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = {robot: self._open(f"trajectories/{robot}.tum") for robot in robots}
@@ -90,6 +90,11 @@ class Recorder:
         """One line of snapshots/ID.jsonl."""
         self._snapshots[robot].write(_dump({"t": seconds(t), "map": map_fields(robot, wireframe)}))
 
+    def flush(self) -> None:
+        """Bring what was written so far to the disk, for the case that this process is killed."""
+        for file in (self._events, *self._tables, *self._snapshots.values(), *self._trajectories.values()):
+            file.flush()
+
     def close(
         self,
         maps: Mapping[str, Wireframe],
@@ -104,7 +109,7 @@ class Recorder:
         self._json("bandwidth.json", bandwidth)
         self._files.close()
 
-    def _open(self, name: str) -> Any:
+    def _open(self, name: str) -> TextIO:
         return self._files.enter_context((self._out / name).open("w", encoding="utf-8", newline=""))
 
     def _json(self, name: str, value: Mapping[str, Any]) -> None:

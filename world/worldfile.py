@@ -228,8 +228,11 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
         if not polygon.area > 0:
             raise WorldFileError(f"{source}: polygons[{i}]: has no area")
         solids.append(polygon)
-    solid = shapely.union_all(solids)
-    solid = solid.buffer(SLIT_M, join_style="mitre").buffer(-SLIT_M, join_style="mitre")
+    try:
+        solid = shapely.union_all(solids)
+        solid = solid.buffer(SLIT_M, join_style="mitre").buffer(-SLIT_M, join_style="mitre")
+    except shapely.GEOSException as error:
+        raise WorldFileError(f"{source}: the shapes cannot be joined: {error}") from None
     for i, (x, y, _) in enumerate(spawns):
         if solid.intersects(Point(x, y)):
             raise WorldFileError(f"{source}: spawns[{i}]: no free space, ({x:g}, {y:g}) lies in a wall")
