@@ -9,10 +9,11 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
+import shapely
 
 from deploy.report import write_report
 from deploy.report.plan import frames, overview
-from deploy.report.rundir import read_run
+from deploy.report.rundir import Map, read_run
 from deploy.report.words import share, size
 
 WORLD = """
@@ -71,10 +72,9 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
     }
     team = {"coverage": 1.0, "t_90": 31.0, "t_99": 47.0, "overlap": 0.8}
     (path / "summary.json").write_text(json.dumps({"robots": robots, "team": team, "real_time_factor": 61.5}))
-    (path / "bandwidth.json").write_text("{}")
-    (path / "radio.csv").write_text(
-        "tick,sender,receiver,kind,bytes,outcome\n5,r1,r2,map,180,delivered\n9,r2,r1,map,180,range\n"
-    )
+    tally = {"messages": 60, "bytes": 5300}
+    books = {"offered": {"map": tally}, "delivered": {"map": tally}, "dropped": {"map": {"range": tally}}}
+    (path / "bandwidth.json").write_text(json.dumps({"robots": dict.fromkeys(STARTS, books)}))
     events = [
         {"t": 3.0, "tick": 15, "robot": "r1", "event": "contact", "peer": "r2"},
         {
@@ -99,7 +99,7 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
         lines = [{"t": 10.0 * k, "map": seen(min(2 + k, len(RING)), start)} for k in range(7)]
         (path / f"snapshots/{r}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
         t = np.arange(0, 60, 0.2)
-        x, y = start[0] + 0.5 * np.sin(t / 9), start[1] + 2 * (1 - np.cos(t / 20))
+        x, y = start[0] + 0.5 * np.sin(t / 9), start[1] + 1 - np.cos(t / 20)
         rows = (f"{a:.2f} {b:.4f} {c:.4f} 0 0 0 0 1\n" for a, b, c in zip(t, x, y, strict=True))
         (path / f"trajectories/{r}.tum").write_text("".join(rows))
     return path
@@ -191,6 +191,15 @@ def test_maps_are_placed_by_the_true_frames(whole: Path) -> None:
     assert "M0.000 0.000L2.950 0.000" in overview(run)
 
 
+def test_maps_side_by_side_keep_their_corners_closed() -> None:
+    edges = np.array([[k, (k + 1) % len(RING)] for k in range(len(RING))])
+    inset = Map(RING, np.zeros(len(RING), np.uint8), edges).inset(0.1)
+    free = shapely.Polygon(RING).buffer(-0.1, join_style="mitre")
+    assert shapely.Polygon(inset.points).symmetric_difference(free).area < 1e-9
+    end = Map(RING[:2], np.zeros(2, np.uint8), edges[:1]).inset(0.1)
+    np.testing.assert_allclose(end.points, [[0, 0.1], [2.95, 0.1]], atol=1e-12)
+
+
 def test_the_slider_goes_from_the_first_snapshot_to_the_final_maps(whole: Path) -> None:
     shown = frames(read_run(whole))
     assert shown["times"] == [0, 10, 20, 30, 40, 50, 60]
@@ -216,7 +225,6 @@ FILES = (
     "trajectories",
     "metrics.csv",
     "events.jsonl",
-    "radio.csv",
 )
 
 
@@ -268,8 +276,7 @@ BROKEN = [
     ("metrics.csv", "t,robot,coverage\n1,r1\nx,r1,0.5\n"),
     ("events.jsonl", '{"t": "soon", "event": "contact"}\n'),
     ("events.jsonl", '{"t": 1, "event": "contact", "robot": "r1"}\n{"t": 2, "ev'),
-    ("radio.csv", "tick,sender\n1,r1\n"),
-    ("radio.csv", "\x00\xff"),
+    ("bandwidth.json", "\x00\xff"),
 ]
 
 
@@ -302,7 +309,8 @@ def test_text_from_files_is_escaped(tmp_path: Path) -> None:
     truth = json.loads((run / "truth.json").read_text())
     truth["frames"][evil] = [0, 0, 0]
     (run / "truth.json").write_text(json.dumps(truth))
-    (run / "radio.csv").write_text(f"tick,sender,receiver,kind,bytes,outcome\n1,r1,r2,{evil},1,{evil}\n")
+    books = {"offered": {evil: {"messages": 1}}, "dropped": {evil: {evil: 1}}}
+    (run / "bandwidth.json").write_text(json.dumps({"robots": {evil: books}}))
     page = Page(write_report(run))
     assert page.tags.count("script") == 2
     assert evil in page.text

@@ -14,12 +14,12 @@ for (const box of document.querySelectorAll("input[data-layer]"))
 
 function show(k) {
   for (const group of plan.querySelectorAll("g.robot")) {
-    const { maps, trails } = run.robots[group.dataset.robot];
+    const { maps, trails, places } = run.robots[group.dataset.robot];
     let last = k;
     while (last > 0 && maps[last] === 0) last--;
     kinds.forEach((kind, i) => group.querySelector("." + kind).setAttribute("d", maps[last] ? maps[last][i] : ""));
-    const trail = trails.slice(0, k + 1).join("");
-    group.querySelector(".trail").setAttribute("d", trail);
+    group.querySelector(".trail").setAttribute("d", trails.slice(0, k + 1).join(""));
+    group.querySelector(".place").setAttribute("d", places[k]);
   }
   document.getElementById("time").value = `${run.times[k].toFixed(0)} s`;
   document.getElementById("caption").textContent = run.captions[k];

@@ -20,6 +20,9 @@ HERE = Path(__file__).parent
 MAX_EVENTS = 500
 """Rows of the events table, the first and the last; events.jsonl has them all."""
 
+ROUTINE = ("frontier",)
+"""Events that come with every new goal, left out of the table."""
+
 ROBOT_COLUMNS = (
     ("coverage", "coverage", share),
     ("90 % after", "t_90", seconds),
@@ -59,6 +62,8 @@ $plan
 <p class="caption" id="caption"></p>
 <div class="controls">$switches</div>
 <p class="legend">$legend</p>
+<p class="legend">Ring: where a robot started; disc: where it is.
+Where maps agree, their walls are drawn side by side, into the free space.</p>
 </div>
 <div class="curves">
 $curves
@@ -86,7 +91,7 @@ def write_page(run: Run, file: Path) -> None:
             switches=_switches(run),
             legend=_legend(),
             curves="\n".join(curves_svg(run)),
-            sections="\n".join((_singles(run), _robots(run), _messages(run), _events(run), _configuration(run))),
+            sections="\n".join((_singles(run), _robots(run), _radio(run), _events(run), _configuration(run))),
             frames=_embedded(plan.frames(run)),
         ),
         "utf-8",
@@ -178,20 +183,32 @@ def _robots(run: Run) -> str:
     team = _mapping(run.summary.get("team"))
     if team:
         rows.append(["team", ""] + [show(team[key]) if key in team else "" for _, key, show in columns])
-    overlap = f"<p>Overlap of the team's run: {share(team['overlap'])}.</p>" if "overlap" in team else ""
+    overlap = ""
+    if "overlap" in team:
+        overlap = f"<p>Overlap, the sum of the robots' own coverages minus 1: {number(team['overlap'], 2)}.</p>"
     head = ["robot", "ended", *(title for title, _, _ in columns)]
     return f"<h2>Robots</h2>\n{table(head, rows, words=2, last='team' if team else '')}\n{overlap}"
 
 
-def _messages(run: Run) -> str:
-    if not run.radio:
+def _radio(run: Run) -> str:
+    """Per robot and kind of message, as bandwidth.json counts them: sent, heard, and meant for it but dropped."""
+    rows = []
+    for robot, books in _mapping(run.bandwidth.get("robots")).items():
+        offered, delivered, dropped = (
+            _mapping(_mapping(books).get(part)) for part in ("offered", "delivered", "dropped")
+        )
+        for kind in sorted({*offered, *delivered, *dropped}):
+            sent, heard = _mapping(offered.get(kind)), _mapping(delivered.get(kind))
+            reasons = _mapping(dropped.get(kind))
+            lost = [f"{number(_mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
+            counts = [
+                show for tally in (sent, heard) for show in (number(tally.get("messages"), 0), size(tally.get("bytes")))
+            ]
+            rows.append([robot, kind, *counts, ", ".join(lost) or NONE])
+    if not rows:
         return ""
-    outcomes = sorted({outcome for kind in run.radio.values() for outcome in kind})
-    rows = [
-        [kind, *(number(counts.get(outcome, 0), 0) for outcome in outcomes)]
-        for kind, counts in sorted(run.radio.items())
-    ]
-    return f"<h2>Radio: messages by kind and outcome</h2>\n{table(['kind', *outcomes], rows)}"
+    head = ["robot", "kind", "messages sent", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
+    return f"<h2>Radio</h2>\n{table(head, rows, words=2)}"
 
 
 def _events(run: Run) -> str:
@@ -201,13 +218,15 @@ def _events(run: Run) -> str:
     for event in run.events:
         counts[event["event"]] = counts.get(event["event"], 0) + 1
     about = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-    shown, cut = run.events, ""
-    if len(shown) > MAX_EVENTS:
-        shown = shown[: MAX_EVENTS // 2] + shown[-MAX_EVENTS // 2 :]
-        cut = f"<p>The first and the last {MAX_EVENTS // 2} of {len(run.events)} are listed.</p>"
-    rows = [[number(e["t"]), e["robot"], e["event"], _details(e)] for e in shown]
-    listed = table(["t (s)", "robot", "event", "about"], rows, words=4)
-    return f"<h2>Events</h2>\n<p>{escape(about)}</p>{cut}\n{listed}"
+    listed = [event for event in run.events if event["event"] not in ROUTINE]
+    cut = ""
+    if len(listed) > MAX_EVENTS:
+        cut = f" The first and the last {MAX_EVENTS // 2} are listed."
+        listed = listed[: MAX_EVENTS // 2] + listed[-MAX_EVENTS // 2 :]
+    rows = [[number(event["t"]), event["robot"], event["event"], _details(event)] for event in listed]
+    listing = table(["t (s)", "robot", "event", "about"], rows, words=4)
+    left_out = f" Not listed: {', '.join(ROUTINE)}." if set(counts) & set(ROUTINE) else ""
+    return f"<h2>Events</h2>\n<p>{escape(about)}.{left_out}{cut}</p>\n{listing}"
 
 
 def _details(event: dict[str, Any]) -> str:

@@ -87,7 +87,7 @@ def curves_svg(run: Run) -> list[str]:
     made = []
     with matplotlib.rc_context(SETTINGS):
         for draw in (draw_coverage, draw_bytes):
-            figure = Figure(figsize=(6.2, 3.4), layout="constrained")
+            figure = Figure(figsize=(5.0, 3.8), layout="constrained")
             FigureCanvasSVG(figure)
             draw(figure.subplots(), run)
             text = io.StringIO()
@@ -103,9 +103,13 @@ def draw_overview(axes: Axes, run: Run) -> None:
     draw_world(axes, run)
     for robot in placed:
         draw_path(axes, run, robot, style.colour(robots.index(robot)))
-    for robot, width in zip(placed, style.widths(len(placed), 5.0, 1.4), strict=True):
+    points = 0.85 * style.stroke(len(placed))
+    finish_plan(axes)
+    span = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    for k, robot in enumerate(placed):
         if robot in run.maps:
-            draw_map(axes, run.maps[robot].moved(run.frames[robot]), style.colour(robots.index(robot)), width, 4.5)
+            beside = run.maps[robot].moved(run.frames[robot]).inset(k * style.stroke(len(placed)) * span / 900)
+            draw_map(axes, beside, style.colour(robots.index(robot)), points, 2.6)
     for robot in placed:
         draw_start(axes, run, robot, style.colour(robots.index(robot)))
     finish_plan(axes)
@@ -125,7 +129,7 @@ def draw_single(axes: Axes, run: Run, robot: str) -> None:
         draw_world(axes, run)
         draw_path(axes, run, robot, colour)
     if robot in run.maps:
-        draw_map(axes, run.maps[robot].moved(frame), colour, 1.4, 3.0)
+        draw_map(axes, run.maps[robot].moved(frame), colour, 1.4, 2.8)
     if frame is not None:
         draw_start(axes, run, robot, colour)
     finish_plan(axes)
@@ -152,7 +156,8 @@ def draw_map(axes: Axes, wireframe: Map, colour: str, width: float, size: float)
     axes.add_collection(LineCollection(list(walls), colors=colour, linewidths=width, capstyle="round", zorder=3))
     for label, mark in style.MARKS.items():
         points = wireframe.points[wireframe.labels == label]
-        axes.plot(*points.T, mark, color=colour, ms=size, mec="white", mew=0.5, zorder=4)
+        size_pt, edge = (size, 0.0) if label == Label.NOMINAL else (1.9 * size, 0.4)  # what is open must be seen
+        axes.plot(*points.T, mark, color=colour, ms=size_pt, mec="white", mew=edge, zorder=4)
 
 
 def draw_path(axes: Axes, run: Run, robot: str, colour: str) -> None:
@@ -164,7 +169,7 @@ def draw_path(axes: Axes, run: Run, robot: str, colour: str) -> None:
 def draw_start(axes: Axes, run: Run, robot: str, colour: str) -> None:
     """A disc of the robot's size at its start, a stroke for its heading."""
     x, y, theta = run.frames[robot]
-    tip = 2.2 * run.radius
+    tip = max(2.2 * run.radius, 0.015 * float(np.ptp(axes.get_xlim())))
     axes.plot([x, x + tip * math.cos(theta)], [y, y + tip * math.sin(theta)], color=colour, lw=1.6, zorder=6)
     axes.plot(x, y, "o", color="white", mec=colour, mew=1.6, ms=7, zorder=6)
     axes.annotate(

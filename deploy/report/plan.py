@@ -32,14 +32,14 @@ MARKS = ("walls", "nominal", "occlusion", "frontier")
 
 
 def overview(run: Run) -> str:
-    """All maps over the truth, as they are at the end."""
+    """All maps over the truth, as they are at the end, side by side where they agree."""
     robots = [robot for robot in run.robots if robot in run.frames]
-    unit = _unit(run)
-    widths = style.widths(len(robots), 6.5, 2.0)
+    unit, stroke = _unit(run), style.stroke(len(robots))
     layers = []
-    for robot, width in zip(robots, widths, strict=True):
-        drawn = _strings(run.maps.get(robot), run.frames[robot], unit)
-        layers.append(_layer(robot, run.robots.index(robot), drawn, _trail(run.paths.get(robot)), width))
+    for k, robot in enumerate(robots):
+        drawn = _strings(run.maps.get(robot), run.frames[robot], unit, k * stroke * unit)
+        trail, place = _trail(run.paths.get(robot)), _place(run, robot, math.inf)
+        layers.append(_layer(robot, run.robots.index(robot), drawn, trail, stroke, place))
     starts = [_start(run, robot, unit) for robot in robots]
     return _svg(run, "".join((_world(run), *layers)), "".join(starts), "plan", "All maps over the true world")
 
@@ -59,7 +59,7 @@ def single(run: Run, robot: str) -> str:
 
 
 def frames(run: Run) -> dict[str, Any]:
-    """What the slider shows: `times`, `captions`, and per robot `maps` and `trails`, one for each time.
+    """What the slider shows: `times`, `captions`, and per robot `maps`, `trails` and `places`, one for each time.
 
     A map is a list of path strings as in MARKS, or 0 where it is that of the time before; a trail is what was
     driven since.
@@ -71,18 +71,22 @@ def frames(run: Run) -> dict[str, Any]:
     times = times[:: math.ceil(len(times) / MAX_FRAMES)]
     if run.duration > times[-1]:
         times.append(run.duration)
-    unit = _unit(run)
+    unit, stroke = _unit(run), style.stroke(len(robots))
     return {
         "times": times,
         "captions": [_caption(run, t) for t in times],
         "robots": {
-            robot: {"maps": _maps_at(run, robot, times, unit), "trails": _trails_at(run, robot, times)}
-            for robot in robots
+            robot: {
+                "maps": _maps_at(run, robot, times, unit, k * stroke * unit),
+                "trails": _trails_at(run, robot, times),
+                "places": [_place(run, robot, t) for t in times],
+            }
+            for k, robot in enumerate(robots)
         },
     }
 
 
-def _maps_at(run: Run, robot: str, times: list[float], unit: float) -> list[list[str] | int]:
+def _maps_at(run: Run, robot: str, times: list[float], unit: float, aside: float) -> list[list[str] | int]:
     snapshots = list(run.snapshots.get(robot, ()))
     if robot in run.maps:
         snapshots.append((times[-1], run.maps[robot]))
@@ -94,7 +98,7 @@ def _maps_at(run: Run, robot: str, times: list[float], unit: float) -> list[list
         while done < len(snapshots) and snapshots[done][0] <= t:
             latest = snapshots[done][1]
             done += 1
-        drawn = shown if latest is None and shown else _strings(latest, run.frames[robot], unit)
+        drawn = shown if latest is None and shown else _strings(latest, run.frames[robot], unit, aside)
         made.append(0 if drawn == shown else drawn)
         shown = drawn
     return made
@@ -117,11 +121,11 @@ def _caption(run: Run, t: float) -> str:
     return ", ".join(parts)
 
 
-def _strings(wireframe: Map | None, frame: Floats | None, unit: float) -> list[str]:
-    """The four path strings of a map in the frame of the drawing."""
+def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: float = 0.0) -> list[str]:
+    """The four path strings of a map in the frame of the drawing, walls moved aside into the free space."""
     if wireframe is None:
         return [""] * len(MARKS)
-    moved = wireframe.moved(frame)
+    moved = wireframe.moved(frame).inset(aside)
     walls = moved.points[moved.edges].reshape(-1, 4)
     r = 4.5 * unit
     dots, triangles, squares = (moved.points[moved.labels == label] for label in Label)
@@ -133,12 +137,10 @@ def _strings(wireframe: Map | None, frame: Floats | None, unit: float) -> list[s
     ]
 
 
-def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float) -> str:
+def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float, place: str = "") -> str:
     paths = "".join(f'<path class="{kind}" d="{d}"/>' for kind, d in zip(MARKS, drawn, strict=True))
     colours = f"--robot:{style.colour(index)};--wall:{width:.1f}"
-    return (
-        f'<g class="robot" data-robot="{escape(robot)}" style="{colours}"><path class="trail" d="{trail}"/>{paths}</g>'
-    )
+    return f'<g class="robot" data-robot="{escape(robot)}" style="{colours}"><path class="trail" d="{trail}"/>{paths}<path class="place" d="{place}"/></g>'
 
 
 def _trail(path: Floats | None, begin: str = "M") -> str:
@@ -150,6 +152,15 @@ def _trail(path: Floats | None, begin: str = "M") -> str:
         if abs(point - kept[-1]).max() >= 0.05:
             kept.append(point)
     return begin + "L".join(f"{x:.2f} {y:.2f}" for x, y in kept)
+
+
+def _place(run: Run, robot: str, t: float) -> str:
+    """A dot where the robot is at time t."""
+    path = run.paths.get(robot)
+    if path is None:
+        return ""
+    _, x, y = path[max(int(np.searchsorted(path[:, 0], t, "right")) - 1, 0)]
+    return f"M{x:.2f} {y:.2f}h0"
 
 
 def _world(run: Run) -> str:
@@ -167,7 +178,7 @@ def _start(run: Run, robot: str, unit: float) -> str:
     """Disc, heading and name at a robot's start; texts stand outside the flipped part, so y is turned here."""
     x, y, theta = run.frames[robot]
     colour = style.colour(run.robots.index(robot))
-    tip = 2.2 * run.radius
+    tip = max(2.2 * run.radius, 13 * _unit(run))
     return (
         f'<g class="start" data-robot="{escape(robot)}" style="--robot:{colour}">'
         f'<path d="M{x:.3f} {-y:.3f}l{tip * math.cos(theta):.3f} {-tip * math.sin(theta):.3f}"/>'

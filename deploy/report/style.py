@@ -25,8 +25,13 @@ def colour(index: int) -> str:
     return ROBOTS[index % len(ROBOTS)]
 
 
-def widths(robots: int, widest: float, finest: float) -> list[float]:
-    """Line widths for maps drawn over each other, the first widest, so that every one shows at both sides."""
-    if robots < 2:
-        return [finest] * robots
-    return [widest + (finest - widest) * k / (robots - 1) for k in range(robots)]
+STROKE_PX = 2.2
+"""Width of a map's walls in the overview, and distance between the maps of two robots that lie side by side."""
+
+BAND_PX = 9.0
+"""Width of all maps side by side; many robots get thinner lines rather than a wider band."""
+
+
+def stroke(robots: int) -> float:
+    """Width of a map's walls where so many maps lie side by side, in pixels of a plan 900 pixels wide."""
+    return min(STROKE_PX, BAND_PX / max(robots, 1))
