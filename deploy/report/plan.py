@@ -138,9 +138,10 @@ def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: fl
 
 
 def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float, place: str = "") -> str:
-    paths = "".join(f'<path class="{kind}" d="{d}"/>' for kind, d in zip(MARKS, drawn, strict=True))
+    strings = {"trail": trail, **dict(zip(MARKS, drawn, strict=True)), "place": place}
+    paths = "".join(f'<path class="{kind}" d="{d}"/>' for kind, d in strings.items())
     colours = f"--robot:{style.colour(index)};--wall:{width:.1f}"
-    return f'<g class="robot" data-robot="{escape(robot)}" style="{colours}"><path class="trail" d="{trail}"/>{paths}<path class="place" d="{place}"/></g>'
+    return f'<g class="robot" data-robot="{escape(robot)}" style="{colours}">{paths}</g>'
 
 
 def _trail(path: Floats | None, begin: str = "M") -> str:

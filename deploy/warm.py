@@ -1,0 +1,36 @@
+"""Compile the numba kernels once, at installation, so that the first run does not spend its time on it.
+
+numba keeps what it compiled beside the sources and compiles again what changed, so this is never needed, only kind.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+TICKS = 25
+"""Five simulated seconds of two robots: scans, maps, goals and paths, and so every kernel with its types."""
+
+
+def warm() -> None:
+    """Let two robots step through the beginning of a run, in this process, recording nothing."""
+    from agent.config import AgentConfig
+    from deploy.inprocess import run
+    from world.config import WorldConfig
+
+    run(WorldConfig(world="apartment", robots=2, until=TICKS * 0.2), AgentConfig(), None)
+
+
+def main() -> None:
+    """Warm up; a failure is told and is none of the installation, since a run compiles what it needs."""
+    begin = time.perf_counter()
+    try:
+        warm()
+    except Exception as error:
+        print(f"kernels are not compiled yet: {type(error).__name__}: {error}", file=sys.stderr)
+    else:
+        print(f"kernels compiled in {time.perf_counter() - begin:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
