@@ -25,6 +25,8 @@ RECONNECT_S = 2.0
 """How long a robot waits for a world that is gone: one that restarts is found 0.5 s after it is up."""
 JOIN_TIMEOUT_S = 10.0
 """How long a robot tries to reach a world: one that starts at the same time is up after 1 to 5 s."""
+ANSWER_S = 1.0
+"""For the answer to one question: a busy world looks at its questions between two ticks."""
 RETRY_S = 0.1
 """Between two questions to a world that does not answer yet."""
 
@@ -52,9 +54,11 @@ class Inbox(SimpleQueue[Arrival]):
     """What came in, in order; safe to fill from callbacks and signal handlers."""
 
     GONE, BACK, STOP = "world gone", "world back", "stop"
+    stopped = False
 
     def stop(self) -> None:
         """End the run of this robot at its next tick."""
+        self.stopped = True
         self.put(Arrival(self.STOP))
 
     def hear(self, sample: zenoh.Sample) -> None:
@@ -91,19 +95,26 @@ def run_agent(
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch)
         ended = None
         while ended is None:  # again where the world was gone and is back, as a new run
-            welcome = join(session, robot, join_timeout_s)
+            welcome = join(session, robot, inbox, join_timeout_s)
+            if welcome is None:
+                return "interrupted"
             mind = robot_factory(robot, welcome.spec, config, welcome.seed)
             with Link(session, robot, welcome.lockstep, inbox, join_timeout_s) as link:
                 ended = live(mind, link, inbox, reconnect_s)
     return ended
 
 
-def join(session: zenoh.Session, robot: str, timeout_s: float) -> Welcome:
-    """Ask the world to let `robot` in, again and again for timeout_s seconds; RefusedError where it says no."""
+def join(session: zenoh.Session, robot: str, inbox: Inbox, timeout_s: float) -> Welcome | None:
+    """Ask the world to let `robot` in, again and again for timeout_s seconds; None where the inbox is stopped.
+
+    Raises RefusedError where the world says no, LinkError where it says nothing.
+    """
     question = encode(Join(version=PROTOCOL_VERSION, robot=robot))
     deadline = time.monotonic() + timeout_s
-    while (left := deadline - time.monotonic()) > 0:
-        for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=left):
+    while time.monotonic() < deadline:
+        if inbox.stopped:
+            return None
+        for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=ANSWER_S):
             if reply.ok is not None:
                 return decode(Welcome, reply.ok.payload.to_bytes())
             if reply.err is not None and (refused := _refused(reply.err.payload.to_bytes())):

@@ -32,25 +32,8 @@ from protocol.messages import (
     Send,
 )
 from protocol.session import open_router, wait_for_matching
-from world.config import Config, Positive, WorldConfig
+from world.config import ServerConfig, WorldConfig
 from world.episode import BadOutputsError, Episode, Outputs
-
-
-class ServerConfig(Config):
-    """How the world meets its robots."""
-
-    listen: str | None = None
-    """Endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1."""
-    real_time: Positive | None = None
-    """Simulated seconds per second of the clock; None for lockstep, as fast as the robots answer."""
-    join_timeout_s: Positive = 60.0
-    """For all robots to be ready; a robot on a slow machine compiles its kernels at its first start."""
-    silence_s: Positive = 60.0
-    """In lockstep, for one answer, before a robot that is alive counts as dead; a step takes some ms."""
-    farewell_s: Positive = 1.0
-    """At the end, for the robots to go by themselves."""
-    progress_s: Positive = 0.2
-    """Between two messages of clock and progress, for a viewer to look alive."""
 
 
 class Arrival(NamedTuple):

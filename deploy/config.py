@@ -1,0 +1,95 @@
+"""The configuration of a run: a YAML file, then the flags, then --set KEY=VALUE; later ones win."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import Field, ValidationError
+
+from agent.config import AgentConfig
+from world.config import ServerConfig, WorldConfig
+
+
+class ConfigError(ValueError):
+    """A file, flag or setting that is no configuration; one sentence that names the key."""
+
+
+class RunConfig(WorldConfig):
+    """A whole run: the world's settings at the top, the robots' minds and the processes below."""
+
+    agent: AgentConfig = AgentConfig()
+    """Every robot's mind."""
+    server: ServerConfig = ServerConfig()
+    """How the world meets its robots."""
+    reconnect_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 2.0
+    """How long a robot waits for a world that is gone."""
+
+
+def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:
+    """Configuration from a YAML file, flags by dotted key (None: not given), and KEY=VALUE settings, in this order.
+
+    Raises ConfigError.
+    """
+    tree = _read(file) if file else {}
+    for key, value in (flags or {}).items():
+        if value is not None:
+            _put(tree, key, value)
+    for setting in sets:
+        key, equals, text = setting.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"--set {setting}: write it as KEY=VALUE, such as starts=random")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise ConfigError(f"--set {key}: {text!r} is no YAML value") from None
+        _put(tree, key, value)
+    try:
+        return RunConfig.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(sentence(error)) from None
+
+
+def sentence(error: ValidationError) -> str:
+    """One sentence on the first wrong key of a configuration."""
+    found = error.errors(include_url=False)
+    key = _key(found[0]["loc"])
+    same = [one for one in found if _key(one["loc"]) == key]
+    if same[0]["type"] == "extra_forbidden":
+        return f"{key}: there is no such setting"
+    wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
+    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {same[0]['input']!r}"
+
+
+def _key(where: tuple[int | str, ...]) -> str:
+    """Dotted key of an error; the parts that name a choice among types are no key."""
+    return ".".join(str(part) for part in where if re.fullmatch(r"[a-z0-9_]+", str(part)) and part != "float")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"--config {file}: {error.strerror}") from None
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark else ""
+        raise ConfigError(f"--config {file}{where}: this is no YAML") from None
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"--config {file}: settings are KEY: VALUE, not a {type(tree).__name__}")
+    return tree
+
+
+def _put(tree: dict[str, Any], key: str, value: object) -> None:
+    *branches, leaf = key.split(".")
+    for branch in branches:
+        below = tree.setdefault(branch, {})
+        if not isinstance(below, dict):
+            raise ConfigError(f"{key}: {branch} is a value, not a group of settings")
+        tree = below
+    tree[leaf] = value

@@ -1,0 +1,18 @@
+"""Exit statuses of the commands (contracts.md)."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Status(IntEnum):
+    """What the shell sees in $?."""
+
+    OK = 0
+    """Ended as asked, with every robot."""
+    FAILURE = 1
+    USAGE = 2
+    """An option, a file or a setting is wrong, or the world does not let the robot in."""
+    INCOMPLETE = 3
+    """Ended, but a robot died or never completed."""
+    INTERRUPTED = 130
