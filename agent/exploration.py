@@ -123,7 +123,9 @@ class Explorer:
         self.tick, self.wireframe, self.version, self.pose = tick, wireframe, version, pose
         self.here = np.array(pose[:2])
         self.discs = moved(np.asarray(discs, np.float64).reshape(-1, 2), pose)
-        self.walls = self._walls_near(scan)
+        seen = moved(scan.points, pose)[scan.edges].reshape(-1, 4)
+        self.all_walls = np.ascontiguousarray(np.vstack((wireframe.segments(), seen)))
+        self.walls = self._near(self.all_walls)
         self._events = []
         self._keep_pose()
         if not len(wireframe.edges):
@@ -137,18 +139,16 @@ class Explorer:
 
     # what is there
 
-    def _walls_near(self, scan: Wireframe) -> Floats:
-        """Walls of map and scan near the robot, (m, 4), frame of the map."""
+    def _near(self, walls: Floats) -> Floats:
+        """Those of walls (m, 4) that matter for the next ticks."""
         x, y = self.here
-        walls = self.wireframe.segments()
         near = (
             (np.minimum(walls[:, 0], walls[:, 2]) < x + _NEAR_M)
             & (np.maximum(walls[:, 0], walls[:, 2]) > x - _NEAR_M)
             & (np.minimum(walls[:, 1], walls[:, 3]) < y + _NEAR_M)
             & (np.maximum(walls[:, 1], walls[:, 3]) > y - _NEAR_M)
         )
-        seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
-        return np.ascontiguousarray(np.vstack((walls[near], seen)))
+        return walls[near]
 
     def _keep_pose(self, spacing: float | None = None) -> None:
         spacing = self.config.pose_spacing_m if spacing is None else spacing
@@ -305,6 +305,7 @@ class Explorer:
                 path = roads[0].nearest(old.stand[None], np.zeros(1))
                 if path is not None:
                     old.path = path[2]
+                    self._least_left = max(self._least_left, _length(old.path))
                     self.target = old
                     return
                 self.target = old
@@ -365,6 +366,7 @@ class Explorer:
         if old is not None and old.kind == "frontier" and self._end_of(old) == goal:
             self.target.deadline = old.deadline
             self.target.stuck, self.target.stands = old.stuck, old.stands
+            self._least_left = max(self._least_left, _length(path))
         else:
             self._restart_progress()
             self._event("frontier", what="chosen", place=_rounded(place), cost=round(cost, 2))
@@ -430,7 +432,7 @@ class Explorer:
         while len(path) > 2:
             (ax, ay), (bx, by) = path[1], path[2]
             near = math.hypot(ax - self.here[0], ay - self.here[1]) < 0.03
-            if not near and not keeps_clear(*self.here, bx, by, self.walls, target.clearance - 0.005):
+            if not near and not keeps_clear(*self.here, bx, by, self.all_walls, target.clearance - 0.005):
                 break
             path = path[1:]
         target.path = np.vstack((self.here[None], path[1:])) if len(path) > 1 else np.vstack((self.here, path[0]))

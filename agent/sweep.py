@@ -26,6 +26,9 @@ _RAYS = 60
 _GAP_M = 3.0
 """Gaps up to this long between open ends are closed to tell the free face from the outside."""
 
+_STOOD_M = 0.15
+"""Standing points closer than this to a former one show nothing more."""
+
 
 def sweep_radius(config: ExplorationConfig, lidar: LidarSpec) -> float:
     """Distance in metres at which the smallest object gets enough beams to be seen."""
@@ -37,7 +40,8 @@ def sweep_radius(config: ExplorationConfig, lidar: LidarSpec) -> float:
 
 def seen_from(x: float, y: float, walls: Floats, radius_m: float) -> shapely.Geometry:
     """Area seen from a point within the radius; walls (m, 4)."""
-    return shapely.make_valid(shapely.polygons(visible_ring(x, y, walls, radius_m, _RAYS)))
+    area = shapely.make_valid(shapely.polygons(visible_ring(x, y, walls, radius_m, _RAYS)))
+    return shapely.union_all([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
 
 
 def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
@@ -70,6 +74,7 @@ class Sweep:
         self.radius = sweep_radius(config, lidar)
         self.unseen: shapely.Geometry = shapely.Polygon()
         self._given_up: list[shapely.Geometry] = []
+        self._stood: list[tuple[float, float]] = []
         self._version = -1
         self._counted = 0
 
@@ -87,10 +92,11 @@ class Sweep:
         # an object of the smallest size is wholly hidden only where a disc of half its width fits
         half = 0.5 * self.config.smallest_object_m
         parts = [p for p in shapely.get_parts(self.unseen) if p.geom_type == "Polygon"]
-        self.unseen = shapely.multipolygons([p for p in parts if not shapely.is_empty(shapely.buffer(p, -half))])
+        self.unseen = shapely.MultiPolygon([p for p in parts if not shapely.is_empty(shapely.buffer(p, -half))])
 
     def give_up(self, x: float, y: float, walls: Floats) -> None:
         """Ask no more for what is unseen though the robot stood at (x, y)."""
+        self._stood.append((x, y))
         area = shapely.intersection(shapely.buffer(seen_from(x, y, walls, self.radius), 0.05), self.unseen)
         self._given_up.append(area)
         self.unseen = shapely.difference(self.unseen, area)
@@ -108,6 +114,9 @@ class Sweep:
         points = np.vstack((lattice, shapely.get_coordinates(inside)))
         points = points[roads.standable(points)]
         points = points[shapely.dwithin(shapely.points(points), self.unseen, self.radius)]
+        if self._stood:  # never twice, so that the sweep ends whatever the map does
+            stood = shapely.multipoints(np.array(self._stood))
+            points = points[~shapely.dwithin(shapely.points(points), stood, _STOOD_M)]
         costs = roads.costs(points)
         order = np.argsort(costs, kind="stable")
         least = (0.5 * self.config.smallest_object_m) ** 2

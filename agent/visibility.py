@@ -62,10 +62,10 @@ def visible_ring(x: float, y: float, walls: Floats, radius: float, rays: int) ->
                 angle = math.atan2(near[k, end + 1], near[k, end])
                 angles[n], angles[n + 1] = angle - _BESIDE_RAD, angle + _BESIDE_RAD
                 n += 2
-    angles = np.sort(angles[:n])
+    angles = np.sort((angles[:n] + math.pi) % (2.0 * math.pi))
     ring = np.empty((n, 2))
     for i in range(n):
-        c, s = math.cos(angles[i]), math.sin(angles[i])
+        c, s = -math.cos(angles[i]), -math.sin(angles[i])
         reach = radius
         for k in range(m):
             ax, ay, bx, by = near[k, 0], near[k, 1], near[k, 2], near[k, 3]

@@ -49,16 +49,18 @@ class OracleMapper:
     def update(self, pose: np.ndarray, ranges: np.ndarray, met: np.ndarray) -> None:
         """Take in one noise-free scan: pose (3,) in the world, ranges and met walls (beams,)."""
         beams = len(met)
-        for first, last in runs(met):
+        angles = pose[2] + np.arange(beams) * 2 * math.pi / beams
+        finite = np.where(np.isfinite(ranges), ranges, 0.0)
+        hits = pose[:2] + finite[:, None] * np.stack((np.cos(angles), np.sin(angles)), 1)
+        apart = np.hypot(*(hits - np.roll(hits, 1, 0)).T) > CLAIM_M
+        for first, last in runs(met, apart):
             wall = int(met[first % beams])
             ends = []
             for beam, beyond, corner, neighbour in (
                 (first, first - 1, 0.0, int(np.flatnonzero(self.next == wall)[0])),
                 (last, last + 1, self.length[wall], int(self.next[wall])),
             ):
-                angle = pose[2] + beam * 2 * math.pi / beams
-                hit = pose[:2] + ranges[beam % beams] * np.array((math.cos(angle), math.sin(angle)))
-                along = float((hit - self.walls[wall, :2]) @ self.unit[wall])
+                along = float((hits[beam % beams] - self.walls[wall, :2]) @ self.unit[wall])
                 at = self.walls[wall, :2] + corner * self.unit[wall]
                 away = math.hypot(*(at - pose[:2]))
                 ended = met[beyond % beams] == neighbour or ranges[beyond % beams] > away
@@ -128,10 +130,14 @@ class OracleMapper:
         return self._map
 
 
-def runs(met: np.ndarray) -> list[tuple[int, int]]:
-    """First and last beam of each wall's consecutive beams, once around; the last may exceed the count."""
+def runs(met: np.ndarray, apart: np.ndarray | None = None) -> list[tuple[int, int]]:
+    """First and last beam of each wall's consecutive beams, once around; the last may exceed the count.
+
+    apart (beams,): where a run is to be cut before a beam though the wall is the same.
+    """
     n = len(met)
-    change = np.flatnonzero(met != np.roll(met, 1))
+    change = met != np.roll(met, 1)
+    change = np.flatnonzero(change if apart is None else change | apart)
     if not len(change):
         return [(0, n - 1)] if met[0] >= 0 else []
     ends = np.append(change[1:], change[0] + n) - 1
