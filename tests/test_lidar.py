@@ -17,9 +17,7 @@ SPEC = LidarSpec()
 ROOM = np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]], float)
 
 
-def reference(
-    segments: NDArray[np.float64], pose: NDArray[np.float64], beams: int, reach: float
-) -> list[float]:
+def reference(segments: NDArray[np.float64], pose: NDArray[np.float64], beams: int, reach: float) -> list[float]:
     """Ranges of one scan by GEOS: each beam as a line, cut with each wall."""
     walls = shapely.linestrings(segments.reshape(-1, 2, 2))
     angles = pose[2] + np.arange(beams) * 2 * math.pi / beams
@@ -46,6 +44,14 @@ def test_agrees_with_every_beam_against_every_wall(reach: float) -> None:
         both = np.isfinite(got) & np.isfinite(want)
         assert both.sum() > 90
         np.testing.assert_allclose(got[both], want[both], atol=1e-6)
+
+
+def test_walls_seen_from_behind_are_hidden_anyway() -> None:
+    for name in worldfile.bundled():
+        world = worldfile.load(name)
+        poses = world.starts(30, 0.105, np.random.default_rng(2), drawn=True)
+        both, front = (Lidar(world.segments, SPEC, one_sided=side).trace(poses) for side in (False, True))
+        assert np.array_equal(both[0], front[0]) and np.array_equal(both[1], front[1])
 
 
 def test_what_was_met_is_the_wall_that_the_hit_lies_on() -> None:

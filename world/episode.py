@@ -96,7 +96,7 @@ class Episode:
         """(k, 3) poses in the world at tick 0: the robots' own frames."""
         self._rows = {robot: i for i, robot in enumerate(self.robots)}
         self._physics = Physics(self.world.segments, self.starts, spec, config.physics, self.period_s)
-        self._lidar = Lidar(self.world.segments, spec.lidar)
+        self._lidar = Lidar(self.world.segments, spec.lidar, one_sided=True)
         self._scanning = [generator(config.seed, "lidar", robot) for robot in self.robots]
         self._odometry = [
             Odometry(start, config.odometry, generator(config.seed, "odometry", robot))

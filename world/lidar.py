@@ -36,13 +36,20 @@ _TOUCHING_M = 1e-9
 class Lidar:
     """A scanning lidar among walls."""
 
-    def __init__(self, segments: NDArray[np.float64], spec: LidarSpec) -> None:
-        """Walls are (n, 4) x1, y1, x2, y2 in metres, world frame; those without length are dropped."""
+    def __init__(self, segments: NDArray[np.float64], spec: LidarSpec, *, one_sided: bool = False) -> None:
+        """Walls are (n, 4) x1, y1, x2, y2 in metres, world frame; those without length are dropped.
+
+        `one_sided` promises that free space lies on the left of every wall and every lidar in free space, as in
+        `World.segments`: half of the walls, those seen from behind, are never looked at.
+        """
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
         lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
         self.spec = spec
+        self._one_sided = one_sided
         self._index = np.flatnonzero(lengths > _TOUCHING_M)
         self._ends = segments[self._index]
+        angles = np.arange(spec.beams) * (2 * math.pi / spec.beams)
+        self._cos, self._sin = np.cos(angles), np.sin(angles)
         self._cells: dict[tuple[int, int], NDArray[np.intp]] = {}
 
     def cast(self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -59,13 +66,15 @@ class Lidar:
         range_max_m, inf beyond; what was met is the index of a wall, NOTHING or DISC.
         """
         poses = np.asarray(poses, np.float64).reshape(-1, 3)
-        ranges = np.full((len(poses), self.spec.beams), np.inf)
+        nearness = np.zeros((len(poses), self.spec.beams))  # 1 / range, which is linear in a beam's direction
         met = np.full((len(poses), self.spec.beams), NOTHING, np.intp)
         for low in range(0, len(poses), CHUNK):
             part = slice(low, low + CHUNK)
-            self._walls(poses[part], ranges[part].reshape(-1), met[part].reshape(-1))
+            self._walls(poses[part], nearness[part].reshape(-1), met[part].reshape(-1))
             if discs is not None and len(discs):
-                self._discs(poses[part], discs, ranges[part].reshape(-1), met[part].reshape(-1))
+                self._discs(poses[part], discs, nearness[part].reshape(-1), met[part].reshape(-1))
+        with np.errstate(divide="ignore"):
+            ranges = 1 / nearness
         beyond = ranges > self.spec.range_max_m
         ranges[beyond] = np.inf
         met[beyond] = NOTHING
@@ -97,43 +106,45 @@ class Lidar:
             self._cells[cell] = found
         return found
 
-    def _walls(self, poses: NDArray[np.float64], ranges: NDArray[np.float64], met: NDArray[np.intp]) -> None:
+    def _walls(self, poses: NDArray[np.float64], nearness: NDArray[np.float64], met: NDArray[np.intp]) -> None:
         near = [self._near(x, y) for x, y, _ in poses.tolist()]
         wall = np.concatenate(near)
         robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
-        here = poses[robot]
-        start, end = self._ends[wall, :2] - here[:, :2], self._ends[wall, 2:] - here[:, :2]
+        start, end = _seen_from(poses[robot], self._ends[wall])
         nearest, farthest = _nearest(start, end)
-        close = np.flatnonzero(nearest <= self.spec.range_max_m)
-        wall, robot, start, end = wall[close], robot[close], start[close], end[close]
-        nearest, farthest, heading = nearest[close], farthest[close], here[close, 2]
+        turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]  # positive where the lidar is on the left
+        facing = nearest <= self.spec.range_max_m
+        if self._one_sided:
+            facing &= turn > -_TOUCHING_M
+        wall, robot, start, end = wall[facing], robot[facing], start[facing], end[facing]
+        nearest, farthest, turn = nearest[facing], farthest[facing], turn[facing]
 
         along = end - start
-        turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
         sweep = np.arctan2(turn, (start * end).sum(1))
         first = np.where((sweep >= 0)[:, None], start, end)
-        begin = (np.arctan2(first[:, 1], first[:, 0]) - heading) % (2 * math.pi)
+        begin = np.arctan2(first[:, 1], first[:, 0]) % (2 * math.pi)
         on = nearest <= _TOUCHING_M  # then every beam starts on the wall
-        begin[on], sweep[on] = 0.0, 2 * math.pi
+        begin[on], sweep[on], nearest[on] = 0.0, 2 * math.pi, 0.0
+
+        # rounding must not carry a grazing hit off the wall: it stays between its nearest and farthest place
+        with np.errstate(divide="ignore"):
+            least, most = 1 / farthest, 1 / nearest
         # on the wall's straight continuation a beam along the wall returns its near end
         edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along[:, 0], along[:, 1])
+        least[edge_on] = most[edge_on]
+        slope_x, slope_y = (along / np.where(edge_on, 1.0, turn)[:, None]).T
 
         pair, beam = self._interval(begin, np.abs(sweep))
         ray = robot[pair] * self.spec.beams + beam
-        angles = (poses[:, 2:] + np.arange(self.spec.beams) * (2 * math.pi / self.spec.beams)).reshape(-1)
-        across = np.cos(angles)[ray] * along[pair, 1] - np.sin(angles)[ray] * along[pair, 0]
-        parallel = edge_on[pair] | (across == 0)
-        distance = turn[pair] / np.where(parallel, 1.0, across)
-        distance[parallel] = nearest[pair][parallel]
-        # rounding must not carry a grazing hit off the wall
-        distance = np.minimum(np.maximum(distance, nearest[pair]), farthest[pair])
-        _keep_nearest(ray, distance, self._index[wall[pair]], ranges, met)
+        found = self._cos[beam] * slope_y[pair] - self._sin[beam] * slope_x[pair]
+        found = np.minimum(np.maximum(found, least[pair]), most[pair])
+        _keep_nearest(ray, found, self._index[wall][pair], nearness, met)
 
     def _discs(
         self,
         poses: NDArray[np.float64],
         discs: NDArray[np.float64],
-        ranges: NDArray[np.float64],
+        nearness: NDArray[np.float64],
         met: NDArray[np.intp],
     ) -> None:
         offset = discs[None, :, :2] - poses[:, None, :2]
@@ -146,9 +157,9 @@ class Lidar:
         pair, beam = self._interval((bearing - half) % (2 * math.pi), 2 * half)
         off = beam * (2 * math.pi / self.spec.beams) - bearing[pair]
         chord = np.maximum(radius[pair] ** 2 - (away[pair] * np.sin(off)) ** 2, 0.0)
-        distance = away[pair] * np.cos(off) - np.sqrt(chord)
+        distance = np.maximum(away[pair] * np.cos(off) - np.sqrt(chord), _TOUCHING_M)
         what = np.full(len(pair), DISC, np.intp)
-        _keep_nearest(robot[pair] * self.spec.beams + beam, distance, what, ranges, met)
+        _keep_nearest(robot[pair] * self.spec.beams + beam, 1 / distance, what, nearness, met)
 
     def _interval(
         self, begin: NDArray[np.float64], sweep: NDArray[np.float64]
@@ -164,6 +175,18 @@ class Lidar:
         return row, (low[row] + nth) % beams
 
 
+def _seen_from(
+    poses: NDArray[np.float64], ends: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Starts and ends (n, 2) of walls (n, 4), each in the frame of its pose (n, 3)."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    seen = []
+    for x, y in ((ends[:, 0], ends[:, 1]), (ends[:, 2], ends[:, 3])):
+        dx, dy = x - poses[:, 0], y - poses[:, 1]
+        seen.append(np.stack([cos * dx + sin * dy, cos * dy - sin * dx], 1))
+    return seen[0], seen[1]
+
+
 def _nearest(start: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Nearest and farthest distance of segments from the origin."""
     along = end - start
@@ -175,12 +198,12 @@ def _nearest(start: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDAr
 
 def _keep_nearest(
     ray: NDArray[np.intp],
-    distance: NDArray[np.float64],
+    found: NDArray[np.float64],
     what: NDArray[np.intp],
-    ranges: NDArray[np.float64],
+    nearness: NDArray[np.float64],
     met: NDArray[np.intp],
 ) -> None:
-    """Lower `ranges` to the least distance of each ray, and note in `met` what stood there."""
-    np.minimum.at(ranges, ray, distance)
-    won = distance == ranges[ray]
+    """Raise `nearness` to the most found on each ray, and note in `met` what stood there."""
+    np.maximum.at(nearness, ray, found)
+    won = found == nearness[ray]
     met[ray[won]] = what[won]
