@@ -13,6 +13,7 @@ from agent.exploration_config import ExplorationConfig
 from agent.goals import GoalMemory, stands_at_edges
 from agent.planning import Roads, chains
 from agent.sweep import Sweep
+from agent.tour import open_tour
 from agent.visibility import all_seen
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
@@ -30,6 +31,8 @@ class Errand(NamedTuple):
     place: Floats
     stand: Floats
     path: Floats
+    samples: Floats | None = None
+    """(n, 2) what a sweep is to see from there."""
 
 
 class DefaultStates:
@@ -43,15 +46,15 @@ class DefaultStates:
         self._lap: Floats | None = None
         self._vertices = 0
         self._vertex_version = -1
-        self._swept = -1
+        self._edge_along = np.zeros(2)
 
     def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Errand | None:
         """The next errand, or None if the state has come to its end."""
         state = self.config.default_state
         if state == "ours":
-            return self._sweep(wireframe, version, roads, poses) or self._least_likely(wireframe, version, roads)
+            return self._sweep(wireframe, roads, poses) or self._least_likely(wireframe, version, roads)
         if state == "interior-sweep":
-            return self._sweep(wireframe, version, roads, poses)
+            return self._sweep(wireframe, roads, poses)
         if state == "least-likely":
             return self._least_likely(wireframe, version, roads)
         if state == "perimeter":
@@ -68,27 +71,32 @@ class DefaultStates:
             "random-vertex": "no frontier left, random vertices showed nothing new",
         }[self.config.default_state]
 
-    def visited(self, kind: str, place: Floats, wireframe: Wireframe, version: int, poses: Floats) -> None:
-        """The robot stood where the errand asked."""
+    def done(self, kind: str, place: Floats) -> None:
+        """The errand is not to be proposed again: the robot stood where it asked, or could not."""
         if kind == "sweep":
-            self.sweep.update(wireframe, version, poses)
-            self.sweep.give_up(float(place[0]), float(place[1]), wireframe.segments())
-        else:
-            self.failed(kind, place, wireframe, version)
-
-    def failed(self, kind: str, place: Floats, wireframe: Wireframe, version: int) -> None:
-        """The errand is not to be proposed again."""
-        if kind == "sweep":
-            self.sweep.give_up(float(place[0]), float(place[1]), wireframe.segments())
+            self.sweep.stood(float(place[0]), float(place[1]))
         elif kind == "edge":
             self._edges.note(place, self._edge_along).attempts += 1
         elif kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def _sweep(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Errand | None:
-        self.sweep.update(wireframe, version, poses)
-        found = self.sweep.best_stand(roads)
-        return None if found is None else Errand("sweep", found[0], *found)
+    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats) -> Errand | None:
+        """Next standing point of a short tour of those that show all that is unseen."""
+        unseen = self.sweep.unseen(wireframe, poses)
+        stands, views = self.sweep.stands(unseen, roads)
+        if not len(stands):
+            return None
+        costs = roads.costs(stands)
+        near = np.argsort(costs, kind="stable")[: self.config.sweep_tour]
+        table = np.zeros((len(near) + 1, len(near) + 1))
+        table[0, 1:] = costs[near]
+        for k, stand in enumerate(stands[near]):
+            table[k + 1, 1:] = roads.starting_at(stand).costs(stands[near])
+        first = near[open_tour(np.minimum(table, 1e6))[1] - 1]
+        found = roads.nearest(stands[first][None], np.zeros(1))
+        if found is None:
+            return None
+        return Errand("sweep", stands[first], stands[first], found[2], unseen[views[first]])
 
     def _least_likely(self, wireframe: Wireframe, version: int, roads: Roads) -> Errand | None:
         """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""

@@ -71,6 +71,8 @@ class Target:
     """Scans taken at the standing point."""
     stands: int = 1
     """Standing points tried, this one included."""
+    samples: Floats | None = None
+    """(n, 2) what a sweep still has to see."""
     stuck: int = 0
     """How often the robot stuck on the way."""
 
@@ -153,7 +155,8 @@ class Explorer:
     def _keep_pose(self, spacing: float | None = None) -> None:
         spacing = self.config.pose_spacing_m if spacing is None else spacing
         x, y = self.here
-        if self.poses and math.hypot(self.poses[-1][0] - x, self.poses[-1][1] - y) < spacing:
+        self._moved_on = not self.poses or math.hypot(self.poses[-1][0] - x, self.poses[-1][1] - y) >= spacing
+        if not self._moved_on:
             return
         self.poses.append((float(x), float(y)))
         if len(self.poses) > self.config.kept_poses:
@@ -191,6 +194,13 @@ class Explorer:
             if at < 0:
                 self.target = None
                 return
+        if target.samples is not None and self._moved_on:
+            target.samples = target.samples[
+                ~self.states.sweep.seen(target.samples, self.here[None], self.all_walls)
+            ]
+            if len(target.samples) < self.config.sweep_least_samples:
+                self.target = None
+                return
         if self.tick > target.deadline and target.kind != "park":
             self._give_up("it took too long")
             return
@@ -199,14 +209,15 @@ class Explorer:
         target.looks += 1
         if target.looks < self.config.look_ticks:
             return
-        self._keep_pose(0.0 if target.kind == "sweep" else None)
+        if target.kind == "sweep":
+            self._keep_pose(0.0)
         if target.kind == "frontier":
             record = self.memory.note(target.place, target.along)
             record.stands.append((float(target.stand[0]), float(target.stand[1])))
             if target.stands >= self.config.standing_points or not self._next_stand(target, record):
                 self._give_up(f"still open seen from {len(record.stands)} standing points")
         elif target.kind != "park":
-            self.states.visited(target.kind, target.place, self.wireframe, self.version, np.array(self.poses))
+            self.states.done(target.kind, target.place)
             self.target = None
 
     def _end_of(self, target: Target) -> int:
@@ -241,7 +252,7 @@ class Explorer:
         if target.kind == "frontier":
             self._abandon(target.place, target.along, reason)
         elif target.kind not in ("park", "retreat"):
-            self.states.failed(target.kind, target.place, self.wireframe, self.version)
+            self.states.done(target.kind, target.place)
 
     def _abandon(self, place: Floats, along: Floats, reason: str) -> None:
         record = self.memory.note(place, along)
@@ -376,6 +387,7 @@ class Explorer:
         self.target = Target(
             errand.kind, errand.place, np.zeros(2), errand.stand, errand.path, clearance, self._deadline(errand.path)
         )
+        self.target.samples = errand.samples
         self._restart_progress()
         self._reason = errand.kind
 

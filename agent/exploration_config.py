@@ -54,10 +54,11 @@ class ExplorationConfig(Config):
     """Beams on an object that make it seen; three beams on 0.1 m: 1.9 m (facts/mapping.md, rule 12)."""
     sweep_lattice_m: Positive = 0.6
     """Distance between standing points considered by the sweep; a third of its radius."""
-    sweep_candidates: Annotated[int, Field(ge=1)] = 12
-    """Nearest standing points whose gain of seen area is worked out."""
-    sweep_detour_m: Positive = 1.0
-    """Path that every standing point is charged on top: keeps from creeping along the rim for slivers of area."""
+    sweep_least_samples: Annotated[int, Field(ge=1)] = 3
+    """Unseen samples, one per square of the smallest object's width, that a standing point must show: less is a sliver
+    that hides no such object but for its edge."""
+    sweep_tour: Annotated[int, Field(ge=2)] = 12
+    """Nearest standing points that are put in the best order; more change the next one rarely."""
     least_likelihood: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Edges below this are looked at again."""
     vertex_visits: Annotated[int, Field(ge=1)] = 10

@@ -9,6 +9,7 @@ walls move a little with every scan.
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import numpy as np
 from numba import njit
@@ -213,19 +214,28 @@ class Roads:
         if more_walls is not None and len(more_walls):
             walls = np.vstack((walls, more_walls))
         self.walls = np.ascontiguousarray(walls)
-        self.start = np.ascontiguousarray(start, np.float64)
         self.clearance = clearance_m
         self.hurdles = hurdles_of(wireframe, config.frontier_reach_m)
         self.toll = config.frontier_cost_m
-        self.start_clearance = min(clearance_m, _SLACK * distance_to_walls(start[0], start[1], self.walls))
         into, out_of = chains(wireframe)
         nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + config.node_offset_m)
         if more_nodes is not None and len(more_nodes):
             nodes = np.vstack((nodes, more_nodes))
         self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
+        self._start(start)
+
+    def _start(self, start: Floats) -> None:
+        self.start = np.ascontiguousarray(start, np.float64)
+        self.start_clearance = min(self.clearance, _SLACK * distance_to_walls(start[0], start[1], self.walls))
         self.cost, self.before = _shortest(
-            self.start, self.start_clearance, self.nodes, self.walls, self.hurdles, clearance_m, self.toll
+            self.start, self.start_clearance, self.nodes, self.walls, self.hurdles, self.clearance, self.toll
         )
+
+    def starting_at(self, start: Floats) -> Roads:
+        """The same roads from another start (2,)."""
+        other = copy(self)
+        other._start(start)
+        return other
 
     def standable(self, points: Floats) -> NDArray[np.bool_]:
         """Whether each of points (n, 2) keeps the clearance."""

@@ -1,7 +1,8 @@
 """Interior sweep: look at all free area from near enough to see the smallest object (paper IV-B; rule ours).
 
-What was seen is kept as poses only. When no frontier is left, the free area is the face of the map's walls that the
-robot has driven in, and what is still unseen is that face without what the kept poses see, given the walls.
+What was seen is kept as poses only. When asked, the free area is the face of the map's walls that the robot has
+driven in; it is sampled as densely as the smallest object needs, and a sample is unseen if no kept pose within the
+radius sees it past the walls. The samples are made anew for each question; nothing of them is kept.
 """
 
 from __future__ import annotations
@@ -10,22 +11,21 @@ import math
 
 import numpy as np
 import shapely
+from numba import njit
 from numpy.typing import NDArray
 
 from agent.exploration_config import ExplorationConfig
 from agent.goals import open_ends
 from agent.planning import Roads
-from agent.visibility import visible_ring
+from agent.visibility import sees
 from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-_RAYS = 60
-"""Rays of a visibility polygon besides those at wall ends; its rim is then within 3 mm of the circle's at 1.9 m."""
 _GAP_M = 3.0
 """Gaps up to this long between open ends are closed to tell the free face from the outside."""
-
 _STOOD_M = 0.15
 """Standing points closer than this to a former one show nothing more."""
 
@@ -38,10 +38,70 @@ def sweep_radius(config: ExplorationConfig, lidar: LidarSpec) -> float:
     )
 
 
-def seen_from(x: float, y: float, walls: Floats, radius_m: float) -> shapely.Geometry:
-    """Area seen from a point within the radius; walls (m, 4)."""
-    area = shapely.make_valid(shapely.polygons(visible_ring(x, y, walls, radius_m, _RAYS)))
-    return shapely.union_all([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"])
+@njit(cache=True)
+def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
+    """Whether each of points (n, 2) is seen from any of eyes (k, 2) within the radius, past walls (m, 4)."""
+    n = points.shape[0]
+    out = np.zeros(n, np.bool_)
+    near = np.empty(walls.shape)
+    for e in range(eyes.shape[0] - 1, -1, -1):
+        x, y = eyes[e]
+        m = 0
+        for k in range(walls.shape[0]):
+            if (
+                min(walls[k, 0], walls[k, 2]) < x + radius
+                and max(walls[k, 0], walls[k, 2]) > x - radius
+                and min(walls[k, 1], walls[k, 3]) < y + radius
+                and max(walls[k, 1], walls[k, 3]) > y - radius
+            ):
+                near[m] = walls[k]
+                m += 1
+        for i in range(n):
+            if out[i]:
+                continue
+            dx, dy = points[i, 0] - x, points[i, 1] - y
+            if dx * dx + dy * dy <= radius * radius and sees(x, y, points[i, 0], points[i, 1], near[:m]):
+                out[i] = True
+    return out
+
+
+@njit(cache=True)
+def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
+    """Matrix (k, n): which of points (n, 2) is seen from which of eyes (k, 2)."""
+    out = np.empty((eyes.shape[0], points.shape[0]), np.bool_)
+    for e in range(eyes.shape[0]):
+        out[e] = _in_view(points, eyes[e : e + 1], walls, radius)
+    return out
+
+
+@njit(cache=True)
+def _cover(views: Bools, least: int) -> NDArray[np.int64]:
+    """Rows that together cover what the matrix covers, the one that adds most first, while it adds the least."""
+    left = np.ones(views.shape[1], np.bool_)
+    chosen = np.empty(views.shape[0], np.int64)
+    for k in range(views.shape[0]):
+        best, which = 0, -1
+        for e in range(views.shape[0]):
+            gain = 0
+            for i in range(views.shape[1]):
+                if left[i] and views[e, i]:
+                    gain += 1
+            if gain > best:
+                best, which = gain, e
+        if which < 0 or best < least:
+            return chosen[:k]
+        chosen[k] = which
+        for i in range(views.shape[1]):
+            if views[which, i]:
+                left[i] = False
+    return chosen
+
+
+def lattice(x0: float, y0: float, x1: float, y1: float, step: float) -> Floats:
+    """Points (n, 2) of a square lattice through the origin inside a box, metres."""
+    xs = np.arange(math.ceil(x0 / step), math.floor(x1 / step) + 1) * step
+    ys = np.arange(math.ceil(y0 / step), math.floor(y1 / step) + 1) * step
+    return np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
 
 
 def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
@@ -59,79 +119,63 @@ def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
             if d[i, j] < _GAP_M
         ]
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
-    places = shapely.multipoints(poses)
-    held = faces[shapely.intersects(faces, places)] if len(faces) else faces
+    held = faces[shapely.intersects(faces, shapely.multipoints(poses))] if len(faces) else faces
     if not len(held):
         return shapely.box(*shapely.total_bounds(walls))
     return shapely.union_all(held)
 
 
 class Sweep:
-    """What of the free area is unseen, and where to stand next."""
+    """What of the free area is unseen, and from where it would be seen."""
 
     def __init__(self, config: ExplorationConfig, lidar: LidarSpec) -> None:
         self.config = config
         self.radius = sweep_radius(config, lidar)
-        self.unseen: shapely.Geometry = shapely.Polygon()
-        self._given_up: list[shapely.Geometry] = []
+        self.range = 0.95 * lidar.range_max_m
         self._stood: list[tuple[float, float]] = []
-        self._version = -1
-        self._counted = 0
 
-    def update(self, wireframe: Wireframe, version: int, poses: Floats) -> None:
-        """Work out the unseen area for kept poses (k, 2): anew if the map changed, else only the new poses."""
+    def unseen(self, wireframe: Wireframe, poses: Floats) -> Floats:
+        """Samples (n, 2) of the free area that no kept pose (k, 2) has seen from within the radius."""
+        face = free_face(wireframe, poses)
+        points = lattice(*shapely.bounds(face), self.config.smallest_object_m)
+        shapely.prepare(face)
+        points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
+        return points[~_in_view(points, poses, wireframe.segments(), self.radius)]
+
+    def passed_by(self, wireframe: Wireframe, poses: Floats, here: Floats, reach_m: float) -> Floats:
+        """Samples (n, 2) around here that kept poses (k, 2) have seen, but from too far; asks for no closed walls."""
+        x, y = here
+        points = lattice(x - reach_m, y - reach_m, x + reach_m, y + reach_m, self.config.smallest_object_m)
+        around = poses[(np.abs(poses - here) < reach_m + self.range).all(1)]
         walls = wireframe.segments()
-        if version != self._version:
-            face = free_face(wireframe, poses)
-            seen = [seen_from(x, y, walls, self.radius) for x, y in poses]
-            self.unseen = shapely.difference(face, shapely.union_all(seen + self._given_up))
-        else:
-            for x, y in poses[self._counted :]:
-                self.unseen = shapely.difference(self.unseen, seen_from(x, y, walls, self.radius))
-        self._version, self._counted = version, len(poses)
-        # an object of the smallest size is wholly hidden only where a disc of half its width fits
-        half = 0.5 * self.config.smallest_object_m
-        parts = [p for p in shapely.get_parts(self.unseen) if p.geom_type == "Polygon"]
-        self.unseen = shapely.MultiPolygon([p for p in parts if not shapely.is_empty(shapely.buffer(p, -half))])
+        points = points[~_in_view(points, around, walls, self.radius)]
+        return points[_in_view(points, around, walls, self.range)]
 
-    def give_up(self, x: float, y: float, walls: Floats) -> None:
-        """Ask no more for what is unseen though the robot stood at (x, y)."""
+    def stood(self, x: float, y: float) -> None:
+        """Ask no more to stand at (x, y)."""
         self._stood.append((x, y))
-        area = shapely.intersection(shapely.buffer(seen_from(x, y, walls, self.radius), 0.05), self.unseen)
-        self._given_up.append(area)
-        self.unseen = shapely.difference(self.unseen, area)
 
-    def best_stand(self, roads: Roads) -> tuple[Floats, Floats] | None:
-        """Standing point (2,) that shows most area for its way, and the path (k, 2); None if nothing is left."""
-        if shapely.is_empty(self.unseen):
-            return None
-        step = self.config.sweep_lattice_m
-        x0, y0, x1, y1 = shapely.bounds(self.unseen) + np.array((-1, -1, 1, 1)) * self.radius
-        xs = np.arange(math.floor(x0 / step), math.ceil(x1 / step) + 1) * step
-        ys = np.arange(math.floor(y0 / step), math.ceil(y1 / step) + 1) * step
-        lattice = np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
-        inside = shapely.point_on_surface(shapely.get_parts(self.unseen))
-        points = np.vstack((lattice, shapely.get_coordinates(inside)))
+    def stands(self, unseen: Floats, roads: Roads) -> tuple[Floats, Bools]:
+        """Standing points (k, 2) that together show the unseen samples (n, 2), and which of them each shows (k, n)."""
+        nothing = np.zeros((0, 2)), np.zeros((0, len(unseen)), np.bool_)
+        if not len(unseen):
+            return nothing
+        low, high = unseen.min(0) - self.radius, unseen.max(0) + self.radius
+        points = lattice(*low, *high, self.config.sweep_lattice_m)
+        near = shapely.STRtree(shapely.points(unseen)).query(
+            shapely.points(points), predicate="dwithin", distance=self.radius
+        )
+        points = points[np.unique(near[0])]
         points = points[roads.standable(points)]
-        points = points[shapely.dwithin(shapely.points(points), self.unseen, self.radius)]
-        if self._stood:  # never twice, so that the sweep ends whatever the map does
-            stood = shapely.multipoints(np.array(self._stood))
-            points = points[~shapely.dwithin(shapely.points(points), stood, _STOOD_M)]
-        costs = roads.costs(points)
-        order = np.argsort(costs, kind="stable")
-        least = (0.5 * self.config.smallest_object_m) ** 2
-        best, stand, found = 0.0, None, 0
-        for k in order[np.isfinite(costs[order])]:
-            area = shapely.area(shapely.intersection(seen_from(*points[k], roads.walls, self.radius), self.unseen))
-            if area < least:
-                continue
-            score = area / (costs[k] + self.config.sweep_detour_m)
-            if score > best:
-                best, stand = score, points[k]
-            found += 1
-            if found >= self.config.sweep_candidates:
-                break
-        if stand is None:
-            return None
-        way = roads.nearest(stand[None], np.zeros(1))
-        return None if way is None else (stand, way[2])
+        for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
+            points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
+        points = points[np.isfinite(roads.costs(points))]
+        if not len(points):
+            return nothing
+        views = _views(unseen, points, roads.walls, self.radius)
+        chosen = _cover(views, self.config.sweep_least_samples)
+        return points[chosen], views[chosen]
+
+    def seen(self, samples: Floats, poses: Floats, walls: Floats) -> Bools:
+        """Which of the samples (n, 2) the poses (k, 2) see within the radius."""
+        return np.asarray(_in_view(samples, poses, walls, self.radius))

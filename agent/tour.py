@@ -1,0 +1,67 @@
+"""In which order to visit several places: a short open tour (nearest first, improved by moves and reversals)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@njit(cache=True)
+def _length(order: Ints, cost: Floats) -> float:
+    total = 0.0
+    for k in range(order.shape[0] - 1):
+        total += cost[order[k], order[k + 1]]
+    return total
+
+
+@njit(cache=True)
+def open_tour(cost: Floats) -> Ints:
+    """Order (n,) in which to visit all rows of cost (n, n), starting from row 0 and ending anywhere.
+
+    Nearest neighbour, then reversals of stretches (2-opt) and moves of single places until none shortens the tour.
+    """
+    n = cost.shape[0]
+    order = np.zeros(n, np.int64)
+    left = np.ones(n, np.bool_)
+    left[0] = False
+    for k in range(1, n):
+        best, which = math.inf, -1
+        for j in range(n):
+            if left[j] and (which < 0 or cost[order[k - 1], j] < best):
+                best, which = cost[order[k - 1], j], j
+        order[k] = which
+        left[which] = False
+    best = _length(order, cost)
+    improved = True
+    while improved:
+        improved = False
+        for i in range(1, n):
+            for j in range(1, n):
+                if i == j:
+                    continue
+                new = order.copy()
+                if i < j:
+                    for k in range(i, j + 1):
+                        new[k] = order[j - (k - i)]
+                    length = _length(new, cost)
+                    if length < best - 1e-9:
+                        order, best, improved = new, length, True
+                        continue
+                    new = order.copy()
+                    for k in range(i, j):
+                        new[k] = order[k + 1]
+                    new[j] = order[i]
+                else:
+                    for k in range(j, i):
+                        new[k + 1] = order[k]
+                    new[j] = order[i]
+                length = _length(new, cost)
+                if length < best - 1e-9:
+                    order, best, improved = new, length, True
+    return order
