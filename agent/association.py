@@ -20,6 +20,8 @@ class Gates(NamedTuple):
     offset: float
     angle: float
     bridge: float
+    pose_sd: float
+    heading_sd: float
 
 
 @njit(cache=True)
@@ -31,18 +33,13 @@ def cost(e, p, gates: Gates) -> float:  # type: ignore[no-untyped-def]
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if e.ux * p.ux + e.uy * p.uy < 0.7:
         return math.inf
-    turn_sd = gates.noise * math.sqrt(1 / p.spread + 1 / spread(e))
+    turn_sd = math.hypot(gates.noise * math.sqrt(1 / p.spread + 1 / spread(e)), gates.heading_sd)
     t = along(e, p.x, p.y)
     off = above(e, p.x, p.y)
-    off_sd = math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise))
-    if (
-        abs(turn) > min(gates.angle + gates.sigmas * turn_sd, 0.5)
-        or abs(off) > gates.offset + gates.sigmas * off_sd
-    ):
+    off_sd = math.hypot(math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise)), gates.pose_sd)
+    if abs(turn) > min(gates.angle + gates.sigmas * turn_sd, 0.5) or abs(off) > gates.offset + gates.sigmas * off_sd:
         return math.inf
-    return (off / (off_sd + gates.offset / gates.sigmas)) ** 2 + (
-        turn / (turn_sd + gates.angle / gates.sigmas)
-    ) ** 2
+    return (off / (off_sd + gates.offset / gates.sigmas)) ** 2 + (turn / (turn_sd + gates.angle / gates.sigmas)) ** 2
 
 
 @njit(cache=True)

@@ -84,6 +84,43 @@ class MapConfig(Config):
     """What is left of a cut wall is dropped below this."""
 
 
+class FilterConfig(Config):
+    """The set of particles, and the odds by which a scan weighs them. Log-odds in nats; equations ours."""
+
+    particles: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Wireframes kept."""
+    temper: Positive = 0.2
+    """Scans in a row share their errors, so each counts only as this part of an independent one."""
+    resample_below: Annotated[float, Field(gt=0, le=1)] = 0.5
+    """Resample when the effective sample size falls below this share of the particles; the usual half."""
+    match_odds: Positive = 2.0
+    """A piece on its wall: e^2 for against a chance hit; its chi-square is taken off."""
+    extra_odds: Positive = 1.0
+    """A piece that no wall predicts: new ground brings many, alike for all particles."""
+    missing_odds: Positive = 2.0
+    """A wall in view that was not hit."""
+    through_odds: Positive = 4.0
+    """A wall seen through: strongest, as free space is seldom invented."""
+    corner_odds: Positive = 1.0
+    """A corner as predicted, or against the prediction."""
+    label_odds: Positive = 1.0
+    """An end as predicted, or against the prediction."""
+    oblique_wall: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Probability that a suspicious piece (map.off_axis_hits) is a wall: 1 of 10 lay on one in the eight layouts."""
+    patience_spread: Annotated[float, Field(ge=0, lt=1)] = 0.5
+    """Particles draw their patience (map.patience, cut_after) from 1 - this to 1 + this times the default."""
+    correct_pose: bool = True
+    """Correct the odometry by the shift between scan and map, where the odometry is not exact."""
+    axis_sd_deg: Positive = 0.5
+    """How well rectilinear walls keep their axis; the eight layouts' outer walls do within 0.3 degrees."""
+    heading_trust: Positive = 0.95
+    """Agreement of directions above which the axis holds the heading."""
+    wall_floor_m: Positive = 0.003
+    """What a mapped wall is good for, beside its covariance: as perception.noise_floor_m."""
+    wall_floor_deg: Positive = 0.2
+    """As wall_floor_m, for directions."""
+
+
 class TalkConfig(Config):
     """What a robot says, and when it counts a peer as met or lost."""
 
@@ -98,6 +135,7 @@ class AgentConfig(Config):
 
     perception: PerceptionConfig = PerceptionConfig()
     map: MapConfig = MapConfig()
+    filter: FilterConfig = FilterConfig()
     exploration: ExplorationConfig = ExplorationConfig()
     planning: PlanningConfig = PlanningConfig()
     driving: DrivingConfig = DrivingConfig()

@@ -54,7 +54,14 @@ class Robot:
         self.spec = spec
         self.config = config
         noise = max(spec.lidar.noise_m, config.perception.noise_floor_m)
-        self.filter = WireframeFilter(config.map, noise, spec.lidar.beams)
+        self.filter = WireframeFilter(
+            config.map,
+            config.filter,
+            noise,
+            spec.lidar.beams,
+            (0.0, 0.0, 0.0),
+            np.random.SeedSequence([seed, zlib.crc32(b"filter")]),
+        )
         self.explorer = Explorer(
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
@@ -76,9 +83,10 @@ class Robot:
         Z and T come with them.
         """
         started = time.perf_counter()
-        tick, pose = observation.tick, observation.odometry
+        tick = observation.tick
         scan = perceive(observation.scan(), self.spec.lidar, self.config.perception)
-        self.filter.update(scan, pose)
+        self.filter.update(scan, observation.odometry)
+        pose = self.filter.pose
         changed = self._read_map()
         events = self.contacts.hear(tick, heard)
         seen = scan.wireframe()

@@ -42,6 +42,7 @@ class MergeRules(NamedTuple):
     off_axis: float
     off_axis_hits: float
     axis_trust: float
+    oblique_wall: float
 
 
 @njit(cache=True)
@@ -223,7 +224,7 @@ def main_axis(edges: Edges, count: int) -> tuple[float, float]:
     """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
     c, s, total = 0.0, 0.0, 1e-9
     for e in range(count):
-        if edges[e].alive == 1 and edges[e].probation == 0:
+        if edges[e].alive == 1:
             angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
             c += size * math.cos(angle)
             s += size * math.sin(angle)
@@ -232,18 +233,19 @@ def main_axis(edges: Edges, count: int) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def _worth_a_wall(p, axis: float, trust: float, gates: Gates, rules: MergeRules) -> bool:  # type: ignore[no-untyped-def]
-    """Whether a new piece of scan shows a wall: its direction is known, and it is no smear over a small step.
+def wall_probability(p, axis: float, trust: float, gates: Gates, rules: MergeRules) -> float:  # type: ignore[no-untyped-def]
+    """Probability that a new piece of scan shows a wall: its direction is known, and it is no smear over a small step.
 
     Where the walls so far are rectilinear, a short oblique piece is far likelier a few beams across a step or a
     corner than an oblique wall, so it has to show more beams: the robot sees them when it comes nearer.
     """
     if gates.noise / math.sqrt(p.spread) > rules.max_direction_sd:
-        return False
+        return 0.0
     if trust < rules.axis_trust or p.hits >= rules.off_axis_hits:
-        return True
+        return 1.0
     off = 4 * (math.atan2(p.uy, p.ux) - axis)
-    return abs(math.atan2(math.sin(off), math.cos(off))) / 4 < rules.off_axis + gates.noise / math.sqrt(p.spread)
+    oblique = abs(math.atan2(math.sin(off), math.cos(off))) / 4
+    return rules.oblique_wall if oblique > rules.off_axis + gates.noise / math.sqrt(p.spread) else 1.0
 
 
 @njit(cache=True)
@@ -252,12 +254,14 @@ def merge_scan(
     count: int,
     pieces: NDArray[np.void],
     walls: NDArray[np.int64],
+    dice: NDArray[np.float64],
     gates: Gates,
     rules: MergeRules,
 ) -> int:
     """Merge pieces (map frame), each associated with a wall or with -1, into a particle; returns the new count.
 
-    `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed.
+    `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed. dice: (k,) in [0, 1),
+    a new piece becomes a wall if its die is below its probability; 0.5 takes the likelier side.
     """
     axis, trust = main_axis(edges, count)
     for k in range(len(pieces)):
@@ -265,7 +269,7 @@ def merge_scan(
         scatter = p.spread
         e = walls[k]
         if e < 0:
-            if not _worth_a_wall(p, axis, trust, gates, rules):
+            if dice[k] >= wall_probability(p, axis, trust, gates, rules):
                 continue
             e, count = new_slot(edges, count)
             if e < 0:
