@@ -104,7 +104,7 @@ class Radio:
         self._robots = list(robots)
         self._index = {robot: i for i, robot in enumerate(robots)}
         self._reach = config.range_m
-        self._flying: list[tuple[Send, str, str, bool]] = []
+        self._flying: list[tuple[str, Send, list[tuple[str, bool]]]] = []
 
     def check(self, sender: str, send: Send) -> None:
         """Raise ProtocolError where the receiver is nobody else in this run."""
@@ -120,11 +120,8 @@ class Radio:
                 self.books.on_air[sender, send.kind].add(len(send.payload))
                 self.books.sent[sender] += len(send.payload)
                 receivers = self._robots if send.to == EVERYONE else [send.to]
-                self._flying += [
-                    (send, sender, receiver, bool(near[self._index[receiver]]))
-                    for receiver in receivers
-                    if receiver != sender
-                ]
+                reached = [(other, bool(near[self._index[other]])) for other in receivers if other != sender]
+                self._flying.append((sender, send, reached))
 
     def deliver(
         self, tick: int, live: Collection[str], *, ended: bool = False
@@ -132,19 +129,21 @@ class Radio:
         """What each live robot hears at this tick, in the order of sender and sequence, and all that was judged."""
         heard: dict[str, list[Heard]] = {robot: [] for robot in self._robots if robot in live}
         passages = []
-        for send, sender, receiver, near in self._flying:
-            if not near:
-                outcome = RANGE
-            elif ended:
-                outcome = ENDED
-            elif receiver not in heard:
-                outcome = DEAD
-            else:
-                outcome = DELIVERED
-                heard[receiver].append(Heard(tick=tick, sender=sender, kind=send.kind, payload=send.payload))
-                self.books.received[receiver] += len(send.payload)
+        for sender, send, reached in self._flying:
             size = len(send.payload)
-            self.books.links[sender, receiver, send.kind, outcome].add(size)
-            passages.append(Passage(send.tick, sender, receiver, send.kind, size, outcome))
+            message = Heard(tick=tick, sender=sender, kind=send.kind, payload=send.payload)
+            for receiver, near in reached:
+                if not near:
+                    outcome = RANGE
+                elif ended:
+                    outcome = ENDED
+                elif receiver not in heard:
+                    outcome = DEAD
+                else:
+                    outcome = DELIVERED
+                    heard[receiver].append(message)
+                    self.books.received[receiver] += size
+                self.books.links[sender, receiver, send.kind, outcome].add(size)
+                passages.append(Passage(send.tick, sender, receiver, send.kind, size, outcome))
         self._flying = []
         return heard, passages
