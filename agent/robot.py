@@ -59,7 +59,7 @@ class Robot:
             config.filter,
             noise,
             spec.lidar.beams,
-            (0.0, 0.0, 0.0),
+            spec.odometry,
             np.random.SeedSequence([seed, zlib.crc32(b"filter")]),
         )
         self.explorer = Explorer(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
@@ -18,6 +17,7 @@ from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
 from agent.pose_correction import correct_pose, motion_covariance, moved
 from agent.scan_merge import MergeRules, main_axis, merge_scan, to_map_frame
+from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
 
 Floats = NDArray[np.float64]
@@ -103,13 +103,10 @@ class WireframeFilter:
         filter_config: FilterConfig,
         noise: float,
         beams: int,
-        odometry_noise: Sequence[float],
+        odometry: OdometrySpec,
         seed: int | np.random.SeedSequence,
     ) -> None:
-        """noise: m, standard deviation of a range; beams: of a full turn.
-
-        odometry_noise: sd in m per sqrt(m), rad per sqrt(m), rad per sqrt(rad); zeros where odometry is exact.
-        """
+        """noise: m, standard deviation of a range; beams: of a full turn."""
         n = filter_config.particles
         self.config = config
         self.filter_config = filter_config
@@ -123,8 +120,10 @@ class WireframeFilter:
         self.standing = np.zeros(n)
         self.best = 0
         self._odometry: Pose | None = None
-        self._odometry_noise = np.array(odometry_noise, np.float64)
-        self._noisy = bool(filter_config.correct_pose and self._odometry_noise.any())
+        self._odometry_noise = np.array(
+            [odometry.distance_sd, math.radians(odometry.heading_sd_deg), odometry.turn_sd], np.float64
+        )
+        self._noisy = odometry.noisy and filter_config.correct_pose
         self.poses: list[Pose] = [(0.0, 0.0, 0.0)] * n
         self.covariances = np.zeros((n, 3, 3))
         self._gates = Gates(

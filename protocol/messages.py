@@ -103,6 +103,18 @@ class LidarSpec(Message):
     """Probability that a beam returns nothing."""
 
 
+class OdometrySpec(Message):
+    """Dead reckoning. Exact by default (paper III); `noisy` adds what wheels of this size do (ours)."""
+
+    noisy: bool = False
+    distance_sd: Annotated[Finite, Field(ge=0)] = 0.02
+    """Metres of error along the path, per square root of a metre driven."""
+    heading_sd_deg: Annotated[Finite, Field(ge=0)] = 1.0
+    """Degrees of heading error, per square root of a metre driven."""
+    turn_sd: Annotated[Finite, Field(ge=0)] = 0.02
+    """Radians of heading error, per square root of a radian turned."""
+
+
 class RobotSpec(Message):
     """A differential-drive robot; the default is the TurtleBot3 Burger."""
 
@@ -110,6 +122,7 @@ class RobotSpec(Message):
     max_speed_mps: Annotated[Finite, Field(gt=0, le=10)] = 0.22
     max_turn_rps: Annotated[Finite, Field(gt=0, le=20)] = 2.84
     lidar: LidarSpec = LidarSpec()
+    odometry: OdometrySpec = OdometrySpec()
 
 
 class Join(Message):

@@ -17,10 +17,10 @@ import yaml
 from agent.config import AgentConfig
 from deploy import inprocess
 from protocol.errors import ProtocolError
-from protocol.messages import EVERYONE, Action, MapReport, RobotSpec, Send
+from protocol.messages import EVERYONE, Action, MapReport, OdometrySpec, RobotSpec, Send
 from protocol.wireframe import Wireframe, encode_wireframe
 from tests.scripted import Wanderer
-from world.config import OdometryConfig, WorldConfig
+from world.config import WorldConfig
 from world.episode import BadOutputsError, Episode, Outputs, generator
 from world.odometry import Odometry
 from world.recorder import own_part
@@ -133,7 +133,7 @@ def test_exact_odometry_is_the_true_pose_in_the_start_frame() -> None:
 
 
 def test_noisy_odometry_grows_with_the_root_of_the_distance() -> None:
-    config = OdometryConfig(noisy=True)
+    config = OdometrySpec(noisy=True)
     for ticks in (25, 100, 400):
         ends = []
         for seed in range(300):

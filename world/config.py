@@ -31,18 +31,6 @@ class PhysicsConfig(Config):
     """Of a TurtleBot3 Burger; decides only who pushes whom."""
 
 
-class OdometryConfig(Config):
-    """Dead reckoning. Exact by default (paper III); `noisy` adds what wheels of this size do (ours)."""
-
-    noisy: bool = False
-    distance_sd: NotNegative = 0.02
-    """Metres of error along the path, per square root of a metre driven."""
-    heading_sd_deg: NotNegative = 1.0
-    """Degrees of heading error, per square root of a metre driven."""
-    turn_sd: NotNegative = 0.02
-    """Radians of heading error, per square root of a radian turned."""
-
-
 class RadioConfig(Config):
     """Who hears whom."""
 
@@ -81,7 +69,6 @@ class WorldConfig(Config):
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     physics: PhysicsConfig = PhysicsConfig()
-    odometry: OdometryConfig = OdometryConfig()
     radio: RadioConfig = RadioConfig()
     coverage: CoverageConfig = CoverageConfig()
 

@@ -99,7 +99,7 @@ class Episode:
         self._lidar = Lidar(self.world.segments, spec.lidar, one_sided=True)
         self._scanning = [generator(config.seed, "lidar", robot) for robot in self.robots]
         self._odometry = [
-            Odometry(start, config.odometry, generator(config.seed, "odometry", robot))
+            Odometry(start, config.spec.odometry, generator(config.seed, "odometry", robot))
             for robot, start in zip(self.robots, self.starts, strict=True)
         ]
         reach = spec.lidar.range_max_m

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from world.config import OdometryConfig
+from protocol.messages import OdometrySpec
 
 Pose = tuple[float, float, float]
 
@@ -15,7 +15,7 @@ Pose = tuple[float, float, float]
 class Odometry:
     """Dead reckoning of one robot: exact (paper III), or with errors that add up as a random walk."""
 
-    def __init__(self, start: NDArray[np.float64], config: OdometryConfig, rng: np.random.Generator) -> None:
+    def __init__(self, start: NDArray[np.float64], config: OdometrySpec, rng: np.random.Generator) -> None:
         """`start` is (3,), the pose in the world that becomes the origin of the robot's own frame."""
         self._start: Pose = _pose(start)
         self._config = config
