@@ -92,7 +92,8 @@ def run_agent(
         robot_factory = Robot
     inbox = inbox or Inbox()
     with open_client(connect, join_timeout_s) as session:
-        session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch)
+        # history: the end of a token that was not reported is not reported either
+        session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         ended = None
         while ended is None:  # again where the world was gone and is back, as a new run
             welcome = join(session, robot, inbox, join_timeout_s)

@@ -13,18 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from deploy.status import Status
+from deploy.status import ENDINGS, Status
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # small arrays: threads would only wait for each other
-
-ENDINGS = {
-    "complete": Status.OK,
-    "time": Status.OK,
-    "dead": Status.INCOMPLETE,
-    "interrupted": Status.INTERRUPTED,
-}
-"""Exit status by how a run ended, for a world or a robot alone."""
 
 EXTRAS = {"pymunk": "world", "matplotlib": "deploy", "psutil": "deploy", "rich": "deploy"}
 """Which extra brings a package that the base install may lack."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from deploy.config import ConfigError, RunConfig
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, agent_process, world_process
-from deploy.status import Status
+from deploy.status import ENDINGS, Status
 from protocol.messages import Progress
 from world.worldfile import load
 
@@ -111,6 +111,8 @@ class Run:
         self._progress: Progress | None = None
         self._ended: str | None = None
         self._errors: list[str] = []
+        self._last_words: set[str] = set()
+        """Children that said how they ended."""
         self._refused = self._interrupted = False
 
     def __enter__(self) -> Self:
@@ -166,20 +168,23 @@ class Run:
             del self._talking[child.pipe]
             if child.name == "world" and self._interrupted:
                 self._tell_all()
-            if child.name == "world" and self._ended is None and not self._errors:
+            if child.name not in self._last_words:
                 child.process.join(1.0)
-                self._errors.append(f"the world's process died ({_exit_of(child.process.exitcode)})")
+                self._errors.append(f"{child.name}: its process died ({_exit_of(child.process.exitcode)})")
             return
         if what == LISTENING:
             for number in range(self._config.robots):
                 robot = f"r{number + 1}"
                 self._start(robot, agent_process, robot, value, self._config, self._factory)
-        elif what == PROGRESS:
+            return
+        if what == PROGRESS:
             self._progress = value
             self._show(value)
-        elif what == ENDED and child.name == "world":
+            return
+        self._last_words.add(child.name)
+        if what == ENDED and child.name == "world":
             self._ended = value
-        elif what in (REFUSED, FAILED):
+        elif what in (REFUSED, FAILED) or value not in ENDINGS:
             self._refused |= what == REFUSED
             self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
 

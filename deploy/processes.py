@@ -67,7 +67,7 @@ def agent_process(
     from protocol.errors import LinkError, ProtocolError
 
     inbox = Inbox()
-    _obey(launcher, inbox)
+    _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends first, and tells the robots
     try:
         ended = run_agent(
             robot,
@@ -86,21 +86,25 @@ def agent_process(
         _tell(launcher, ENDED, ended)
 
 
-def _obey(launcher: Connection, inbox: Stoppable) -> None:
-    """Stop on SIGTERM and on the launcher's word or end; Ctrl-C is the launcher's, which tells the world."""
+def _obey(launcher: Connection, inbox: Stoppable, orphan_s: float = 0.0) -> None:
+    """Stop on SIGTERM, on the launcher's word, and orphan_s after its end.
+
+    Ctrl-C is the launcher's, which tells the world.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: inbox.stop())
-    threading.Thread(target=_watch, args=(launcher, inbox), daemon=True).start()
+    threading.Thread(target=_watch, args=(launcher, inbox, orphan_s), daemon=True).start()
 
 
-def _watch(launcher: Connection, inbox: Stoppable) -> None:
+def _watch(launcher: Connection, inbox: Stoppable, orphan_s: float) -> None:
     try:
         while True:
             launcher.recv()
             inbox.stop()
     except (EOFError, OSError):  # the launcher is dead
+        time.sleep(orphan_s)
         inbox.stop()
-        time.sleep(GRACE_S)
+        time.sleep(GRACE_S - orphan_s)
         os._exit(1)
 
 

@@ -16,3 +16,12 @@ class Status(IntEnum):
     INCOMPLETE = 3
     """Ended, but a robot died or never completed."""
     INTERRUPTED = 130
+
+
+ENDINGS = {
+    "complete": Status.OK,
+    "time": Status.OK,
+    "dead": Status.INCOMPLETE,
+    "interrupted": Status.INTERRUPTED,
+}
+"""Exit status by how a run ended, for a world or a robot alone."""

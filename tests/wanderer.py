@@ -86,16 +86,6 @@ def endless(robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> Wand
     return Wanderer(robot, spec, config, seed, ticks=2**40)
 
 
-class Liar(Wanderer):
-    """r2 answers for the wrong tick after a second."""
-
-    def step(self, observation: Observation, heard: Sequence[Heard]) -> Any:
-        turn = super().step(observation, heard)
-        if self.robot == "r2" and observation.tick == 5:
-            return turn._replace(action=turn.action.model_copy(update={"tick": 4}))
-        return turn
-
-
 class Sleeper(Wanderer):
     """r2 is slow: takes half a second for each step."""
 
@@ -105,10 +95,16 @@ class Sleeper(Wanderer):
         return super().step(observation, heard)
 
 
-class Suicide(Wanderer):
-    """r2 kills itself at tick 20, as `kill -9` would."""
+class Misbehaving(Wanderer):
+    """r2 answers for the wrong tick, r3 has a mistake in its program, r4 dies as of `kill -9`."""
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Any:
-        if self.robot == "r2" and observation.tick == 20:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().step(observation, heard)
+        turn = super().step(observation, heard)
+        match self.robot, observation.tick:
+            case "r2", 5:
+                return turn._replace(action=turn.action.model_copy(update={"tick": 4}))
+            case "r3", 10:
+                raise ZeroDivisionError("as promised")
+            case "r4", 15:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return turn
