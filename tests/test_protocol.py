@@ -192,9 +192,7 @@ def test_numbers_are_finite_numbers(bad: object) -> None:
 def test_a_range_is_a_length(ranges: list[float]) -> None:
     data = msgpack.packb({"tick": 0, "ranges": np.asarray(ranges, "<f4").tobytes(), "odometry": [0, 0, 0]})
     assert "range" in refused(Observation, data)
-    assert "float32" in refused(
-        Observation, msgpack.packb({"tick": 0, "ranges": b"abc", "odometry": [0, 0, 0]})
-    )
+    assert "float32" in refused(Observation, msgpack.packb({"tick": 0, "ranges": b"abc", "odometry": [0, 0, 0]}))
 
 
 @pytest.mark.parametrize("name", ["", "R1", "r/1", "r*", "../r1", "r1/in/obs", "x" * 17, "r1\n"])
