@@ -18,6 +18,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from deploy.report import style
@@ -172,16 +173,8 @@ def draw_start(axes: Axes, run: Run, robot: str, colour: str) -> None:
     tip = max(2.2 * run.radius, 0.015 * float(np.ptp(axes.get_xlim())))
     axes.plot([x, x + tip * math.cos(theta)], [y, y + tip * math.sin(theta)], color=colour, lw=1.6, zorder=6)
     axes.plot(x, y, "o", color="white", mec=colour, mew=1.6, ms=7, zorder=6)
-    axes.annotate(
-        robot,
-        (x, y),
-        xytext=(7, 5),
-        textcoords="offset points",
-        color=colour,
-        size=9,
-        weight="bold",
-        zorder=7,
-    )
+    name = axes.annotate(robot, (x, y), xytext=(7, 5), textcoords="offset points", color=colour, size=9, zorder=7)
+    name.set(weight="bold", path_effects=[withStroke(linewidth=2.5, foreground="white")])
 
 
 def finish_plan(axes: Axes) -> None:
