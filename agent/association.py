@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.corner_scan import Record
 from agent.edges import FRONTIER, NOMINAL, Edges, above, along, line_sd, spread, tip_at
 
 
@@ -25,7 +26,21 @@ class Gates(NamedTuple):
 
 
 @njit(cache=True)
-def cost(e, p, gates: Gates) -> float:  # type: ignore[no-untyped-def]
+def uncertain(gates: Gates, covariance: NDArray[np.float64]) -> Gates:
+    """Gates for a pose of the given (3, 3) covariance."""
+    return Gates(
+        gates.noise,
+        gates.sigmas,
+        gates.offset,
+        gates.angle,
+        gates.bridge,
+        math.sqrt(max(covariance[0, 0], covariance[1, 1])),
+        math.sqrt(covariance[2, 2]),
+    )
+
+
+@njit(cache=True)
+def cost(e: Record, p: Record, gates: Gates) -> float:
     """Chi-square (2 degrees of freedom) of a piece p, in the map's frame, lying on the line of wall e; inf out of gate.
 
     Gates on the distance of the piece's centroid, scaled by noise, and on direction.
@@ -43,7 +58,7 @@ def cost(e, p, gates: Gates) -> float:  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def overlap(e, p, gates: Gates) -> float:  # type: ignore[no-untyped-def]
+def overlap(e: Record, p: Record, gates: Gates) -> float:
     """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf one that may not.
 
     Only an open end may be bridged: a corner ends its wall.

@@ -39,7 +39,7 @@ class MapConfig(Config):
     """Corner scans to a wireframe."""
 
     offset_gate_m: Positive = 0.012
-    """A wall and a piece of it may lie this far apart beside noise: walls are not straight (facts/mapping.md rule 5)."""
+    """A wall and a piece of it may lie this far apart beside noise: walls are not straight (mapping.md rule 5)."""
     gate_sigmas: Positive = 3.5
     """Noise that an association allows for: 0.9995 of it."""
     angle_gate_deg: Positive = 3.0
@@ -63,7 +63,7 @@ class MapConfig(Config):
     off_axis_deg: Positive = 10.0
     """A new wall this oblique is suspect where walls are rectilinear; their true angles are within 2 degrees."""
     off_axis_hits: Positive = 12.0
-    """Beams that an oblique new wall must show: 0.25 m seen from 1.2 m, where no smear over a 0.1 m step fits a line."""
+    """Beams that an oblique new wall must show: 0.25 m from 1.2 m, where no smear over a 0.1 m step fits a line."""
     view_step_m: Positive = 0.08
     """Samples along a wall when a scan is held against it: half the thickness of a usual wall."""
     view_margin_m: Positive = 0.035

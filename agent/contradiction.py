@@ -32,6 +32,22 @@ class ViewRules(NamedTuple):
 
 
 @njit(cache=True)
+def patient_view(rules: ViewRules, factor: float) -> ViewRules:
+    """The rules of a particle that is more or less patient."""
+    return ViewRules(
+        rules.step,
+        rules.margin,
+        rules.half_beam,
+        rules.end_skip,
+        rules.cut_after * factor,
+        rules.drop_after * factor,
+        rules.drop_growth,
+        rules.sure_after,
+        rules.min_length,
+    )
+
+
+@njit(cache=True)
 def piece_at(pieces: NDArray[np.void], bearing: float, half_beam: float) -> int:
     """The piece that a ray in the robot's frame meets well inside its ends, or -1. bearing in [0, 2 pi)."""
     for k in range(len(pieces)):
@@ -120,7 +136,7 @@ def contradict(
     reach: float,
     rules: ViewRules,
 ) -> int:
-    """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the new count."""
+    """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the count."""
     for e in range(count):
         w = edges[e]
         if w.alive == 0:
@@ -131,7 +147,7 @@ def contradict(
             continue
         side = above(w, pose[0], pose[1])
         skip = min(rules.end_skip, 0.25 * size)
-        n = max(3, int(math.ceil((size - 2 * skip) / rules.step)))
+        n = max(3, math.ceil((size - 2 * skip) / rules.step))
         low, high, visible, on = math.inf, -math.inf, 0, 0
         tail = tip_at(w, 0) + skip
         spacing = (size - 2 * skip) / (n - 1)
@@ -163,9 +179,7 @@ def contradict(
                 w.probation = 0
         elif visible >= 2:
             w.misses += 1.0
-        if w.misses >= rules.drop_after + (
-            0.0 if w.probation == 1 else rules.drop_growth * min(w.seen, 50.0)
-        ):
+        if w.misses >= rules.drop_after + (0.0 if w.probation == 1 else rules.drop_growth * min(w.seen, 50.0)):
             remove(edges, e)
             continue
         if low > high:

@@ -6,11 +6,15 @@ Nothing after perception sees a range (paper I: strict adherence to sparsity).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocol.wireframe import Label, Wireframe
+
+Record = Any
+"""One element of a record array inside a kernel; numba reads its fields like attributes."""
 
 PIECE = np.dtype(
     [

@@ -66,18 +66,14 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
         for _ in range(3):  # Gauss-Newton with the two exact derivatives of the range
             a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
             half = math.asin(min(radius / distance, 1.0))
-            for k in range(
-                math.ceil((bearing - 0.9 * half) / step), math.floor((bearing + 0.9 * half) / step) + 1
-            ):
+            for k in range(math.ceil((bearing - 0.9 * half) / step), math.floor((bearing + 0.9 * half) / step) + 1):
                 offset = k * step - bearing
                 off = ranges[k % n] - disc_range(distance, offset, radius)
                 if abs(off) > near:
                     continue
                 root = math.sqrt(radius**2 - (distance * math.sin(offset)) ** 2)
                 by_distance = math.cos(offset) + distance * math.sin(offset) ** 2 / root
-                by_bearing = (
-                    distance * math.sin(offset) - distance**2 * math.sin(offset) * math.cos(offset) / root
-                )
+                by_bearing = distance * math.sin(offset) - distance**2 * math.sin(offset) * math.cos(offset) / root
                 a11 += by_distance**2
                 a12 += by_distance * by_bearing
                 a22 += by_bearing**2

@@ -12,6 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.corner_scan import Record
 from protocol.wireframe import Label
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
@@ -49,50 +50,50 @@ Edges = NDArray[np.void]
 
 
 @njit(cache=True)
-def along(e, x: float, y: float) -> float:  # type: ignore[no-untyped-def]
+def along(e: Record, x: float, y: float) -> float:
     """Coordinate of a point along the wall, metres from its centroid."""
     return (x - e.x) * e.ux + (y - e.y) * e.uy
 
 
 @njit(cache=True)
-def above(e, x: float, y: float) -> float:  # type: ignore[no-untyped-def]
+def above(e: Record, x: float, y: float) -> float:
     """Distance of a point from the wall's line, positive on the free side."""
     return (y - e.y) * e.ux - (x - e.x) * e.uy
 
 
 @njit(cache=True)
-def tip_at(e, side: int) -> float:  # type: ignore[no-untyped-def]
+def tip_at(e: Record, side: int) -> float:
     """Coordinate of an end along the wall."""
     return along(e, e.tip[side, 0], e.tip[side, 1])
 
 
 @njit(cache=True)
-def set_tip(e, side: int, t: float) -> None:  # type: ignore[no-untyped-def]
+def set_tip(e: Record, side: int, t: float) -> None:
     """Put an end at a coordinate along the wall."""
     e.tip[side, 0] = e.x + t * e.ux
     e.tip[side, 1] = e.y + t * e.uy
 
 
 @njit(cache=True)
-def length(e) -> float:  # type: ignore[no-untyped-def]
+def length(e: Record) -> float:
     """Length of a wall, metres."""
     return tip_at(e, 1) - tip_at(e, 0)
 
 
 @njit(cache=True)
-def spread(e) -> float:  # type: ignore[no-untyped-def]
+def spread(e: Record) -> float:
     """Sum of squared distances of the hits from the centroid along the wall, m2."""
     return max(e.xx * e.ux * e.ux + 2 * e.xy * e.ux * e.uy + e.yy * e.uy * e.uy, 1e-9)
 
 
 @njit(cache=True)
-def line_sd(e, t: float, noise: float) -> float:  # type: ignore[no-untyped-def]
+def line_sd(e: Record, t: float, noise: float) -> float:
     """Standard deviation of the line across its direction, at coordinate t."""
     return noise * math.sqrt(1.0 / e.hits + t * t / spread(e))
 
 
 @njit(cache=True)
-def add_hits(e, hits: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:  # type: ignore[no-untyped-def]
+def add_hits(e: Record, hits: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:
     """Fuse a set of hits (count, centroid, scatter about it) into the wall's line; ends keep their places."""
     total = e.hits + hits
     dx, dy = x - e.x, y - e.y
@@ -113,7 +114,7 @@ def add_hits(e, hits: float, x: float, y: float, xx: float, xy: float, yy: float
 
 
 @njit(cache=True)
-def meet(e, f) -> tuple[float, float, float, float]:  # type: ignore[no-untyped-def]
+def meet(e: Record, f: Record) -> tuple[float, float, float, float]:
     """Sine of the turn from e to f, the point where their lines meet, and its coordinate along e; 0 if parallel."""
     sine = e.ux * f.uy - e.uy * f.ux
     if abs(sine) < 1e-6:

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.config import PerceptionConfig
-from agent.corner_scan import PIECE, CornerScan
+from agent.corner_scan import PIECE, CornerScan, Record
 from agent.discs import find_discs, hidden_beams
 from agent.segmentation import fit, piecewise, split_and_merge
 from protocol.messages import LidarSpec
@@ -122,7 +122,7 @@ def _end_label(
 
 
 @njit(cache=True)
-def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]
+def _along(piece: Record, bearing: float) -> float:
     """Where a ray at the bearing meets the piece's line, metres from its centroid; inf where it does not."""
     c, s = math.cos(bearing), math.sin(bearing)
     cross = c * piece.uy - s * piece.ux
@@ -132,7 +132,7 @@ def _along(piece, bearing: float) -> float:  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _meet(p, q) -> tuple[float, float, float]:  # type: ignore[no-untyped-def]
+def _meet(p: Record, q: Record) -> tuple[float, float, float]:
     """Sine of the angle between two pieces, and where their lines meet along p and along q (metres)."""
     sine = p.ux * q.uy - p.uy * q.ux
     if abs(sine) < 1e-6:
@@ -196,10 +196,7 @@ def _assemble(
         next_p, next_q = _along(p, begins * step), _along(q, last[k] * step)
         next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
         next_q = next_q if next_q < q.end[0] else -math.inf
-        if (
-            p.end[1] - slack_p <= along_p <= next_p + slack_p
-            and next_q - slack_q <= along_q <= q.end[0] + slack_q
-        ):
+        if p.end[1] - slack_p <= along_p <= next_p + slack_p and next_q - slack_q <= along_q <= q.end[0] + slack_q:
             p.label[1], q.label[0] = NOMINAL, NOMINAL
             p.link[1], q.link[0] = (k + 1) % count, k
             p.end[1], q.end[0] = along_p, along_q
@@ -209,9 +206,7 @@ def _assemble(
             if p.label[side] == NOMINAL:
                 continue
             beam = first[k] if side == 0 else last[k]
-            label, decided = _end_label(
-                ranges, hidden, beam, 2 * side - 1, totals[k], noise, range_max, sigmas
-            )
+            label, decided = _end_label(ranges, hidden, beam, 2 * side - 1, totals[k], noise, range_max, sigmas)
             p.label[side] = label
             if label == OCCLUSION:
                 p.slack[side] = abs(_along(p, decided * step) - p.end[side])
@@ -261,7 +256,8 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig) -> Corne
     if len(beams) < config.min_hits:
         return CornerScan(np.zeros(0, PIECE), opened, discs, reach, noise)
     cut = piecewise if config.method == "piecewise" else split_and_merge
-    finite, bearings = ranges[beams], beams * (2 * math.pi / len(ranges))
+    finite = ranges[beams].astype(np.float64)
+    bearings = (beams * (2 * math.pi / len(ranges))).astype(np.float64)
     cuts, sums = cut(finite, bearings, noise, config.min_hits, config.line_cost, config.stray_cost)
     cuts = _split_at_gaps(cuts, finite, bearings, config.min_hits, config.max_gap_m)
     cuts, totals = _join_across_strays(cuts, sums, finite, bearings, config.line_cost, config.max_gap_m)

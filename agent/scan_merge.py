@@ -10,6 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.association import Gates, cost, overlap
+from agent.corner_scan import Record
 from agent.edges import (
     FRONTIER,
     NOMINAL,
@@ -46,6 +47,23 @@ class MergeRules(NamedTuple):
 
 
 @njit(cache=True)
+def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
+    """The rules of a particle that is more or less patient."""
+    return MergeRules(
+        rules.end_margin,
+        rules.patience * factor,
+        rules.patience_growth,
+        rules.max_direction_sd,
+        rules.min_sine,
+        rules.close_corner,
+        rules.off_axis,
+        rules.off_axis_hits,
+        rules.axis_trust,
+        rules.oblique_wall,
+    )
+
+
+@njit(cache=True)
 def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> NDArray[np.void]:
     """Pieces moved from the robot's frame into the map's."""
     out = pieces.copy()
@@ -58,7 +76,7 @@ def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> 
 
 
 @njit(cache=True)
-def _outlasted(e, side: int, rules: MergeRules) -> bool:  # type: ignore[no-untyped-def]
+def _outlasted(e: Record, side: int, rules: MergeRules) -> bool:
     """Count one view against an end; true once such views outnumber what confirmed it (rule 7)."""
     e.conflict[side] += 1.0
     return e.conflict[side] > rules.patience + rules.patience_growth * e.strength[side]
@@ -168,7 +186,7 @@ def _unite(edges: Edges, e: int, f: int) -> None:
 
 
 @njit(cache=True)
-def _same_line(e, f, gates: Gates) -> bool:  # type: ignore[no-untyped-def]
+def _same_line(e: Record, f: Record, gates: Gates) -> bool:
     """Whether two walls may be one: each one's centroid lies on the other's line."""
     if e.ux * f.ux + e.uy * f.uy < 0.95:
         return False
@@ -233,7 +251,7 @@ def main_axis(edges: Edges, count: int) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def wall_probability(p, axis: float, trust: float, gates: Gates, rules: MergeRules) -> float:  # type: ignore[no-untyped-def]
+def wall_probability(p: Record, axis: float, trust: float, gates: Gates, rules: MergeRules) -> float:
     """Probability that a new piece of scan shows a wall: its direction is known, and it is no smear over a small step.
 
     Where the walls so far are rectilinear, a short oblique piece is far likelier a few beams across a step or a
@@ -290,12 +308,13 @@ def merge_scan(
         for f in range(count):  # a piece that lies on two walls shows that they are one
             if f == e or edges[f].alive == 0 or not math.isfinite(cost(edges[f], p, gates)):
                 continue
-            if overlap(edges[f], p, gates) > rules.end_margin and overlap(edges[e], p, gates) > rules.end_margin:
-                if _same_line(edges[e], edges[f], gates) and _inner_ends_give_way(edges, e, f, rules):
-                    _unite(edges, e, f)
-                    for j in range(len(walls)):
-                        if walls[j] == f:
-                            walls[j] = e
+            if min(overlap(edges[f], p, gates), overlap(edges[e], p, gates)) <= rules.end_margin:
+                continue
+            if _same_line(edges[e], edges[f], gates) and _inner_ends_give_way(edges, e, f, rules):
+                _unite(edges, e, f)
+                for j in range(len(walls)):
+                    if walls[j] == f:
+                        walls[j] = e
         w = edges[e]
         add_hits(w, p.hits, p.x, p.y, scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy)
         w.own = 1

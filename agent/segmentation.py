@@ -57,10 +57,8 @@ def _chi2(sums: Floats, i: int, j: int) -> float:
 
 
 @njit(cache=True)
-def _cheapest_cut(
-    sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float
-) -> Ints:
-    """Cut beams first..last into lines and strays; returns the (n,) start of the piece that ends at each beam, -1 for strays.
+def _cheapest_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> Ints:
+    """Cut beams first..last into lines and strays: (n,) start of the piece that ends at each beam, -1 for strays.
 
     Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
     """

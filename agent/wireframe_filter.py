@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from agent.association import Gates, associate
+from agent.association import Gates, associate, uncertain
 from agent.config import FilterConfig, MapConfig
-from agent.contradiction import ViewRules, contradict
+from agent.contradiction import ViewRules, contradict, patient_view
 from agent.corner_scan import CornerScan
 from agent.edges import EDGE, OCCLUSION, Edges
 from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
 from agent.pose_correction import correct_pose, motion_covariance, moved
-from agent.scan_merge import MergeRules, main_axis, merge_scan, to_map_frame
+from agent.scan_merge import MergeRules, main_axis, merge_scan, patient_merge, to_map_frame
 from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
 
@@ -27,57 +28,67 @@ SPARE = 64
 """Free records that a particle keeps for one scan; a scan of 360 beams has at most 120 pieces, in practice 20."""
 MAX_WALLS = 4096
 """A particle takes no new wall beyond; ten times what the largest layout has."""
+
+
+class Compass(NamedTuple):
+    """What holds a pose beside covariances, as plain numbers for the kernel (agent.config.FilterConfig says why)."""
+
+    axis_sd: float
+    trust: float
+    floor_m: float
+    floor_rad: float
+
+
 FORGET = 0.98
 """Share of its past log-weight that a particle's standing keeps per scan: the map is the best of the last 50 scans."""
 
 
 @njit(cache=True)
-def update_particle(
+def update_particles(
     edges: Edges,
-    count: int,
+    counts: NDArray[np.int64],
+    poses: Floats,
+    covariances: Floats,
     raw: NDArray[np.void],
     opened: Floats,
     reach: float,
-    pose: tuple[float, float, float],
-    covariance: Floats,
     noisy: bool,
     dice: Floats,
+    patience: Floats,
     gates: Gates,
     rules: MergeRules,
     views: ViewRules,
     odds: Odds,
-    axis_sd: float,
-    heading_trust: float,
-    floor_m: float,
-    floor_rad: float,
-) -> tuple[int, float, tuple[float, float, float], Floats]:
-    """One scan into one particle: associate, correct the pose, weigh, merge, contradict.
+    compass: Compass,
+) -> Floats:
+    """One scan into every particle: associate, correct the pose, weigh, merge, contradict.
 
-    dice: (2, k + 3), a row for association and one for insertion, and standard normals for the pose at the end of
-    the first. Returns the particle's count of records, the scan's log-likelihood, the pose and its covariance.
+    edges (p, e), counts (p,), poses (p, 3) and covariances (p, 3, 3) are updated in place. dice: (p, 2, k + 3), for
+    each particle a row for association and one for insertion, and standard normals for the pose at the end of the
+    first. patience: (p,) factor of each particle's own. Returns the scan's log-likelihoods (p,).
     """
     k = len(raw)
-    if noisy:
-        gates = Gates(
-            gates.noise,
-            gates.sigmas,
-            gates.offset,
-            gates.angle,
-            gates.bridge,
-            math.sqrt(max(covariance[0, 0], covariance[1, 1])),
-            math.sqrt(covariance[2, 2]),
-        )
-        axis, trust = main_axis(edges, count)
-        walls = associate(edges, count, to_map_frame(raw, pose), gates, dice[0])
-        axis_sd = axis_sd if trust > heading_trust else math.inf
-        pose, covariance = correct_pose(edges, raw, walls, pose, covariance, axis, axis_sd, floor_m, floor_rad, gates)
-        shift = times(lower_root(covariance), dice[0, k : k + 3])
-        pose = (pose[0] + shift[0], pose[1] + shift[1], pose[2] + shift[2])
-    pieces = to_map_frame(raw, pose)
-    walls = associate(edges, count, pieces, gates, dice[0])
-    weight = log_likelihood(edges, count, pose, raw, pieces, walls, opened, reach, gates, views, odds)
-    count = merge_scan(edges, count, pieces, walls, dice[1], gates, rules)
-    return contradict(edges, count, pose, raw, pieces, walls, opened, reach, views), weight, pose, covariance
+    scores = np.empty(len(counts))
+    for p in range(len(counts)):
+        pose = (poses[p, 0], poses[p, 1], poses[p, 2])
+        if noisy:
+            gates = uncertain(gates, covariances[p])
+            axis, trust = main_axis(edges[p], counts[p])
+            walls = associate(edges[p], counts[p], to_map_frame(raw, pose), gates, dice[p, 0])
+            axis_sd = compass.axis_sd if trust > compass.trust else math.inf
+            pose, covariances[p] = correct_pose(
+                edges[p], raw, walls, pose, covariances[p], axis, axis_sd, compass.floor_m, compass.floor_rad, gates
+            )
+            shift = times(lower_root(covariances[p]), dice[p, 0, k : k + 3])
+            pose = (pose[0] + shift[0], pose[1] + shift[1], pose[2] + shift[2])
+            poses[p, 0], poses[p, 1], poses[p, 2] = pose
+        pieces = to_map_frame(raw, pose)
+        walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
+        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, gates, views, odds)
+        own_rules, own_views = patient_merge(rules, patience[p]), patient_view(views, patience[p])
+        counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules)
+        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, own_views)
+    return scores
 
 
 @njit(cache=True)
@@ -95,7 +106,7 @@ def systematic(weights: Floats, offset: float) -> NDArray[np.int64]:
 
 
 class WireframeFilter:
-    """Particles, each a whole wireframe and a pose. The first makes the likeliest decisions, the others sample theirs."""
+    """Particles, each a whole wireframe and a pose. The first takes the likeliest decisions, the others sample."""
 
     def __init__(
         self,
@@ -124,7 +135,7 @@ class WireframeFilter:
             [odometry.distance_sd, math.radians(odometry.heading_sd_deg), odometry.turn_sd], np.float64
         )
         self._noisy = odometry.noisy and filter_config.correct_pose
-        self.poses: list[Pose] = [(0.0, 0.0, 0.0)] * n
+        self.poses = np.zeros((n, 3))
         self.covariances = np.zeros((n, 3, 3))
         self._gates = Gates(
             noise,
@@ -143,40 +154,38 @@ class WireframeFilter:
             filter_config.corner_odds,
             filter_config.label_odds,
         )
-        # A particle's patience is a decision, too: drawn once, so that hasty and patient ones compete.
-        spread = filter_config.patience_spread * (2 * self._random.random(n) - 1)
-        spread[0] = 0.0
-        self._rules = [self._merge_rules(1 + float(s)) for s in spread]
-        self._views = [self._view_rules(1 + float(s), noise, beams) for s in spread]
-
-    def _merge_rules(self, patience: float) -> MergeRules:
-        c = self.config
-        return MergeRules(
-            c.end_margin_m,
-            c.patience * patience,
-            c.patience_growth,
-            math.radians(c.max_direction_sd_deg),
-            math.sin(math.radians(c.min_corner_deg)),
-            c.close_corner_m,
-            math.radians(c.off_axis_deg),
-            c.off_axis_hits,
-            c.axis_trust,
-            self.filter_config.oblique_wall,
+        self._rules = MergeRules(
+            config.end_margin_m,
+            config.patience,
+            config.patience_growth,
+            math.radians(config.max_direction_sd_deg),
+            math.sin(math.radians(config.min_corner_deg)),
+            config.close_corner_m,
+            math.radians(config.off_axis_deg),
+            config.off_axis_hits,
+            config.axis_trust,
+            filter_config.oblique_wall,
         )
-
-    def _view_rules(self, patience: float, noise: float, beams: int) -> ViewRules:
-        c = self.config
-        return ViewRules(
-            c.view_step_m,
-            max(c.view_margin_m, c.gate_sigmas * noise),
+        self._views = ViewRules(
+            config.view_step_m,
+            max(config.view_margin_m, config.gate_sigmas * noise),
             math.pi / beams,
-            c.end_skip_m,
-            c.cut_after * patience,
-            c.drop_after * patience,
-            c.drop_growth,
-            c.sure_after,
-            c.min_length_m,
+            config.end_skip_m,
+            config.cut_after,
+            config.drop_after,
+            config.drop_growth,
+            config.sure_after,
+            config.min_length_m,
         )
+        self._compass = Compass(
+            math.radians(filter_config.axis_sd_deg),
+            filter_config.heading_trust,
+            filter_config.wall_floor_m,
+            math.radians(filter_config.wall_floor_deg),
+        )
+        # A particle's patience is a decision, too: drawn once, so that hasty and patient ones compete.
+        self._patience = 1 + filter_config.patience_spread * (2 * self._random.random(n) - 1)
+        self._patience[0] = 1.0
 
     def update(self, scan: CornerScan, odometry: Pose) -> None:
         """Merge a corner scan into every particle, weigh and resample them. odometry: pose (m, rad), robot's frame."""
@@ -186,41 +195,42 @@ class WireframeFilter:
             self.edges = grown
         by = _between(self._odometry, odometry) if self._odometry is not None else (0.0, 0.0, 0.0)
         self._odometry = odometry
-        k = len(scan.pieces)
-        c = self.filter_config
-        scores = np.empty(len(self.edges))
-        for p in range(len(self.edges)):
-            dice = np.zeros((2, k + 3))
-            dice[1] = 0.5
-            if p > 0:
-                dice[:, :k] = self._dice[p].random((2, k))
-                if self._noisy:
-                    dice[0, k:] = self._dice[p].standard_normal(3)
-            pose, covariance = odometry, self.covariances[p]
-            if self._noisy:
-                covariance = motion_covariance(covariance, self.poses[p], by, self._odometry_noise)
-                covariance = covariance + np.diag([1e-8, 1e-8, 1e-8])  # never singular
-                pose = moved(self.poses[p], by)
-            self.counts[p], scores[p], self.poses[p], self.covariances[p] = update_particle(
-                self.edges[p],
-                int(self.counts[p]),
-                scan.pieces,
-                scan.open,
-                scan.reach,
-                pose,
-                covariance,
-                self._noisy,
-                dice,
-                self._gates,
-                self._rules[p],
-                self._views[p],
-                self._odds,
-                math.radians(c.axis_sd_deg),
-                c.heading_trust,
-                c.wall_floor_m,
-                math.radians(c.wall_floor_deg),
-            )
+        if self._noisy:
+            for p, pose in enumerate(self.poses):
+                before = (float(pose[0]), float(pose[1]), float(pose[2]))
+                self.covariances[p] = motion_covariance(self.covariances[p], before, by, self._odometry_noise)
+                self.covariances[p] += 1e-8 * np.eye(3)  # never singular
+                self.poses[p] = moved(before, by)
+        else:
+            self.poses[:] = odometry
+        scores = update_particles(
+            self.edges,
+            self.counts,
+            self.poses,
+            self.covariances,
+            scan.pieces,
+            scan.open,
+            scan.reach,
+            self._noisy,
+            self._throw_dice(len(scan.pieces)),
+            self._patience,
+            self._gates,
+            self._rules,
+            self._views,
+            self._odds,
+            self._compass,
+        )
         self._weigh(scores)
+
+    def _throw_dice(self, k: int) -> Floats:
+        """(p, 2, k + 3) dice of one scan, each particle's from its own generator; the first takes the likelier side."""
+        dice = np.zeros((len(self._dice), 2, k + 3))
+        dice[0, 1] = 0.5
+        for p in range(1, len(dice)):
+            self._dice[p].random(out=dice[p])
+            if self._noisy:
+                dice[p, 0, k:] = self._dice[p].standard_normal(3)
+        return dice
 
     def _weigh(self, scores: Floats) -> None:
         """Weights in the log domain; systematic resampling on effective sample size."""
@@ -252,12 +262,13 @@ class WireframeFilter:
     @property
     def pose(self) -> Pose:
         """Pose of the maximum-likelihood particle, in the robot's own frame."""
-        return self.poses[self.best]
+        x, y, theta = self.poses[self.best].tolist()
+        return x, y, theta
 
     @property
     def nbytes(self) -> int:
         """Bytes that the particles need."""
-        return int(self.counts.sum()) * EDGE.itemsize + self.covariances.nbytes + 24 * len(self.poses)
+        return int(self.counts.sum()) * EDGE.itemsize + self.covariances.nbytes + self.poses.nbytes
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
