@@ -1,0 +1,175 @@
+"""Long benchmarks as cases: measured in parallel processes, kept one file each, and not measured twice.
+
+A case is a function of plain arguments. Its figures are kept under a key of the sources that they depend on and of
+the arguments, so that an interrupted benchmark goes on where it stopped, and a change of the code starts anew.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import multiprocessing
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import lru_cache
+from inspect import getsourcefile
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("agent", "world", "protocol")
+"""The sources that every figure depends on."""
+
+Figures = dict[str, Any]
+"""What a case measured: JSON values."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One measurement."""
+
+    name: str
+    """Path-like and unique in its benchmark, such as plain/maze-15/0; also where its figures are kept."""
+    measure: Callable[..., Figures]
+    """A function at the top of a module: other processes must find it."""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    """JSON values."""
+    alone: bool = False
+    """Whether nothing may run beside it, because its figures are times."""
+
+    @property
+    def key(self) -> str:
+        """Hash of all that decides the figures: sources of the minds and the world, the measure's, arguments."""
+        own = getsourcefile(self.measure)
+        assert own is not None
+        words = [_sources(), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
+        return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of all cases of a benchmark, by name."""
+
+    figures: dict[str, Figures]
+    failed: dict[str, str]
+    """Why a case has no figures."""
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """Hash of the packages and what comes with them, as they are when first asked."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for source in sorted((ROOT / package).rglob("*")):
+            if source.suffix in (".py", ".yaml"):
+                digest.update(source.relative_to(ROOT).as_posix().encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
+def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, quiet: bool = False) -> Outcome:
+    """Measure the cases that `folder` has no figures of, `jobs` at a time (None: one a core), and return all.
+
+    Each is kept in folder/NAME.json as soon as it is there. A case that raises is told in `failed` and measured
+    again next time. Raises ValueError where two cases share a name.
+    """
+    names = [case.name for case in cases]
+    if len(set(names)) < len(names):
+        raise ValueError(f"two cases are called {next(name for name in names if names.count(name) > 1)}")
+    figures = {case.name: known for case in cases if (known := _kept(case, folder)) is not None}
+    failed: dict[str, str] = {}
+    left = [case for case in cases if case.name not in figures]
+    console = Console(stderr=True, quiet=quiet)
+    if figures:
+        console.print(f"{len(figures)} of {len(cases)} cases are in {folder}")
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=quiet) as progress:
+        bar = progress.add_task("measuring", total=len(cases), completed=len(figures))
+        for part, workers in (
+            ([case for case in left if not case.alone], jobs or os.cpu_count() or 1),
+            ([case for case in left if case.alone], 1),
+        ):
+            for case, found, seconds in _measured(part, workers):
+                if isinstance(found, str):
+                    failed[case.name] = found
+                    progress.console.print(f"{case.name}: {found}", style="red", markup=False, highlight=False)
+                else:
+                    figures[case.name] = found
+                    _keep(case, folder, found, seconds)
+                    progress.console.print(f"{case.name}: {seconds:.1f} s", markup=False, highlight=False)
+                progress.advance(bar)
+    return Outcome({name: figures[name] for name in names if name in figures}, failed)
+
+
+def _measured(cases: Sequence[Case], workers: int) -> Iterator[tuple[Case, Figures | str, float]]:
+    """Figures of each case, or the sentence of its error, as they come."""
+    if not cases:
+        return
+    context = multiprocessing.get_context("forkserver")  # no threads or random state of this process
+    with ProcessPoolExecutor(min(workers, len(cases)), context, initializer=_become_worker) as pool:
+        waiting: dict[Future[tuple[Figures, float]], Case] = {pool.submit(_measure, case): case for case in cases}
+        try:
+            for future in as_completed(waiting):
+                error = future.exception()
+                if error is None:
+                    yield waiting[future], *future.result()
+                else:
+                    yield waiting[future], f"{type(error).__name__}: {error}", 0.0
+        except BaseException:  # Ctrl-C: what is half done is not worth waiting for
+            pool.shutdown(wait=False, cancel_futures=True)
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
+
+
+def _become_worker() -> None:
+    """End with the process that started this one, even if it was killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _measure(case: Case) -> tuple[Figures, float]:
+    begin = time.perf_counter()
+    figures: Figures = json.loads(json.dumps(case.measure(**case.arguments), allow_nan=False))  # as read back later
+    return figures, time.perf_counter() - begin
+
+
+def _path(case: Case, folder: Path) -> Path:
+    return folder / f"{case.name}.json"
+
+
+def _kept(case: Case, folder: Path) -> Figures | None:
+    """Figures of an earlier run under the same key."""
+    try:
+        kept = json.loads(_path(case, folder).read_text(encoding="utf-8"))
+        figures: Figures = kept["figures"]
+        return figures if kept["key"] == case.key else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # none yet, or half written
+
+
+def _keep(case: Case, folder: Path, figures: Figures, seconds: float) -> None:
+    path = _path(case, folder)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    document = {
+        "case": case.name,
+        "key": case.key,
+        "arguments": dict(case.arguments),
+        "seconds": round(seconds, 2),
+        "python": sys.version.split()[0],
+        "figures": figures,
+    }
+    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
