@@ -162,7 +162,7 @@ class Link:
     ) -> None:
         self._declared.close()
 
-    def answer(self, step: Step, step_ms: float) -> None:
+    def answer(self, step: Step) -> None:
         """Send all of a tick: what the radio carries, telemetry, and last the action."""
         put = {channel: publisher.put for channel, publisher in self._publishers.items()}
         for send in step.sends:
@@ -171,7 +171,7 @@ class Link:
         put[keys.POSE](encode(step.pose))
         if step.map is not None:
             put[keys.MAP](encode(step.map))
-        put[keys.ACT](encode(step.action.model_copy(update={"step_ms": step_ms})))
+        put[keys.ACT](encode(step.action))
 
 
 def live(mind: Mind, link: Link, inbox: Inbox, reconnect_s: float) -> str | None:
@@ -197,9 +197,7 @@ def live(mind: Mind, link: Link, inbox: Inbox, reconnect_s: float) -> str | None
                                         f"{len(heard)} came")  # fmt: skip
                 if not link.lockstep and not inbox.empty():
                     continue  # late: a newer scan is there or on its way, what was heard is kept
-                began = time.perf_counter()
-                step = mind.step(observation, heard)
-                link.answer(step, 1e3 * (time.perf_counter() - began))
+                link.answer(mind.step(observation, heard))
                 heard = []
             case keys.END:
                 return decode(End, payload).reason

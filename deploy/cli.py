@@ -48,6 +48,7 @@ ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file wit
 Set = Annotated[
     list[str] | None, typer.Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")
 ]
+Quick = Annotated[bool, typer.Option("--quick", help="Small, for tests.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress.")]
 
 
@@ -89,6 +90,8 @@ def run(
         result = launch(settings, directory, command_line=sys.argv, show=display.show)
     for error in result.errors:
         _say(error)
+    if result.status == Status.USAGE:  # nothing was run
+        raise typer.Exit(result.status)
     page: Path | None = None
     try:
         page = write_report(directory)
@@ -135,6 +138,24 @@ def world_(
     raise typer.Exit(ENDINGS.get(ended, Status.INTERRUPTED))
 
 
+@bench.command()
+def lidar(quick: Quick = False) -> None:
+    """Rays a second in the bundled worlds."""
+    from deploy.bench.lidar import measure
+    from deploy.bench.table import print_rows
+
+    print_rows("lidar", measure(quick))
+
+
+@bench.command()
+def lockstep(quick: Quick = False) -> None:
+    """Ticks a second over Zenoh with robots that do not think."""
+    from deploy.bench.lockstep import measure
+    from deploy.bench.table import print_rows
+
+    print_rows("lockstep", measure(quick))
+
+
 @app.command()
 def agent(
     id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],
@@ -152,7 +173,14 @@ def agent(
     settings = load(config, {"reconnect_s": reconnect}, set_ or ())
     inbox = Inbox()
     _stop_on_signals(inbox.stop)
-    ended = run_agent(id_, connect, settings.agent, reconnect_s=settings.reconnect_s, inbox=inbox)
+    ended = run_agent(
+        id_,
+        connect,
+        settings.agent,
+        reconnect_s=settings.reconnect_s,
+        join_timeout_s=settings.join_timeout_s,
+        inbox=inbox,
+    )
     print(f"{id_}: {ended}")
     raise typer.Exit(ENDINGS.get(ended, Status.FAILURE))
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from agent.config import AgentConfig
-from world.config import ServerConfig, WorldConfig
+from world.config import NotNegative, Positive, ServerConfig, WorldConfig
 
 
 class ConfigError(ValueError):
@@ -25,8 +25,10 @@ class RunConfig(WorldConfig):
     """Every robot's mind."""
     server: ServerConfig = ServerConfig()
     """How the world meets its robots."""
-    reconnect_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 2.0
+    reconnect_s: NotNegative = 2.0
     """How long a robot waits for a world that is gone."""
+    join_timeout_s: Positive = 10.0
+    """How long a robot tries to reach a world at first; one that starts with it is up after 1 to 5 s."""
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:

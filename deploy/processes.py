@@ -74,6 +74,7 @@ def agent_process(
             endpoint,
             config.agent,
             reconnect_s=config.reconnect_s,
+            join_timeout_s=config.join_timeout_s,
             robot_factory=robot_factory,
             inbox=inbox,
         )

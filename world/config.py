@@ -82,8 +82,9 @@ class ServerConfig(Config):
     """Simulated seconds per second of the clock; None for lockstep, as fast as the robots answer."""
     join_timeout_s: Positive = 60.0
     """For all robots to be ready; a robot on a slow machine compiles its kernels at its first start."""
-    silence_s: Positive = 60.0
-    """In lockstep, for one answer, before a robot that is alive counts as dead; a step takes some ms."""
+    silence_s: Positive = 300.0
+    """In lockstep, for one answer, before a robot that is alive counts as dead. A step takes some ms, but the
+    first ones compile kernels where that was not done before: a minute, measured with three robots on two cores."""
     farewell_s: Positive = 1.0
     """At the end, for the robots to go by themselves."""
     progress_s: Positive = 0.2
