@@ -1,0 +1,238 @@
+"""How good a map is against the true world: walls, corners and repetitions. No input or output.
+
+The definitions are those of the independent scorer that judges run directories, so that benchmarks can run where it
+is absent; a test holds the two against each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from protocol.wireframe import Label, Wireframe
+from world.config import CoverageConfig
+from world.coverage import visible_wall
+from world.worldfile import World, WorldFileError
+
+Floats = NDArray[np.float64]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class ScoreConfig(BaseModel):
+    """The scorer's numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    near_m: Positive = 0.05
+    """A wall is mapped, and a mapped wall is true, within this; half the thickness of a usual wall."""
+    alike_deg: Positive = 15.0
+    """Walls closer than this in direction are alike; others are not compared. A corner turns by more."""
+    sample_m: Positive = 0.02
+    """Distance between samples of a mapped wall."""
+    cell_m: Positive = 0.10
+    """One sample counts per cell of this size and direction, so that repeating a wall buys nothing."""
+    far_m: Positive = 0.30
+    """Cap of a wall's distance in the root mean square."""
+    corner_near_m: Positive = 0.10
+    """A vertex this near to a true corner is that corner."""
+    corner_flat_m: Positive = 0.006
+    """Outline that bends by less is straight."""
+    corner_seen_m: Positive = 0.03
+    """A corner is visible if visible wall ends this near to it."""
+
+
+class Score(NamedTuple):
+    """What the scorer says about one map; None where there is nothing to judge."""
+
+    wall_recall: float
+    """Share of the visible true wall with a mapped wall near it and alike."""
+    wall_precision: float
+    """Share of the mapped wall with a true wall near it and alike."""
+    wall_rmse_m: float | None
+    """Root mean square distance of the mapped wall to the nearest true one alike."""
+    repeated: float
+    """Mapped length over its distinct length; much over 1 means walls mapped several times."""
+    corner_recall: float | None
+    """Share of the visible true corners with a nominal vertex near."""
+    corner_precision: float | None
+    """Share of the nominal vertices with a true corner near."""
+    corner_rmse_m: float | None
+    """Root mean square distance over the pairs of corner_precision."""
+
+
+class WallScore(NamedTuple):
+    """The same for walls alone."""
+
+    recall: float
+    precision: float
+    rmse_m: float | None
+    repeated: float
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The outline around one region of a world, and what of it a robot in it can see. World frame, metres."""
+
+    outline: Floats
+    """(n, 4) x1, y1, x2, y2: the walls that bound the region's free space."""
+    corners: Floats
+    """(c, 2) where the outline turns."""
+    seen_points: Floats
+    """(p, 2) middles of the pieces of visible wall."""
+    seen_directions: Floats
+    """(p, 2) their unit directions."""
+    seen_lengths: Floats
+    """(p,) their lengths."""
+    seen_corners: Floats
+    """(k, 2) corners at the end of visible wall."""
+
+
+DEFAULT = ScoreConfig()
+
+
+def truth_of(
+    world: World,
+    start: tuple[float, float],
+    radius_m: float,
+    reach_m: float,
+    coverage: CoverageConfig | None = None,
+    config: ScoreConfig = DEFAULT,
+) -> Truth:
+    """Truth for a robot of this radius and range of lidar that starts at (x, y).
+
+    Raises WorldFileError where the start is in a wall.
+    """
+    spot = shapely.Point(start)
+    for index, region in enumerate(world.regions(radius_m)):
+        if region.distance(spot) < 1e-3:
+            return _truth(world, index, radius_m, reach_m, coverage or CoverageConfig(), config)
+    raise WorldFileError(f"{world.source}: no free space for a robot of radius {radius_m} m at {start}")
+
+
+@lru_cache(maxsize=16)
+def _truth(
+    world: World, region: int, radius_m: float, reach_m: float, coverage: CoverageConfig, config: ScoreConfig
+) -> Truth:
+    reachable = world.regions(radius_m)[region]
+    rings = [ring for part in world.free if part.intersects(reachable) for ring in world.outline(part)]
+    outline = np.vstack([np.zeros((0, 4)), *(np.hstack([ring[:-1], ring[1:]]) for ring in rings)])
+    corners = np.vstack([np.zeros((0, 2)), *(_corners(ring, config) for ring in rings)])
+    wall = visible_wall(world, region, radius_m, reach_m, coverage)
+    ends, lengths = wall.ends[wall.visible], wall.lengths[wall.visible]
+    seen = _nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < config.corner_seen_m
+    return Truth(
+        outline=outline,
+        corners=corners,
+        seen_points=(ends[:, :2] + ends[:, 2:]) / 2,
+        seen_directions=(ends[:, 2:] - ends[:, :2]) / np.maximum(lengths, 1e-12)[:, None],
+        seen_lengths=lengths,
+        seen_corners=corners[seen],
+    )
+
+
+def _corners(ring: Floats, config: ScoreConfig) -> Floats:
+    """(c, 2) where a closed ring turns; the tip of a thin wall is a corner, too."""
+    straight = np.asarray(shapely.LinearRing(ring).simplify(config.corner_flat_m).coords)[:-1]
+    along = np.roll(straight, -1, 0) - straight
+    along /= np.hypot(along[:, 0], along[:, 1])[:, None]
+    turned: NDArray[np.bool_] = (along * np.roll(along, 1, 0)).sum(1) < math.cos(math.radians(config.alike_deg))
+    return straight[turned]
+
+
+def to_world(points: Floats, frame: tuple[float, float, float]) -> Floats:
+    """Points (n, 2) of a frame whose pose in the world is (x, y, theta), in the world."""
+    c, s = math.cos(frame[2]), math.sin(frame[2])
+    moved: Floats = points @ np.array([[c, s], [-s, c]]) + np.array(frame[:2])
+    return moved
+
+
+def score(
+    wireframe: Wireframe, frame: tuple[float, float, float], truth: Truth, config: ScoreConfig = DEFAULT
+) -> Score:
+    """Score of a map whose frame has this pose (x, y, theta) in the world."""
+    points = to_world(wireframe.points, frame)
+    walls = score_walls(points[wireframe.edges].reshape(-1, 4), truth, config)
+    nominal = points[wireframe.labels == Label.NOMINAL]
+    off = _nearest_point(nominal, truth.corners)
+    found = _nearest_point(truth.seen_corners, nominal)
+    good = off[off < config.corner_near_m]
+    return Score(
+        *walls,
+        corner_recall=float((found < config.corner_near_m).mean()) if len(found) else None,
+        corner_precision=float((off < config.corner_near_m).mean()) if len(off) else None,
+        corner_rmse_m=_rms(good),
+    )
+
+
+def score_walls(segments: Floats, truth: Truth, config: ScoreConfig = DEFAULT) -> WallScore:
+    """Score of walls (m, 4) x1, y1, x2, y2 in the world."""
+    points, directions = _samples(segments, config)
+    length = float(np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]).sum())
+    apart = len(_distinct(points, directions, config.sample_m, config)[0])
+    repeated = length / config.sample_m / max(apart, 1) if len(points) else 1.0
+    points, directions = _distinct(points, directions, config.cell_m, config)
+    to_truth = _distance_to(points, directions, truth.outline, config)
+    to_map = _distance_to(truth.seen_points, truth.seen_directions, segments, config)
+    return WallScore(
+        recall=float(truth.seen_lengths[to_map < config.near_m].sum() / max(truth.seen_lengths.sum(), 1e-9)),
+        precision=float((to_truth < config.near_m).mean()) if len(points) else 0.0,
+        rmse_m=_rms(np.minimum(to_truth, config.far_m)),
+        repeated=repeated,
+    )
+
+
+def _rms(distances: Floats) -> float | None:
+    return float(np.sqrt((distances**2).mean())) if len(distances) else None
+
+
+def _samples(segments: Floats, config: ScoreConfig) -> tuple[Floats, Floats]:
+    """Points along walls and the unit direction at each, both (n, 2)."""
+    along = segments[:, 2:] - segments[:, :2]
+    length = np.hypot(along[:, 0], along[:, 1])
+    segments, along, length = segments[length > 1e-9], along[length > 1e-9], length[length > 1e-9]
+    count = np.maximum(1, np.round(length / config.sample_m)).astype(np.intp)
+    wall = np.repeat(np.arange(len(count)), count)
+    nth = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
+    share = (nth + 0.5) / count[wall]
+    return segments[wall, :2] + share[:, None] * along[wall], (along / length[:, None])[wall]
+
+
+def _distinct(points: Floats, directions: Floats, cell_m: float, config: ScoreConfig) -> tuple[Floats, Floats]:
+    """One sample per cell and direction."""
+    sectors = round(180.0 / config.alike_deg)
+    turn = np.arctan2(directions[:, 1], directions[:, 0]) % math.pi / math.radians(config.alike_deg)
+    sector = np.round(turn).astype(int) % sectors
+    cells = np.column_stack([np.floor(points / cell_m).astype(int), sector])
+    _, first = np.unique(cells, axis=0, return_index=True)
+    return points[first], directions[first]
+
+
+def _distance_to(points: Floats, directions: Floats, segments: Floats, config: ScoreConfig) -> Floats:
+    """(n,) distance of each point to the nearest wall alike in direction; inf where there is none."""
+    out = np.full(len(points), np.inf)
+    along = segments[:, 2:] - segments[:, :2]
+    length = np.hypot(along[:, 0], along[:, 1])
+    segments, along, length = segments[length > 1e-9], along[length > 1e-9], length[length > 1e-9]
+    unit = along / length[:, None]
+    for low in range(0, len(points), 2000):  # a block of points by all walls stays in the cache
+        part = slice(low, low + 2000)
+        offset = points[part, None] - segments[:, :2]
+        t = np.clip((offset * unit).sum(2), 0, length)
+        away = np.linalg.norm(offset - t[..., None] * unit, axis=2)
+        alike = np.abs(directions[part] @ unit.T) > math.cos(math.radians(config.alike_deg))
+        out[part] = np.where(alike, away, np.inf).min(1, initial=np.inf)
+    return out
+
+
+def _nearest_point(points: Floats, others: Floats) -> Floats:
+    """(n,) distance of each point to the nearest of the others; inf without others."""
+    offset: NDArray[Any] = points[:, None] - others[None]
+    away: Floats = np.linalg.norm(offset, axis=2).min(1, initial=np.inf)
+    return away
