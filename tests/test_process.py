@@ -200,3 +200,13 @@ def test_the_agent_imports_neither_physics_nor_pictures() -> None:
     loaded = {name.split(".")[0] for name in done.stdout.split()}
     assert loaded & {"agent", "protocol", "zenoh"} == {"agent", "protocol", "zenoh"}
     assert not loaded & {"world", "deploy", "pymunk", "matplotlib", "rich"}
+
+
+def test_the_real_robot_in_processes_writes_the_same_bytes_as_in_one(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=6.0)
+    inprocess.run(config, config.agent, tmp_path / "one")
+    result = launch(config, tmp_path / "many", command_line=[])
+    assert (result.status, result.errors) == (0, [])
+    alone = digests(tmp_path / "one")
+    assert alone == digests(tmp_path / "many")
+    assert json.loads((tmp_path / "one" / "maps" / "r1.json").read_text())["edges"]
