@@ -194,11 +194,12 @@ class Explorer:
             if at < 0:
                 self.target = None
                 return
-        if target.samples is not None and self._moved_on:
-            target.samples = target.samples[
-                ~self.states.sweep.seen(target.samples, self.here[None], self.all_walls)
-            ]
-            if len(target.samples) < self.config.sweep_least_samples:
+        if target.samples is not None:
+            seen = self.states.sweep.seen(target.samples, self.here[None], self.all_walls)
+            if self._moved_on:
+                target.samples = target.samples[~seen]
+            if len(target.samples) - np.count_nonzero(seen) < self.config.sweep_least_samples:
+                self._keep_pose(0.0)
                 self.target = None
                 return
         if self.tick > target.deadline and target.kind != "park":
@@ -278,8 +279,8 @@ class Explorer:
             return False
         if not still_clear(target.path, self.wireframe.segments(), target.clearance - 0.03):
             return True
-        if target.kind != "frontier" and target.kind != "retreat" and len(self._fresh()) and not self.complete:
-            return True
+        if target.kind not in ("frontier", "retreat") and len(self._fresh()) and not self.complete:
+            return not self.config.joint_tour or (self.version != self._decided_version and self.tick - self._decided >= self.config.reconsider_ticks)
         return (
             target.kind == "frontier"
             and target.looks == 0
@@ -308,6 +309,9 @@ class Explorer:
                         roads.append(self._roads(clearance))
                     found = self._nearest_end(goals, roads[k], old)
                     if found is not None:
+                        if not again and self.config.joint_tour:
+                            if self._joint(goals, roads[k], clearance, old, found):
+                                return
                         self._pursue_end(*found, clearance, old)
                         return
                 for goal in goals:
@@ -332,6 +336,49 @@ class Explorer:
             left = sum(1 for k in self._remembered if k >= 0)
             self._event("complete", reason=self.states.ended(), unreachable=left)
         self._park(old)
+
+    def _joint(self, goals, roads, clearance, old, found) -> bool:
+        sweep = self.states.sweep
+        poses = np.array(self.poses)
+        samples = sweep.passed_by(self.wireframe, poses, self.here, self.config.pocket_reach_m)
+        pockets, views = sweep.stands(samples, roads, self.config.pocket_samples)
+        if not len(pockets):
+            return False
+        once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, self.config.same_place_m)
+        tasks = []
+        for goal in goals:
+            if once[goal] != goal: continue
+            f = self._nearest_end(np.array([goal]), roads, None)
+            if f is not None:
+                tasks.append((f, f[1]))
+        tasks += [(k, pockets[k]) for k in range(len(pockets))]
+        stands = np.array([t[1] for t in tasks])
+        costs = roads.costs(stands)
+        kinds = np.array([not isinstance(t[0], tuple) for t in tasks])
+        costs += kinds * self.config.pocket_bias_m
+        near = np.argsort(costs, kind="stable")[: self.config.sweep_tour]
+        table = np.zeros((len(near) + 1, len(near) + 1))
+        table[0, 1:] = costs[near]
+        for k, stand in enumerate(stands[near]):
+            table[k + 1, 1:] = roads.starting_at(stand).costs(stands[near])
+        from agent.tour import open_tour
+        order = open_tour(np.minimum(table, 1e6))
+        first = near[order[1] - 1]
+        for i in range(1, len(order)):
+            first = near[order[i] - 1]
+            if not kinds[first] : break
+            nxt = [j for j in order[i+1:] if not kinds[near[j - 1]]]
+            if not nxt: continue
+            if table[0, order[i]] + table[order[i], nxt[0]] - table[0, nxt[0]] <= self.config.pocket_detour_m: break
+        task = tasks[first][0]
+        if isinstance(task, tuple):
+            self._pursue_end(*task, clearance, old)
+        else:
+            way = roads.nearest(stands[first][None], np.zeros(1))
+            if way is None:
+                return False
+            self._pursue(Errand("sweep", stands[first], stands[first], way[2], samples[views[task]]), clearance)
+        return True
 
     def _again(self) -> NDArray[np.int64]:
         """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""

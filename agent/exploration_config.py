@@ -59,6 +59,11 @@ class ExplorationConfig(Config):
     that hides no such object but for its edge."""
     sweep_tour: Annotated[int, Field(ge=2)] = 12
     """Nearest standing points that are put in the best order; more change the next one rarely."""
+    joint_tour: bool = True
+    pocket_reach_m: Positive = 5.0
+    pocket_samples: int = 3
+    pocket_detour_m: float = 3.0
+    pocket_bias_m: float = 0.0
     least_likelihood: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Edges below this are looked at again."""
     vertex_visits: Annotated[int, Field(ge=1)] = 10

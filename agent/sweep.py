@@ -155,7 +155,7 @@ class Sweep:
         """Ask no more to stand at (x, y)."""
         self._stood.append((x, y))
 
-    def stands(self, unseen: Floats, roads: Roads) -> tuple[Floats, Bools]:
+    def stands(self, unseen: Floats, roads: Roads, least: int | None = None) -> tuple[Floats, Bools]:
         """Standing points (k, 2) that together show the unseen samples (n, 2), and which of them each shows (k, n)."""
         nothing = np.zeros((0, 2)), np.zeros((0, len(unseen)), np.bool_)
         if not len(unseen):
@@ -173,7 +173,7 @@ class Sweep:
         if not len(points):
             return nothing
         views = _views(unseen, points, roads.walls, self.radius)
-        chosen = _cover(views, self.config.sweep_least_samples)
+        chosen = _cover(views, least or self.config.sweep_least_samples)
         return points[chosen], views[chosen]
 
     def seen(self, samples: Floats, poses: Floats, walls: Floats) -> Bools:
