@@ -25,8 +25,8 @@ RECONNECT_S = 2.0
 """How long a robot waits for a world that is gone: one that restarts is found 0.5 s after it is up."""
 JOIN_TIMEOUT_S = 10.0
 """How long a robot tries to reach a world: one that starts at the same time is up after 1 to 5 s."""
-ANSWER_S = 1.0
-"""For the answer to one question: a busy world looks at its questions between two ticks."""
+ANSWER_S = 5.0
+"""For the answer to one question; a world that answers later has let in a robot that gave up asking."""
 RETRY_S = 0.1
 """Between two questions to a world that does not answer yet."""
 

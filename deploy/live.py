@@ -55,20 +55,20 @@ class Display:
         late = f", {progress.late_ticks} late ticks" if progress.late_ticks else ""
         title = (
             f"{self._world}: {alive} of {len(clock.status)} robots, tick {clock.tick}, {clock.t:.1f} s simulated, "
-            f"{speed:.0f} x real time{late}, team coverage {progress.team:.1%}"
+            f"{speed:.0f} x real time{late}"
         )
         if self._live:
             self._live.update(Group(Text(title), _bars(progress)))
         elif not self._quiet and now - self._line >= LINE_S:
             self._line = now
-            self._console.print(title, highlight=False, soft_wrap=True)
+            self._console.print(f"{title}, team coverage {progress.team:.1%}", highlight=False, soft_wrap=True)
 
 
 def _bars(progress: Progress) -> Table:
     table = Table.grid(padding=(0, 1))
-    for robot, status in progress.clock.status.items():
-        share = progress.coverage[robot]
-        table.add_row(robot, ProgressBar(total=1.0, completed=share, width=30), f"{share:.1%}", status)
+    shares = [(robot, progress.coverage[robot], status) for robot, status in progress.clock.status.items()]
+    for name, share, status in [*shares, ("team", progress.team, "")]:
+        table.add_row(name, ProgressBar(total=1.0, completed=share, width=30), f"{share:.1%}", status)
     return table
 
 

@@ -9,11 +9,18 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+
+from agent.config import AgentConfig
+from agent.process import run_agent
+from protocol.session import open_router
+from tests.tiny import ROOM
+from tests.wanderer import endless
 
 REPO = Path(__file__).parent.parent
 
@@ -162,3 +169,34 @@ def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path)
     assert suicide == "r4: its process died (signal 9)"
     events = [json.loads(line) for line in (tmp_path / "out" / "events.jsonl").read_text().splitlines()]
     assert [event["robot"] for event in events if event["event"] == "dead"] == ["r2", "r3", "r4"]
+
+
+def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    with open_router() as (_, endpoint):
+        pass  # a port that was free
+
+    def world(out: str, until: str) -> subprocess.Popen[str]:
+        code = "from deploy.cli import main; main()"
+        options = ["--world", "tiny.yaml", "--robots", "1", "--until", until, "--listen", endpoint, "--out", out]
+        return subprocess.Popen(
+            [sys.executable, "-c", code, "world", *options], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+        )
+
+    first = world("first", "7000")
+    second: subprocess.Popen[str] | None = None
+    try:
+        with ThreadPoolExecutor() as pool:
+            robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), reconnect_s=15.0, robot_factory=endless)
+            assert first.stdout is not None and "listening" in first.stdout.readline()
+            time.sleep(1.0)
+            first.kill()
+            second = world("second", "4")
+            assert robot.result(20) == "time"
+        assert second.wait(10) == 0
+    finally:
+        for process in (first, second):
+            if process is not None:
+                process.kill()
+                process.communicate()
+    assert len((tmp_path / "second" / "trajectories" / "r1.tum").read_text().splitlines()) == 21

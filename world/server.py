@@ -194,6 +194,7 @@ class Shell:
     def run(self) -> None:
         """Tick by tick, as fast as the robots answer or by the clock, until the episode ends."""
         assert self._began is not None
+        self.tell()
         while self.episode.ended is None:
             tick = self.episode.tick
             for robot, inputs in self.episode.inputs().items():
