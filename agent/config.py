@@ -31,6 +31,10 @@ class PerceptionConfig(Config):
     """How far a hit must be from its prediction to count as nearer or farther: 0.9995 of the noise."""
     disc_fit: Positive = 4.0
     """Mean chi-square a beam may have on a teammate's disc; leaves room for its motion within a turn."""
+    disc_margin_m: Positive = 0.05
+    """A beam this near to where a teammate was a moment ago is on it: 5 sigma of range."""
+    disc_memory_scans: Annotated[int, Field(ge=1, le=100)] = 4
+    """Scans for which a disc is remembered: one of ten is missed, so four in a row almost never are."""
     teammate_radius_m: Positive = 0.105
     """Radius of teammates, all of one kind."""
 

@@ -197,7 +197,7 @@ def contradict(
             w.through = 1.0
         w.gap[0, 0], w.gap[0, 1] = w.x + low * w.ux, w.y + low * w.uy
         w.gap[1, 0], w.gap[1, 1] = w.x + high * w.ux, w.y + high * w.uy
-        if w.through >= rules.cut_after:
+        if w.through >= rules.cut_after - w.probation:  # what was cut before is suspect
             if low <= tail + 0.5 * spacing:
                 low = tip_at(w, 0)
             if high >= tail + (n - 1.5) * spacing:

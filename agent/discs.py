@@ -8,9 +8,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.angles import wrapped
 from agent.segmentation import beam_sums, fit
 
 Floats = NDArray[np.float64]
+
+FEW_BEAMS = 3
+"""Any circle fits so many beams, and so does any line; beyond, what fits better decides (ours)."""
 
 
 @njit(cache=True)
@@ -30,8 +34,8 @@ def _residuals(
     n = len(ranges)
     step = 2 * math.pi / n
     half = math.asin(min(radius / distance, 1.0))
-    low = math.ceil((bearing - 0.95 * half) / step)
-    high = math.floor((bearing + 0.95 * half) / step)
+    low = math.ceil((bearing - 0.9 * half) / step)
+    high = math.floor((bearing + 0.9 * half) / step)
     inside, on, total, first, last = 0, 0, 0.0, 1.0, -1.0
     for k in range(low, high + 1):
         offset = k * step - bearing
@@ -98,7 +102,7 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
                 run[m], angle[m] = ranges[k % n], k * step
                 m += 1
         line = fit(beam_sums(run[:m], angle[:m], noise)[m])[2]
-        if m > 3 and line < total / noise**2 + 9.0:
+        if m > FEW_BEAMS and line < total / noise**2:
             continue
         better = True
         for c in range(count):  # of those on the same spot, the first that fits best stays
@@ -114,26 +118,26 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
         if better:
             found[count, 0], found[count, 1], found[count, 2] = distance, bearing, total / on
             count += 1
+    jump = np.zeros((count, 2), np.bool_)
+    for c in range(count):
+        half = math.asin(min(radius / found[c, 0], 1.0))
+        for side in range(2):
+            r = ranges[round((found[c, 1] + (2 * side - 1) * (half + step)) / step) % n]
+            jump[c, side] = r > found[c, 0] + 0.3 * radius or r < found[c, 0] - radius - near
     kept = np.empty((count, 2))
     n_kept = 0
     for c in range(count):
         distance, bearing = found[c, 0], found[c, 1]
         half = math.asin(min(radius / distance, 1.0))
-        free = 0
-        for side in (-1, 1):
-            k = round((bearing + side * (half + step)) / step)
-            r = ranges[k % n]
-            tangent = distance * math.cos(half)
-            if r > distance + 0.3 * radius or r < tangent - radius:
-                free += 1
-                continue
-            for other in range(count):
-                if other != c and found[other, 0] > 0:
-                    gap = abs((k * step - found[other, 1] + math.pi) % (2 * math.pi) - math.pi)
-                    if gap <= math.asin(min(radius / found[other, 0], 1.0)) + step:
-                        free += 1
-                        break
-        if free == 2:
+        bounded = True
+        for side in range(2):
+            beside = jump[c, side]
+            for other in range(count):  # a row of them is a wall, so one with both ends hidden does not count
+                if other != c and (jump[other, 0] or jump[other, 1]) and not beside:
+                    gap = wrapped(bearing + (2 * side - 1) * (half + step) - found[other, 1], 2 * math.pi)
+                    beside = abs(gap) <= math.asin(min(radius / found[other, 0], 1.0)) + step
+            bounded = bounded and beside
+        if bounded and (jump[c, 0] or jump[c, 1]):
             kept[n_kept, 0], kept[n_kept, 1] = distance * math.cos(bearing), distance * math.sin(bearing)
             n_kept += 1
     return kept[:n_kept].copy()
@@ -150,4 +154,23 @@ def hidden_beams(n: int, discs: Floats, radius: float) -> NDArray[np.bool_]:
         half = math.asin(radius / distance) + step
         for k in range(math.ceil((bearing - half) / step), math.floor((bearing + half) / step) + 1):
             out[k % n] = True
+    return out
+
+
+@njit(cache=True)
+def beams_on(ranges: Floats, expected: Floats, radius: float) -> NDArray[np.bool_]:
+    """(n,) which beams of a full turn end on a disc expected at (k, 3) centre and slack, metres, robot's frame."""
+    n = len(ranges)
+    out = np.zeros(n, np.bool_)
+    step = 2 * math.pi / n
+    for d in range(len(expected)):
+        reach = radius + expected[d, 2]
+        distance = math.hypot(expected[d, 0], expected[d, 1])
+        bearing = math.atan2(expected[d, 1], expected[d, 0])
+        half = math.asin(min(reach / max(distance, 1e-9), 1.0))
+        for k in range(math.ceil((bearing - half) / step), math.floor((bearing + half) / step) + 1):
+            r = ranges[k % n]
+            apart = math.hypot(r * math.cos(k * step) - expected[d, 0], r * math.sin(k * step) - expected[d, 1])
+            if math.isfinite(r) and apart < reach:
+                out[k % n] = True
     return out

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agent.config import PerceptionConfig
 from agent.corner_scan import PIECE, CornerScan, Record
-from agent.discs import find_discs, hidden_beams
+from agent.discs import beams_on, find_discs, hidden_beams
 from agent.segmentation import fit, piecewise, split_and_merge
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label
@@ -88,16 +88,19 @@ def _end_label(
     noise: float,
     range_max: float,
     sigmas: float,
+    silence: int,
 ) -> tuple[int, int]:
     """Label of a piece's end by prediction, and the beam that decided.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
-    something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
+    something nearer, or nothing could be seen there, the wall is merely hidden or out of range. silence: silent
+    beams in a row that show that a wall is not there.
     """
     n = len(ranges)
     a, b, _ = fit(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
     silent = 0
+    before = ranges[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
         k = beam + side * ahead
         c, s = math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)
@@ -109,14 +112,17 @@ def _end_label(
         margin = sigmas * math.hypot(noise, spread)
         r = ranges[k % n]
         if not math.isfinite(r):
-            if predicted > range_max - margin:
+            if predicted > range_max - 1.5 * math.hypot(noise, spread):
                 return FRONTIER, k
             silent += 1
-            if silent == 2:  # one may have dropped out, two in a row went through
+            if silent == silence:
                 return OCCLUSION, k
         elif r > predicted + margin:
             return OCCLUSION, k
         elif r < predicted - margin:
+            apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(2 * math.pi / n), 0.0))
+            if ahead == 1 and predicted - r < apart:
+                return OCCLUSION, k  # no nearer than the beams are apart: it meets the wall, and ends it
             return FRONTIER, k
     return FRONTIER, beam + side * LOOK_PAST
 
@@ -152,6 +158,7 @@ def _assemble(
     noise: float,
     range_max: float,
     sigmas: float,
+    silence: int,
     min_sine: float,
 ) -> None:
     """Fill the pieces of a scan: lines, corners, labels. `beams` are the indices of the finite beams."""
@@ -206,7 +213,9 @@ def _assemble(
             if p.label[side] == NOMINAL:
                 continue
             beam = first[k] if side == 0 else last[k]
-            label, decided = _end_label(ranges, hidden, beam, 2 * side - 1, totals[k], noise, range_max, sigmas)
+            label, decided = _end_label(
+                ranges, hidden, beam, 2 * side - 1, totals[k], noise, range_max, sigmas, silence
+            )
             p.label[side] = label
             if label == OCCLUSION:
                 p.slack[side] = abs(_along(p, decided * step) - p.end[side])
@@ -239,11 +248,12 @@ def _open_sectors(ranges: Floats, hidden: NDArray[np.bool_]) -> Floats:
     return out[:count].copy()
 
 
-def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig) -> CornerScan:
+def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected: Floats | None = None) -> CornerScan:
     """Corner scan of a full turn.
 
     ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
-    treated as silent. The result is in the robot's frame.
+    treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack
+    (agent.teammates). All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
     noise = max(spec.noise_m, config.noise_floor_m)
@@ -251,6 +261,9 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig) -> Corne
     reach = spec.range_max_m - sigmas * noise
     discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
     hidden = hidden_beams(len(ranges), discs, config.teammate_radius_m)
+    if expected is not None and len(expected):
+        slack = np.array([0.0, 0.0, config.disc_margin_m])
+        hidden |= beams_on(ranges, expected + slack, config.teammate_radius_m)
     opened = _open_sectors(ranges, hidden)
     beams = np.flatnonzero(np.isfinite(ranges) & ~hidden)
     if len(beams) < config.min_hits:
@@ -272,6 +285,7 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig) -> Corne
         noise,
         spec.range_max_m,
         sigmas,
+        1 if spec.dropout == 0 else 2,  # one may have dropped out, two in a row went through
         math.sin(math.radians(config.min_corner_deg)),
     )
     return CornerScan(pieces, opened, discs, reach, noise)

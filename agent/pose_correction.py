@@ -12,17 +12,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.angles import wrapped
 from agent.association import Gates
 from agent.edges import NOMINAL, OCCLUSION, Edges, along, line_sd, spread, tip_at
 from agent.matrix3 import inverse, times
 
 Floats = NDArray[np.float64]
-
-
-@njit(cache=True)
-def wrapped(angle: float, period: float) -> float:
-    """The angle nearest to zero that differs by a multiple of the period."""
-    return angle - period * round(angle / period)
 
 
 @njit(cache=True)

@@ -13,6 +13,7 @@ from agent.config import AgentConfig
 from agent.contacts import Contacts
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
+from agent.teammates import SeenDiscs
 from agent.wireframe_filter import WireframeFilter
 from protocol.codec import encode
 from protocol.messages import (
@@ -66,6 +67,7 @@ class Robot:
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
         self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
+        self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.wireframe = Wireframe()
         self.version = 0
         self._said_version = 0
@@ -84,7 +86,9 @@ class Robot:
         """
         started = time.perf_counter()
         tick = observation.tick
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception)
+        seen_before = self.discs.expected(observation.odometry)
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before)
+        self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
         changed = self._read_map()
