@@ -64,6 +64,13 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
         if not math.isfinite(ranges[i]):
             continue
         distance, bearing = ranges[i] + radius, i * step
+        beside = math.ceil(math.asin(radius / distance) / step) + 1
+        standing_out = True
+        for k in (i - beside, i + beside):  # most beams end on walls, which go on beside: no need to look closer
+            r = ranges[k % n]
+            standing_out = standing_out and (r > ranges[i] + 0.5 * radius or r < ranges[i] - near)
+        if not standing_out:
+            continue
         inside, on, total, first, last = _residuals(ranges, distance, bearing, radius, near)
         if on < 3 or 2 * on < inside:
             continue
