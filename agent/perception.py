@@ -253,7 +253,7 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected
 
     ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
     treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack
-    (agent.teammates). All in the robot's frame.
+    (agent.seen_discs). All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
     noise = max(spec.noise_m, config.noise_floor_m)

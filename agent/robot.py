@@ -13,7 +13,7 @@ from agent.config import AgentConfig
 from agent.contacts import Contacts
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
-from agent.teammates import SeenDiscs
+from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter
 from protocol.codec import encode
 from protocol.messages import (

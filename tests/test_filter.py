@@ -10,7 +10,7 @@ import pytest
 from agent.config import FilterConfig, MapConfig, PerceptionConfig
 from agent.edges import FRONTIER, length, set_tip
 from agent.perception import perceive
-from agent.teammates import SeenDiscs
+from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter, systematic
 from protocol.messages import LidarSpec, OdometrySpec
 from protocol.wireframe import Label, Wireframe

@@ -1,0 +1,39 @@
+"""Teammates seen a moment ago: a disc that one scan misses hides its beams all the same (ours)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Pose = tuple[float, float, float]
+
+
+class SeenDiscs:
+    """Discs of the last few scans, in the frame of the odometry."""
+
+    def __init__(self, scans: int, step_m: float) -> None:
+        """scans: how long a disc is remembered; step_m: how far a teammate moves between two scans at most."""
+        self.step_m = step_m
+        self._scans: deque[Floats] = deque(maxlen=scans)
+
+    def expected(self, pose: Pose) -> Floats:
+        """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
+        if not self._scans:
+            return np.zeros((0, 3))
+        newest = len(self._scans)
+        discs = np.vstack(
+            [np.column_stack((d, np.full(len(d), self.step_m * (newest - k)))) for k, d in enumerate(self._scans)]
+        )
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        x, y = discs[:, 0] - pose[0], discs[:, 1] - pose[1]
+        return np.column_stack((c * x + s * y, c * y - s * x, discs[:, 2]))
+
+    def see(self, pose: Pose, discs: Floats) -> None:
+        """Remember the discs (k, 2) of a scan, given in the robot's frame."""
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        x, y = discs[:, 0], discs[:, 1]
+        self._scans.append(np.column_stack((pose[0] + c * x - s * y, pose[1] + s * x + c * y)))
