@@ -1,62 +1,51 @@
-"""What a robot does when no frontier is left: the four default states of the paper (IV-B), and ours. All of them end."""
+"""What a robot does when no frontier is left: the four default states of the paper (IV-B), and ours. All end."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from typing import Literal, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from agent.agenda import Task, first_of_tour
 from agent.exploration_config import ExplorationConfig
 from agent.goals import GoalMemory, stands_at_edges
 from agent.planning import Roads, chains
 from agent.sweep import Sweep
-from agent.tour import open_tour
 from agent.visibility import all_seen
-from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
 Floats = NDArray[np.float64]
 
 _PERIMETER_STEP_M = 1.5
 """Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""
-
-
-class Errand(NamedTuple):
-    """Something to look at, and the way to where it is looked at from."""
-
-    kind: Literal["sweep", "edge", "vertex", "perimeter"]
-    place: Floats
-    stand: Floats
-    path: Floats
-    samples: Floats | None = None
-    """(n, 2) what a sweep is to see from there."""
+_PERIMETER_OFF_M = 0.5
+"""Distance of these points from the wall."""
 
 
 class DefaultStates:
-    """The chosen default state, which proposes errands until it has none."""
+    """The configured default state, which proposes tasks until it has none."""
 
-    def __init__(self, config: ExplorationConfig, spec: RobotSpec, rng: np.random.Generator) -> None:
+    def __init__(self, config: ExplorationConfig, sweep: Sweep, rng: np.random.Generator) -> None:
         self.config = config
+        self.sweep = sweep
         self.rng = rng
-        self.sweep = Sweep(config, spec.lidar)
         self._edges = GoalMemory(config)
         self._lap: Floats | None = None
         self._vertices = 0
         self._vertex_version = -1
-        self._edge_along = np.zeros(2)
 
-    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Errand | None:
-        """The next errand, or None if the state has come to its end."""
+    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Task | None:
+        """The next task, or None if the state has come to its end; poses (k, 2): the kept ones."""
         state = self.config.default_state
         if state == "ours":
-            return self._sweep(wireframe, roads, poses) or self._least_likely(wireframe, version, roads)
+            return self._sweep(wireframe, roads, poses) or self._least_likely(wireframe, roads)
         if state == "interior-sweep":
             return self._sweep(wireframe, roads, poses)
         if state == "least-likely":
-            return self._least_likely(wireframe, version, roads)
+            return self._least_likely(wireframe, roads)
         if state == "perimeter":
             return self._perimeter(wireframe, roads)
         return self._random_vertex(wireframe, version, roads)
@@ -71,53 +60,37 @@ class DefaultStates:
             "random-vertex": "no frontier left, random vertices showed nothing new",
         }[self.config.default_state]
 
-    def done(self, kind: str, place: Floats) -> None:
-        """The errand is not to be proposed again: the robot stood where it asked, or could not."""
-        if kind == "sweep":
-            self.sweep.stood(float(place[0]), float(place[1]))
-        elif kind == "edge":
-            self._edges.note(place, self._edge_along).attempts += 1
-        elif kind == "perimeter" and self._lap is not None:
+    def done(self, task: Task) -> None:
+        """The task is not to be proposed again: the robot stood where it asked, or could not."""
+        if task.kind == "sweep":
+            self.sweep.stood(task.stand)
+        elif task.kind == "edge":
+            self._edges.note(task.place, task.along).attempts += 1
+        elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats) -> Errand | None:
-        """Next standing point of a short tour of those that show all that is unseen."""
-        unseen = self.sweep.unseen(wireframe, poses)
-        stands, views = self.sweep.stands(unseen, roads)
-        if not len(stands):
-            return None
-        costs = roads.costs(stands)
-        near = np.argsort(costs, kind="stable")[: self.config.sweep_tour]
-        table = np.zeros((len(near) + 1, len(near) + 1))
-        table[0, 1:] = costs[near]
-        for k, stand in enumerate(stands[near]):
-            table[k + 1, 1:] = roads.starting_at(stand).costs(stands[near])
-        first = near[open_tour(np.minimum(table, 1e6))[1] - 1]
-        found = roads.nearest(stands[first][None], np.zeros(1))
-        if found is None:
-            return None
-        return Errand("sweep", stands[first], stands[first], found[2], unseen[views[first]])
+    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats) -> Task | None:
+        """First of a short tour of the standing points that show all that is unseen."""
+        tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
+        return first_of_tour(tasks, roads, self.config.tour, math.inf) if tasks else None
 
-    def _least_likely(self, wireframe: Wireframe, version: int, roads: Roads) -> Errand | None:
+    def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
         """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""
         for k in np.argsort(wireframe.likelihood, kind="stable"):
             if wireframe.likelihood[k] >= self.config.least_likelihood:
                 break
             a, b = wireframe.points[wireframe.edges[k]]
             middle, along = 0.5 * (a + b), (b - a) / max(math.hypot(*(b - a)), 1e-9)
-            record = self._edges.note(middle, along)
-            if record.attempts >= self.config.attempts:
+            if self._edges.note(middle, along).attempts >= self.config.attempts:
                 continue
             stands = stands_at_edges(wireframe, np.array([k]))
             good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
             found = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
-            if found is None:
-                continue
-            self._edge_along = along
-            return Errand("edge", middle, stands.points[good][found[0]], found[2])
+            if found is not None:
+                return Task("edge", middle, stands.points[good][found[0]], along)
         return None
 
-    def _random_vertex(self, wireframe: Wireframe, version: int, roads: Roads) -> Errand | None:
+    def _random_vertex(self, wireframe: Wireframe, version: int, roads: Roads) -> Task | None:
         """Vertices at random [paper], until so many in a row changed nothing."""
         if version != self._vertex_version:
             self._vertex_version, self._vertices = version, 0
@@ -129,31 +102,29 @@ class DefaultStates:
             around = around[roads.standable(around)]
             found = roads.nearest(around, np.zeros(len(around)))
             if found is not None:
-                return Errand("vertex", point, around[found[0]], found[2])
+                return Task("vertex", point, around[found[0]])
         return None
 
-    def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Errand | None:
+    def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Task | None:
         """Once around, along the longest chain of walls [paper: the outer perimeter]."""
         if self._lap is None:
             self._lap = _lap(wireframe)
         while len(self._lap):
             point = self._lap[0]
-            if roads.standable(point[None])[0]:
-                found = roads.nearest(point[None], np.zeros(1))
-                if found is not None:
-                    return Errand("perimeter", point, point, found[2])
+            if roads.standable(point[None])[0] and np.isfinite(roads.costs(point[None])[0]):
+                return Task("perimeter", point, point)
             self._lap = self._lap[1:]
         return None
 
 
 def _lap(wireframe: Wireframe) -> Floats:
-    """Points (k, 2) half a metre off the longest chain, in its order."""
+    """Points (k, 2) off the longest chain, in its order."""
     into, out_of = chains(wireframe)
     left = set(range(len(into)))
-    longest, best = [], 0.0
-    starts = [v for v in range(len(into)) if into[v] < 0] + list(range(len(into)))
-    for v in starts:
-        chain = []
+    longest: list[int] = []
+    best = 0.0
+    for start in [v for v in range(len(into)) if into[v] < 0] + list(range(len(into))):
+        chain, v = [], start
         while v >= 0 and v in left:
             left.discard(v)
             chain.append(v)
@@ -161,15 +132,15 @@ def _lap(wireframe: Wireframe) -> Floats:
         if v >= 0 and chain and v == chain[0]:
             chain.append(v)
         if len(chain) > 1:
-            length = shapely.length(shapely.linestrings(wireframe.points[chain]))
+            length = float(shapely.length(shapely.linestrings(wireframe.points[chain])))
             if length > best:
                 best, longest = length, chain
     points = []
-    for a, b in zip(longest[:-1], longest[1:], strict=True):
+    for a, b in itertools.pairwise(longest):
         p, q = wireframe.points[a], wireframe.points[b]
         d = q - p
         length = math.hypot(*d)
         n = max(1, math.ceil(length / _PERIMETER_STEP_M))
         free = np.array((-d[1], d[0])) / max(length, 1e-9)
-        points += [p + d * (k + 0.5) / n + 0.5 * free for k in range(n)]
+        points += [p + d * (k + 0.5) / n + _PERIMETER_OFF_M * free for k in range(n)]
     return np.array(points).reshape(-1, 2)

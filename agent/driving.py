@@ -31,7 +31,9 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
-def _steer_point(x: float, y: float, path: Floats, walls: Floats, lookahead: float, clearance: float) -> tuple[float, float]:
+def _steer_point(
+    x: float, y: float, path: Floats, walls: Floats, lookahead: float, clearance: float
+) -> tuple[float, float]:
     """Farthest point of the path (k, 2), at most the lookahead along it, that is reached straight and clear.
 
     Walked backwards in steps of a tenth of the lookahead; the nearest one is taken unasked.
@@ -120,9 +122,7 @@ class Driver:
         left = math.hypot(path[-1, 0] - x, path[-1, 1] - y)
         return self.towards(px, py, pose, walls, discs, left)
 
-    def towards(
-        self, px: float, py: float, pose: PoseXYT, walls: Floats, discs: Floats, left_m: float
-    ) -> Motion:
+    def towards(self, px: float, py: float, pose: PoseXYT, walls: Floats, discs: Floats, left_m: float) -> Motion:
         """Command for the next tick towards a point, with left_m to go at most."""
         c, spec = self.config, self.spec
         x, y, theta = pose
@@ -143,9 +143,7 @@ class Driver:
         c = self.config
         seconds = c.horizon_ticks * c.tick_s
         for share in (1.0, 0.5, 0.25):
-            if _safe(
-                *pose, share * speed, turn, walls, discs, self.wall_limit, self.disc_limit, seconds
-            ):
+            if _safe(*pose, share * speed, turn, walls, discs, self.wall_limit, self.disc_limit, seconds):
                 return Motion(share * speed, turn, share < 1.0)
         return Motion(0.0, turn, True)
 

@@ -1,33 +1,41 @@
 """Where a robot goes: frontiers first, then the default state, until nothing is left to see (paper IV, Algorithm 1).
 
-The rules are ours where the paper is silent: goals have a memory, every stretch of waiting or trying is bounded, and
-`complete` is a state that a new frontier ends.
+Where the paper is silent the rules are ours: goals have a memory, all trying and waiting is bounded, and `complete`
+is a state that a new frontier ends.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.clearance import distance_to_walls, keeps_clear
-from agent.default_state import DefaultStates, Errand
+from agent.agenda import Task, first_of_tour, is_end
+from agent.clearance import distances_to_walls, keeps_clear
+from agent.default_state import DefaultStates
 from agent.driving import Driver, Motion, moved
 from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.goals import Ends, GoalMemory, Tried, open_ends, same_wall, stands_of
+from agent.goals import Ends, GoalMemory, open_ends, same_wall, stands_of
 from agent.planning import Roads, still_clear
+from agent.sweep import Sweep
+from agent.teammates import Teammates
 from agent.visibility import all_seen
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 PoseXYT = tuple[float, float, float]
 
 _NEAR_M = 1.5
 """Walls within this of the robot matter for the next ticks; it drives 0.09 m in two."""
+_WAYPOINT_M = 0.03
+"""A waypoint this near is passed."""
+_NEVER = 2**62
 
 
 class Configs(NamedTuple):
@@ -53,26 +61,21 @@ class Command(NamedTuple):
 
 @dataclass(slots=True)
 class Target:
-    """A goal under way."""
+    """The task under way."""
 
-    kind: Literal["frontier", "sweep", "edge", "vertex", "perimeter", "park", "retreat"]
-    place: Floats
-    """(2,) what is to be seen."""
-    along: Floats
-    """(2,) unit: where the wall goes on."""
-    stand: Floats
-    """(2,) where to see it from."""
+    task: Task
     path: Floats
     """(k, 2) from the robot to the standing point."""
     clearance: float
+    """Distance that the path keeps from walls, metres."""
     deadline: int
     """Tick at which it is given up."""
+    looks_due: int
+    """Scans to be taken at the standing point."""
     looks: int = 0
-    """Scans taken at the standing point."""
+    """... and taken."""
     stands: int = 1
     """Standing points tried, this one included."""
-    samples: Floats | None = None
-    """(n, 2) what a sweep still has to see."""
     stuck: int = 0
     """How often the robot stuck on the way."""
 
@@ -88,33 +91,32 @@ class Explorer:
         self.tick_s = config.driving.tick_s
         self.driver = Driver(config.driving, spec)
         self.memory = GoalMemory(self.config)
-        self.states = DefaultStates(self.config, spec, rng)
+        self.sweep = Sweep(self.config, spec.lidar)
+        self.states = DefaultStates(self.config, self.sweep, rng)
+        self.teammates = Teammates(self.config, spec.radius_m, self.tick_s)
         self.poses: list[tuple[float, float]] = []
         """Own standing points so far, about every half metre: what was seen, kept sparsely."""
         self.complete = False
         self.target: Target | None = None
         self.ends: Ends = open_ends(Wireframe())
-        self._remembered = np.zeros(0, np.int64)
+        self._tried = np.zeros(0, np.int64)
+        """Per open end its record in the memory, or -1."""
         self._events: list[Event] = []
         self._reason = ""
-        self._version = -1
-        self._decided_version = -1
-        self._refreshed = self._decided = -(10**9)
-        self._news = 0
-        self._least_left, self._progress_tick = math.inf, 0
-        self._held_ticks = 0
-        self._back_off_until = -1
-        self._mates = np.zeros((0, 3))
-        """Teammates in the way: x, y, tick when seen last."""
+        self._version = self._decided_version = -1
+        self._read_tick = self._decided_tick = -_NEVER
+        self._news_ticks = 0
+        self._least_left_m, self._progress_tick = math.inf, 0
+        self._patience_ticks, self._blocked_ticks = 0, 0
+        self._back_off_until, self._back_off_from = -1, np.zeros(2)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is kept of the places seen and tried."""
+        return 16 * len(self.poses) + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
 
     def step(
-        self,
-        tick: int,
-        wireframe: Wireframe,
-        version: int,
-        pose: PoseXYT,
-        scan: Wireframe,
-        discs: Floats,
+        self, tick: int, wireframe: Wireframe, version: int, pose: PoseXYT, scan: Wireframe, discs: Floats
     ) -> Command:
         """Decide and drive for one tick.
 
@@ -123,334 +125,286 @@ class Explorer:
         both in the frame of the robot. Metres, radians.
         """
         self.tick, self.wireframe, self.version, self.pose = tick, wireframe, version, pose
-        self.here = np.array(pose[:2])
-        self.discs = moved(np.asarray(discs, np.float64).reshape(-1, 2), pose)
-        seen = moved(scan.points, pose)[scan.edges].reshape(-1, 4)
-        self.all_walls = np.ascontiguousarray(np.vstack((wireframe.segments(), seen)))
-        self.walls = self._near(self.all_walls)
+        self._xy = float(pose[0]), float(pose[1])
+        self.here = np.array(self._xy)
+        self._sense(scan, np.asarray(discs, np.float64).reshape(-1, 2))
         self._events = []
-        self._keep_pose()
+        kept = self._keep_pose(self.config.pose_spacing_m)
         if not len(wireframe.edges):
             self._reason = "drive until a wall is seen"
             return self._command(self._into_the_open())
         self._read_ends()
-        self._judge()
+        self._judge(kept)
         if self.target is None or self._reconsiders():
             self._decide()
         return self._command(self._drive())
 
     # what is there
 
-    def _near(self, walls: Floats) -> Floats:
-        """Those of walls (m, 4) that matter for the next ticks."""
-        x, y = self.here
-        near = (
-            (np.minimum(walls[:, 0], walls[:, 2]) < x + _NEAR_M)
-            & (np.maximum(walls[:, 0], walls[:, 2]) > x - _NEAR_M)
-            & (np.minimum(walls[:, 1], walls[:, 3]) < y + _NEAR_M)
-            & (np.maximum(walls[:, 1], walls[:, 3]) > y - _NEAR_M)
-        )
-        return walls[near]
+    def _sense(self, scan: Wireframe, discs: Floats) -> None:
+        """Walls of map and scan, and teammates, in the frame of the map."""
+        known = self.wireframe.segments()
+        seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
+        self.walls = np.ascontiguousarray(np.vstack((known, seen)))
+        low, high = self.here - _NEAR_M, self.here + _NEAR_M
+        a, b = self.walls[:, :2], self.walls[:, 2:]
+        self.walls_near = self.walls[((np.minimum(a, b) < high) & (np.maximum(a, b) > low)).all(1)]
+        self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
 
-    def _keep_pose(self, spacing: float | None = None) -> None:
-        spacing = self.config.pose_spacing_m if spacing is None else spacing
-        x, y = self.here
-        self._moved_on = not self.poses or math.hypot(self.poses[-1][0] - x, self.poses[-1][1] - y) >= spacing
-        if not self._moved_on:
-            return
-        self.poses.append((float(x), float(y)))
+    def _keep_pose(self, spacing_m: float) -> bool:
+        """Keep the present place if it is so far from the last one; true if kept."""
+        x, y = self._xy
+        if self.poses and math.hypot(self.poses[-1][0] - x, self.poses[-1][1] - y) < spacing_m:
+            return False
+        self.poses.append((x, y))
         if len(self.poses) > self.config.kept_poses:
             del self.poses[1::2]
+        return True
 
     def _read_ends(self) -> None:
         """Open ends of the map, now and then, and whether one of them wakes a complete robot."""
-        if self.version == self._version and self.tick - self._refreshed < self.config.refresh_ticks:
+        passed = self.tick - self._read_tick
+        if self.version == self._version and passed < self.config.refresh_ticks:
             return
-        ticks = self.tick - self._refreshed
-        self._version, self._refreshed = self.version, self.tick
+        self._version, self._read_tick = self.version, self.tick
         self.ends = open_ends(self.wireframe)
-        self._remembered = self.memory.find(self.ends.points, self.ends.along)
+        self._recall()
         if not self.complete:
             return
-        self._news = self._news + min(ticks, self.config.refresh_ticks) if len(self._fresh()) else 0
-        if self._news >= self.config.persist_ticks:
-            self.complete, self._news, self.target = False, 0, None
-            point = self.ends.points[self._fresh()[0]]
-            self._event("resumed", reason="a new frontier", place=_rounded(point))
+        fresh = self._fresh()
+        self._news_ticks = self._news_ticks + min(passed, self.config.refresh_ticks) if len(fresh) else 0
+        if self._news_ticks >= self.config.persist_ticks:
+            self.complete, self._news_ticks, self.target = False, 0, None
+            self._event("resumed", reason="a new frontier", place=_rounded(self.ends.points[fresh[0]]))
 
-    def _fresh(self) -> NDArray[np.int64]:
+    def _recall(self) -> None:
+        self._tried = self.memory.find(self.ends.points, self.ends.along)
+
+    def _fresh(self) -> Ints:
         """Open ends that were never given up."""
-        return np.flatnonzero(self._remembered < 0)
+        return np.flatnonzero(self._tried < 0)
+
+    def _again(self) -> Ints:
+        """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
+        records = self.memory.tried
+        goals = [
+            goal
+            for goal, k in enumerate(self._tried)
+            if k >= 0 and not records[k].unreachable and records[k].version != self.version
+        ]
+        return np.array(goals, np.int64)
 
     # what became of the target
 
-    def _judge(self) -> None:
-        """Drop the target where it is resolved, in vain, or overdue."""
+    def _judge(self, kept: bool) -> None:
+        """Drop the target where it is resolved, in vain, or overdue; kept: whether a pose was kept just now."""
         target = self.target
-        if target is None:
+        if target is None or target.task.kind == "park":
             return
-        if target.kind == "frontier":
-            at = self._end_of(target)
-            if at < 0:
+        if is_end(target.task):
+            end = self._end_of(target.task)
+            if end < 0:
                 self.target = None
                 return
-        if target.samples is not None:
-            seen = self.states.sweep.seen(target.samples, self.here[None], self.all_walls)
-            if self._moved_on:
-                target.samples = target.samples[~seen]
-            if len(target.samples) - np.count_nonzero(seen) < self.config.sweep_least_samples:
-                self._keep_pose(0.0)
-                self.target = None
-                return
-        if self.tick > target.deadline and target.kind != "park":
-            self._give_up("it took too long")
-            return
-        if math.hypot(*(target.stand - self.here)) > self.config.arrive_m:
-            return
-        target.looks += 1
-        if target.looks < self.config.look_ticks:
-            return
-        if target.kind == "sweep":
-            self._keep_pose(0.0)
-        if target.kind == "frontier":
-            record = self.memory.note(target.place, target.along)
-            record.stands.append((float(target.stand[0]), float(target.stand[1])))
-            if target.stands >= self.config.standing_points or not self._next_stand(target, record):
-                self._give_up(f"still open seen from {len(record.stands)} standing points")
-        elif target.kind != "park":
-            self.states.done(target.kind, target.place)
+            target.task = target.task._replace(place=self.ends.points[end], along=self.ends.along[end])
+        if target.task.samples is not None and self._swept(target, kept):
             self.target = None
+            return
+        if self.tick > target.deadline:
+            self._give_up("it took too long")
+        elif math.hypot(*(target.task.stand - self.here)) <= self.config.arrive_m:
+            target.looks += 1
+            if target.looks >= target.looks_due:
+                self._arrived(target)
 
-    def _end_of(self, target: Target) -> int:
-        """The open end that the target is about, or -1."""
+    def _end_of(self, task: Task) -> int:
+        """The open end that the task is about, or -1."""
         if not len(self.ends.points):
             return -1
-        d = np.hypot(*(self.ends.points - target.place).T)
-        d[self.ends.along @ target.along < math.cos(self.config.same_direction_rad)] = np.inf
+        d = np.hypot(*(self.ends.points - task.place).T)
+        d[self.ends.along @ task.along < math.cos(self.config.same_direction_rad)] = np.inf
         k = int(d.argmin())
         return k if d[k] < self.config.same_place_m else -1
 
-    def _next_stand(self, target: Target, record: Tried) -> bool:
-        """Turn to another standing point of the same goal; False if there is none."""
-        k = self._end_of(target)
-        self._remembered = self.memory.find(self.ends.points, self.ends.along)
-        for clearance in (self.planning.clearance_m, self.planning.tight_clearance_m):
-            found = self._nearest_end(np.array([k]), self._roads(clearance))
-            if found is not None:
-                _, stand, path, _ = found
-                target.stand, target.path, target.clearance = stand, path, clearance
-                target.looks, target.stands = 0, target.stands + 1
-                target.deadline = self._deadline(path)
-                self._restart_progress()
-                return True
+    def _swept(self, target: Target, kept: bool) -> bool:
+        """Whether what the sweep was to show has been seen on the way."""
+        samples = target.task.samples
+        assert samples is not None
+        seen = self.sweep.seen(samples, self.here, self.walls)
+        if len(samples) - np.count_nonzero(seen) < self.config.sweep_least_samples:
+            self._keep_pose(0.0)
+            return True
+        if kept:
+            target.task = target.task._replace(samples=samples[~seen])
         return False
+
+    def _arrived(self, target: Target) -> None:
+        """The robot has looked long enough from the standing point."""
+        if not is_end(target.task):
+            if target.task.kind == "sweep":
+                self._keep_pose(0.0)
+            self.states.done(target.task)
+            self.target = None
+            return
+        record = self.memory.note(target.task.place, target.task.along)
+        record.stands.append((float(target.task.stand[0]), float(target.task.stand[1])))
+        self._recall()
+        if target.stands < self.config.standing_points:
+            for roads in self._ways():
+                tasks = self._end_tasks(np.array([self._end_of(target.task)]), roads)
+                if tasks:
+                    self._pursue(tasks[0], roads, target)
+                    assert self.target is not None
+                    self.target.looks, self.target.stands = 0, target.stands + 1
+                    self.target.deadline = self._deadline(self.target.path)
+                    return
+        self._give_up(f"still open seen from {len(record.stands)} standing points")
 
     def _give_up(self, reason: str) -> None:
         """Abandon the target, and remember why."""
-        target = self.target
+        target, self.target = self.target, None
         assert target is not None
-        self.target = None
-        if target.kind == "frontier":
-            self._abandon(target.place, target.along, reason)
-        elif target.kind not in ("park", "retreat"):
-            self.states.done(target.kind, target.place)
+        if is_end(target.task):
+            self._abandon(target.task.place, target.task.along, reason)
+        else:
+            self.states.done(target.task)
 
     def _abandon(self, place: Floats, along: Floats, reason: str) -> None:
         record = self.memory.note(place, along)
         record.attempts += 1
         record.version, record.reason = self.version, reason
         record.unreachable = record.attempts >= self.config.attempts
-        self._remembered = self.memory.find(self.ends.points, self.ends.along)
-        self._event(
-            "frontier",
-            what="unreachable" if record.unreachable else "abandoned",
-            place=_rounded(place),
-            reason=reason,
-            attempts=record.attempts,
-        )
+        self._recall()
+        what = "unreachable" if record.unreachable else "abandoned"
+        self._event("frontier", what=what, place=_rounded(place), reason=reason, attempts=record.attempts)
 
     # what to do next
 
     def _reconsiders(self) -> bool:
-        """Whether the target is to be compared with others, or its path is no longer good."""
+        """Whether the target is to be compared with other tasks, or its path is no longer good."""
         target = self.target
         assert target is not None
-        if self._refreshed != self.tick:
+        if self._read_tick != self.tick:
             return False
-        if not still_clear(target.path, self.wireframe.segments(), target.clearance - 0.03):
+        if not still_clear(target.path, self.wireframe.segments(), target.clearance - self.planning.give_m):
             return True
-        if target.kind not in ("frontier", "retreat") and len(self._fresh()) and not self.complete:
-            return not self.config.joint_tour or (self.version != self._decided_version and self.tick - self._decided >= self.config.reconsider_ticks)
-        return (
-            target.kind == "frontier"
-            and target.looks == 0
-            and self.version != self._decided_version
-            and self.tick - self._decided >= self.config.reconsider_ticks
-        )
+        if target.task.kind in ("retreat", "park") or target.looks > 0:
+            return False
+        if not is_end(target.task) and not self.config.pockets:
+            return len(self._fresh()) > 0
+        due = self.tick - self._decided_tick >= self.config.reconsider_ticks
+        return due and self.version != self._decided_version and len(self._fresh()) > 0
 
-    def _roads(self, clearance: float) -> Roads:
-        return Roads(self.planning, self.wireframe, self.here, clearance, *self._obstacles())
-
-    def _obstacles(self) -> tuple[Floats, Floats]:
-        """Teammates in the way as walls (k, 4) and nodes (j, 2) around them."""
-        return np.zeros((0, 4)), np.zeros((0, 2))
+    def _ways(self) -> Iterator[Roads]:
+        """Roads from here with room, then tight ones."""
+        for clearance in (self.planning.clearance_m, self.planning.tight_clearance_m):
+            obstacles = self.teammates.obstacles(self.tick, self.here, clearance)
+            yield Roads(self.planning, self.wireframe, self.here, clearance, *obstacles)
 
     def _decide(self) -> None:
         """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
-        self._decided, self._decided_version = self.tick, self.version
+        self._decided_tick, self._decided_version = self.tick, self.version
         old, self.target = self.target, None
-        clearances = (self.planning.clearance_m, self.planning.tight_clearance_m)
-        if not self.complete:
-            roads = [self._roads(clearances[0])]
-            for again in (False, True):
-                goals = self._again() if again else self._fresh()
-                for k, clearance in enumerate(clearances if len(goals) else ()):
-                    if k == len(roads):
-                        roads.append(self._roads(clearance))
-                    found = self._nearest_end(goals, roads[k], old)
-                    if found is not None:
-                        if not again and self.config.joint_tour:
-                            if self._joint(goals, roads[k], clearance, old, found):
-                                return
-                        self._pursue_end(*found, clearance, old)
-                        return
-                for goal in goals:
-                    self._abandon(self.ends.points[goal], self.ends.along[goal], "no way to a standing point")
-            if old is not None and old.kind not in ("frontier", "park"):
-                path = roads[0].nearest(old.stand[None], np.zeros(1))
-                if path is not None:
-                    old.path = path[2]
-                    self._least_left = max(self._least_left, _length(old.path))
-                    self.target = old
+        if self.complete:
+            self._park(old)
+            return
+        for goals in (self._fresh(), self._again()):
+            for roads in self._ways() if len(goals) else ():
+                tasks = self._end_tasks(goals, roads, old)
+                if tasks:
+                    tasks += self._pockets(roads, old)
+                    self._pursue(first_of_tour(tasks, roads, self.config.tour, self.config.pocket_detour_m), roads, old)
                     return
-                self.target = old
-                self._give_up("no way")
-            for k, clearance in enumerate(clearances):
-                if k == len(roads):
-                    roads.append(self._roads(clearance))
-                errand = self.states.next(self.wireframe, self.version, roads[k], np.array(self.poses))
-                if errand is not None:
-                    self._pursue(errand, clearance)
-                    return
-            self.complete = True
-            left = sum(1 for k in self._remembered if k >= 0)
-            self._event("complete", reason=self.states.ended(), unreachable=left)
-        self._park(old)
+            for goal in goals:
+                self._abandon(self.ends.points[goal], self.ends.along[goal], "no way to a standing point")
+        for roads in self._ways():
+            if old is not None and not is_end(old.task) and np.isfinite(roads.costs(old.task.stand[None])[0]):
+                self._pursue(old.task, roads, old)
+                return
+            task = self.states.next(self.wireframe, self.version, roads, np.array(self.poses))
+            if task is not None:
+                self._pursue(task, roads, None)
+                return
+        self.complete = True
+        self._event("complete", reason=self.states.ended(), unreachable=int(np.count_nonzero(self._tried >= 0)))
+        self._park(None)
 
-    def _joint(self, goals, roads, clearance, old, found) -> bool:
-        sweep = self.states.sweep
-        poses = np.array(self.poses)
-        samples = sweep.passed_by(self.wireframe, poses, self.here, self.config.pocket_reach_m)
-        pockets, views = sweep.stands(samples, roads, self.config.pocket_samples)
-        if not len(pockets):
-            return False
-        once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, self.config.same_place_m)
-        tasks = []
-        for goal in goals:
-            if once[goal] != goal: continue
-            f = self._nearest_end(np.array([goal]), roads, None)
-            if f is not None:
-                tasks.append((f, f[1]))
-        tasks += [(k, pockets[k]) for k in range(len(pockets))]
-        stands = np.array([t[1] for t in tasks])
-        costs = roads.costs(stands)
-        kinds = np.array([not isinstance(t[0], tuple) for t in tasks])
-        costs += kinds * self.config.pocket_bias_m
-        near = np.argsort(costs, kind="stable")[: self.config.sweep_tour]
-        table = np.zeros((len(near) + 1, len(near) + 1))
-        table[0, 1:] = costs[near]
-        for k, stand in enumerate(stands[near]):
-            table[k + 1, 1:] = roads.starting_at(stand).costs(stands[near])
-        from agent.tour import open_tour
-        order = open_tour(np.minimum(table, 1e6))
-        first = near[order[1] - 1]
-        for i in range(1, len(order)):
-            first = near[order[i] - 1]
-            if not kinds[first] : break
-            nxt = [j for j in order[i+1:] if not kinds[near[j - 1]]]
-            if not nxt: continue
-            if table[0, order[i]] + table[order[i], nxt[0]] - table[0, nxt[0]] <= self.config.pocket_detour_m: break
-        task = tasks[first][0]
-        if isinstance(task, tuple):
-            self._pursue_end(*task, clearance, old)
-        else:
-            way = roads.nearest(stands[first][None], np.zeros(1))
-            if way is None:
-                return False
-            self._pursue(Errand("sweep", stands[first], stands[first], way[2], samples[views[task]]), clearance)
-        return True
-
-    def _again(self) -> NDArray[np.int64]:
-        """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
-        tried = self.memory.tried
-        return np.array(
-            [
-                goal
-                for goal, k in enumerate(self._remembered)
-                if k >= 0 and not tried[k].unreachable and tried[k].version != self.version
-            ],
-            np.int64,
-        )
-
-    def _nearest_end(
-        self, goals: NDArray[np.int64], roads: Roads, old: Target | None = None
-    ) -> tuple[int, Floats, Floats, float] | None:
-        """The end that costs least to see on: its index, standing point, path and cost."""
+    def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None) -> list[Task]:
+        """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, self.config.same_place_m)
         stands = stands_of(self.ends, goals, self.config.grazing_rad)
         good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
-        for goal in goals:
-            k = self._remembered[goal]
-            for x, y in self.memory.tried[k].stands if k >= 0 else ():
-                near = np.hypot(stands.points[:, 0] - x, stands.points[:, 1] - y) < 1.25 * self.config.same_place_m
-                good &= ~(near & (stands.goal == goal))
-        points, targets, goal_of = stands.points[good], stands.targets[good], stands.goal[good]
-        extra = self.config.stare_cost * np.hypot(*(points - targets).T)
-        if old is not None and old.kind == "frontier":
-            kept = self._end_of(old)
-            if kept >= 0:
-                extra = extra + self.config.switch_gain_m * (once[goal_of] != once[kept])
-        found = roads.nearest(points, extra)
-        if found is None:
-            return None
-        k, cost, path = found
-        return int(goal_of[k]), points[k], path, cost
+        for goal in goals[self._tried[goals] >= 0]:
+            for x, y in self.memory.tried[self._tried[goal]].stands:
+                again = np.hypot(stands.points[:, 0] - x, stands.points[:, 1] - y) < self.config.other_stand_m
+                good &= ~(again & (stands.goal == goal))
+        points, goal_of = stands.points[good], stands.goal[good]
+        extra = self.config.stare_cost * np.hypot(*(points - stands.targets[good]).T)
+        wall_of = once[goal_of]
+        tasks = []
+        kept = self._end_of(old.task) if old is not None and is_end(old.task) else -1
+        for wall in np.unique(wall_of):
+            here = np.flatnonzero(wall_of == wall)
+            found = roads.nearest(points[here], extra[here])
+            if found is not None:
+                k = here[found[0]]
+                goal = int(goal_of[k])
+                less = self.config.switch_gain_m if kept >= 0 and once[kept] == wall else 0.0
+                tasks.append(
+                    Task(
+                        "frontier" if self.ends.frontier[goal] else "occlusion",
+                        self.ends.points[goal],
+                        points[k],
+                        self.ends.along[goal],
+                        float(extra[k]) - less,
+                    )
+                )
+        return tasks
 
-    def _pursue_end(
-        self, goal: int, stand: Floats, path: Floats, cost: float, clearance: float, old: Target | None
-    ) -> None:
-        place, along = self.ends.points[goal], self.ends.along[goal]
-        self.target = Target("frontier", place, along, stand, path, clearance, self._deadline(path))
-        if old is not None and old.kind == "frontier" and self._end_of(old) == goal:
-            self.target.deadline = old.deadline
-            self.target.stuck, self.target.stands = old.stuck, old.stands
-            self._least_left = max(self._least_left, _length(path))
-        else:
-            self._restart_progress()
-            self._event("frontier", what="chosen", place=_rounded(place), cost=round(cost, 2))
-        self._reason = "frontier" if self.ends.frontier[goal] else "occlusion"
+    def _pockets(self, roads: Roads, old: Target | None) -> list[Task]:
+        """Sweeps of what was passed by at too great a distance."""
+        if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
+            return []
+        samples = self.sweep.passed_by(self.wireframe, np.array(self.poses), self.here, self.config.pocket_reach_m)
+        kept = old.task.stand if old is not None and old.task.kind == "sweep" else None
+        tasks = self.sweep.tasks(samples, roads, kept)
+        if kept is not None and tasks and (tasks[0].stand == kept).all():
+            tasks[0] = tasks[0]._replace(extra_m=-self.config.switch_gain_m)
+        return tasks
 
-    def _pursue(self, errand: Errand, clearance: float) -> None:
-        self.target = Target(
-            errand.kind, errand.place, np.zeros(2), errand.stand, errand.path, clearance, self._deadline(errand.path)
-        )
-        self.target.samples = errand.samples
+    def _pursue(self, task: Task, roads: Roads, old: Target | None) -> None:
+        """Make the task the target; where it is the old one's, go on with its deadline and counts."""
+        found = roads.nearest(task.stand[None], np.zeros(1))
+        assert found is not None, "tasks are made of standing points that are reached"
+        path = found[2]
+        looks_due = self.config.look_ticks if is_end(task) else 1
+        self._reason = task.kind
+        self.target = Target(task, path, roads.clearance, self._deadline(path), looks_due)
+        if old is not None and self._same(old.task, task):
+            self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck
+            self._least_left_m = max(self._least_left_m, _length(path))
+            return
         self._restart_progress()
-        self._reason = errand.kind
+        if is_end(task):
+            self._event("frontier", what="chosen", place=_rounded(task.place), cost=round(found[1], 2))
+
+    def _same(self, old: Task, new: Task) -> bool:
+        if is_end(old) and is_end(new):
+            return self._end_of(old) == self._end_of(new) >= 0
+        return old.kind == new.kind and bool((old.stand == new.stand).all())
 
     def _park(self, old: Target | None) -> None:
         """Go to the nearest own standing point that leaves room for others to pass."""
         self._reason = "complete"
-        if old is not None and old.kind == "park":
-            self.target = old
-            return
         poses = np.vstack((self.here[None], np.array(self.poses)))
-        roads = self._roads(self.planning.tight_clearance_m)
-        room = np.array([distance_to_walls(x, y, roads.walls) for x, y in poses])
-        open_ = room >= min(self.config.park_clearance_m, float(room.max()))
-        found = roads.nearest(poses[open_], np.zeros(int(open_.sum())))
-        stand, path = (self.here, self.here[None]) if found is None else (poses[open_][found[0]], found[2])
-        self.target = Target("park", stand, np.zeros(2), stand, path, self.planning.tight_clearance_m, 2**62)
+        if old is not None and old.task.kind == "park":
+            poses = np.vstack((old.task.stand, poses))
+        *_, roads = self._ways()
+        room = distances_to_walls(poses, roads.walls)
+        poses = poses[room >= min(self.config.park_clearance_m, float(room.max()))]
+        found = roads.nearest(poses, np.zeros(len(poses)))
+        stand, path = (self.here, self.here[None]) if found is None else (poses[found[0]], found[2])
+        self.target = Target(Task("park", stand, stand), path, self.planning.tight_clearance_m, _NEVER, _NEVER)
         self._restart_progress()
 
     def _deadline(self, path: Floats) -> int:
@@ -461,7 +415,7 @@ class Explorer:
 
     def _into_the_open(self) -> Motion:
         """Straight ahead while nothing is known; around what only the scan shows."""
-        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, self.pose, self.walls, self.discs)
+        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, self.pose, self.walls_near, self.discs)
         return motion if motion.speed_mps > 0 else Motion(0.0, 0.5 * self.spec.max_turn_rps, True)
 
     def _drive(self) -> Motion:
@@ -476,11 +430,13 @@ class Explorer:
         if left <= 0.5 * self.config.arrive_m:
             self._restart_progress()
             return Motion(0.0, 0.0, False)
-        motion = self.driver.follow(
-            target.path, self.pose, self.walls, self.discs, max(target.clearance - 0.02, self.driver.wall_limit)
-        )
-        if left < self._least_left - self.config.stuck_progress_m:
-            self._least_left, self._progress_tick = left, self.tick
+        clearance = max(target.clearance - self.planning.give_m, self.driver.wall_limit)
+        motion = self.driver.follow(target.path, self.pose, self.walls_near, self.discs, clearance)
+        if left < self._least_left_m - self.config.stuck_progress_m:
+            self._least_left_m, self._progress_tick = left, self.tick
+            self._blocked_ticks = 0
+        elif self._blocked(motion):
+            self._progress_tick = self.tick
         elif self.tick - self._progress_tick > self.config.stuck_s / self.tick_s:
             self._stuck(target)
         return motion
@@ -490,42 +446,77 @@ class Explorer:
         path = target.path
         while len(path) > 2:
             (ax, ay), (bx, by) = path[1], path[2]
-            near = math.hypot(ax - self.here[0], ay - self.here[1]) < 0.03
-            if not near and not keeps_clear(*self.here, bx, by, self.all_walls, target.clearance - 0.005):
+            passed = math.hypot(ax - self.here[0], ay - self.here[1]) < _WAYPOINT_M
+            if not passed and not keeps_clear(*self._xy, bx, by, self.walls, target.clearance):
                 break
             path = path[1:]
-        target.path = np.vstack((self.here[None], path[1:])) if len(path) > 1 else np.vstack((self.here, path[0]))
+        target.path = np.vstack((self.here, path[1:] if len(path) > 1 else path))
 
     def _restart_progress(self) -> None:
-        self._least_left, self._progress_tick = math.inf, self.tick
+        self._least_left_m, self._progress_tick = math.inf, self.tick
+        self._blocked_ticks = 0
+        self._patience_ticks = round(self.config.wait_s * (0.5 + self.rng.random()) / self.tick_s)
+
+    def _blocked(self, motion: Motion) -> bool:
+        """Whether the robot waits for a teammate; after some patience, drawn at random, it gives way."""
+        mate = self.teammates.near(*self._xy, self.config.blocked_m) if motion.held else None
+        if mate is None or self.target is None:
+            return False
+        self._blocked_ticks += 1
+        if self._blocked_ticks > self._patience_ticks:
+            mate.avoid_until = self.tick + math.ceil(self.config.avoid_s / self.tick_s)
+            self._retreat(mate.x, mate.y)
+        return True
+
+    def _retreat(self, x: float, y: float) -> None:
+        """Make room for the teammate at (x, y): plan around it, or go back to an own standing point away from it."""
+        target = self.target
+        assert target is not None
+        self._event("stuck", place=_rounded(self.here), on_the_way_to=target.task.kind, reason="a teammate")
+        for roads in self._ways():
+            found = roads.nearest(target.task.stand[None], np.zeros(1))
+            if found is not None:
+                target.path, target.clearance = found[2], roads.clearance
+                self._restart_progress()
+                return
+        poses = np.array(self.poses)
+        away = np.hypot(poses[:, 0] - x, poses[:, 1] - y)
+        room = distances_to_walls(poses, self.walls)
+        poses = poses[(away >= self.config.retreat_m) & (room >= self.planning.tight_clearance_m)]
+        found = roads.nearest(poses, -np.minimum(distances_to_walls(poses, self.walls), self.config.park_clearance_m))
+        if target.task.kind not in ("retreat", "park"):
+            self._give_up("a teammate is in the way")
+        if found is not None:
+            self.target = Target(
+                Task("retreat", poses[found[0]], poses[found[0]]), found[2], roads.clearance,
+                self._deadline(found[2]), self._patience_ticks,
+            )  # fmt: skip
+            self._reason = "retreat"
+        self._restart_progress()
 
     def _stuck(self, target: Target) -> None:
         """Back off, and give the target up the second time."""
         target.stuck += 1
-        self._event("stuck", place=_rounded(self.here), on_the_way_to=target.kind, times=target.stuck)
+        self._event("stuck", place=_rounded(self.here), on_the_way_to=target.task.kind, reason="no progress")
         self._restart_progress()
         self._back_off_until = self.tick + math.ceil(self.config.back_off_s / self.tick_s)
         self._back_off_from = self.here
-        if target.stuck > 1 and target.kind != "park":
+        if target.stuck > 1 and target.task.kind != "park":
             self._give_up("stuck on the way")
 
     def _back_off(self) -> Motion:
         """Towards the most room within a short drive."""
-        if math.hypot(*(self.here - self._back_off_from)) >= self.config.back_off_m:
+        reach = self.config.back_off_m
+        if math.hypot(*(self.here - self._back_off_from)) >= reach:
             self._back_off_until = -1
             self._restart_progress()
-        angles = np.linspace(0, 2 * math.pi, 16, endpoint=False)
-        reach = self.config.back_off_m
+        angles = np.arange(16) * (math.pi / 8)
         around = self.here + reach * np.stack((np.cos(angles), np.sin(angles)), 1)
-        room = [
-            min(
-                distance_to_walls(px, py, self.walls),
-                min((math.hypot(px - dx, py - dy) - self.spec.radius_m for dx, dy in self.discs), default=math.inf),
-            )
-            for px, py in around
-        ]
+        room = distances_to_walls(around, self.walls_near)
+        for x, y in self.discs:
+            room = np.minimum(room, np.hypot(around[:, 0] - x, around[:, 1] - y) - self.spec.radius_m)
         px, py = around[int(np.argmax(room))]
-        return self.driver.towards(px, py, self.pose, self.walls, self.discs, reach)
+        return self.driver.towards(px, py, self.pose, self.walls_near, self.discs, reach)
 
     # what is told
 
@@ -533,7 +524,10 @@ class Explorer:
         self._events.append(Event(event=event, data=data))
 
     def _command(self, motion: Motion) -> Command:
-        place = None if self.target is None else (float(self.target.stand[0]), float(self.target.stand[1]))
+        place = None
+        if self.target is not None:
+            x, y = self.target.task.stand
+            place = float(x), float(y)
         return Command(motion.speed_mps, motion.turn_rps, self.complete, self._reason, self._events, place)
 
 

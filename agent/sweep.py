@@ -14,6 +14,7 @@ import shapely
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.agenda import Task
 from agent.exploration_config import ExplorationConfig
 from agent.goals import open_ends
 from agent.planning import Roads
@@ -75,8 +76,11 @@ def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
 
 
 @njit(cache=True)
-def _cover(views: Bools, least: int) -> NDArray[np.int64]:
-    """Rows that together cover what the matrix covers, the one that adds most first, while it adds the least."""
+def _cover(views: Bools, least: int, keep: bool) -> NDArray[np.int64]:
+    """Rows that together cover what the matrix covers, the one that adds most first, while it adds the least.
+
+    keep: row 0 comes before all others if it shows the least.
+    """
     left = np.ones(views.shape[1], np.bool_)
     chosen = np.empty(views.shape[0], np.int64)
     for k in range(views.shape[0]):
@@ -88,6 +92,8 @@ def _cover(views: Bools, least: int) -> NDArray[np.int64]:
                     gain += 1
             if gain > best:
                 best, which = gain, e
+            if keep and k == 0 and best >= least:
+                break
         if which < 0 or best < least:
             return chosen[:k]
         chosen[k] = which
@@ -114,9 +120,7 @@ def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
         np.fill_diagonal(d, np.inf)
         other = d.argmin(1)
         lines += [
-            shapely.linestrings([ends.points[i], ends.points[j]])
-            for i, j in enumerate(other)
-            if d[i, j] < _GAP_M
+            shapely.linestrings([ends.points[i], ends.points[j]]) for i, j in enumerate(other) if d[i, j] < _GAP_M
         ]
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
     held = faces[shapely.intersects(faces, shapely.multipoints(poses))] if len(faces) else faces
@@ -137,7 +141,8 @@ class Sweep:
     def unseen(self, wireframe: Wireframe, poses: Floats) -> Floats:
         """Samples (n, 2) of the free area that no kept pose (k, 2) has seen from within the radius."""
         face = free_face(wireframe, poses)
-        points = lattice(*shapely.bounds(face), self.config.smallest_object_m)
+        x0, y0, x1, y1 = shapely.bounds(face)
+        points = lattice(x0, y0, x1, y1, self.config.smallest_object_m)
         shapely.prepare(face)
         points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
         return points[~_in_view(points, poses, wireframe.segments(), self.radius)]
@@ -149,33 +154,37 @@ class Sweep:
         around = poses[(np.abs(poses - here) < reach_m + self.range).all(1)]
         walls = wireframe.segments()
         points = points[~_in_view(points, around, walls, self.radius)]
-        return points[_in_view(points, around, walls, self.range)]
+        in_range: Floats = points[_in_view(points, around, walls, self.range)]
+        return in_range
 
-    def stood(self, x: float, y: float) -> None:
-        """Ask no more to stand at (x, y)."""
-        self._stood.append((x, y))
+    def stood(self, stand: Floats) -> None:
+        """Ask no more to stand at (2,) stand."""
+        self._stood.append((float(stand[0]), float(stand[1])))
 
-    def stands(self, unseen: Floats, roads: Roads, least: int | None = None) -> tuple[Floats, Bools]:
-        """Standing points (k, 2) that together show the unseen samples (n, 2), and which of them each shows (k, n)."""
-        nothing = np.zeros((0, 2)), np.zeros((0, len(unseen)), np.bool_)
+    def tasks(self, unseen: Floats, roads: Roads, first: Floats | None = None) -> list[Task]:
+        """Standing points that together show the unseen samples (n, 2), those that show most first.
+
+        first: (2,) a standing point to be kept while it shows anything, or None.
+        """
         if not len(unseen):
-            return nothing
+            return []
         low, high = unseen.min(0) - self.radius, unseen.max(0) + self.radius
-        points = lattice(*low, *high, self.config.sweep_lattice_m)
-        near = shapely.STRtree(shapely.points(unseen)).query(
-            shapely.points(points), predicate="dwithin", distance=self.radius
-        )
-        points = points[np.unique(near[0])]
+        points = lattice(low[0], low[1], high[0], high[1], self.config.sweep_lattice_m)
         points = points[roads.standable(points)]
         for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
+        if first is not None:
+            points = np.vstack((first, points))
         points = points[np.isfinite(roads.costs(points))]
         if not len(points):
-            return nothing
+            return []
         views = _views(unseen, points, roads.walls, self.radius)
-        chosen = _cover(views, least or self.config.sweep_least_samples)
-        return points[chosen], views[chosen]
+        kept = first is not None and bool((points[0] == first).all())
+        return [
+            Task("sweep", points[k], points[k], samples=unseen[views[k]])
+            for k in _cover(views, self.config.sweep_least_samples, kept)
+        ]
 
-    def seen(self, samples: Floats, poses: Floats, walls: Floats) -> Bools:
-        """Which of the samples (n, 2) the poses (k, 2) see within the radius."""
-        return np.asarray(_in_view(samples, poses, walls, self.radius))
+    def seen(self, samples: Floats, eye: Floats, walls: Floats) -> Bools:
+        """Which of the samples (n, 2) are seen from the eye (2,) within the radius."""
+        return np.asarray(_in_view(samples, eye[None], walls, self.radius))

@@ -1,39 +1,91 @@
-"""Teammates seen a moment ago: a disc that one scan misses hides its beams all the same (ours)."""
+"""Teammates in the way: seen lately, standing still, as obstacles for paths (ours)."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.clearance import distances_to_walls
+from agent.exploration_config import ExplorationConfig
+
 Floats = NDArray[np.float64]
-Pose = tuple[float, float, float]
+
+_SAME_M = 0.3
+"""A disc this near to where a teammate was is the same one; it drives 0.05 m a tick."""
+_STILL_M = 0.05
+"""A teammate that moved less stands."""
+_IN_WALL = 0.8
+"""A disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate."""
+_SIDES = 8
+"""Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
 
 
-class SeenDiscs:
-    """Discs of the last few scans, in the frame of the odometry."""
+@dataclass(slots=True)
+class Sighting:
+    """One teammate, frame of the map."""
 
-    def __init__(self, scans: int, step_m: float) -> None:
-        """scans: how long a disc is remembered; step_m: how far a teammate moves between two scans at most."""
-        self.step_m = step_m
-        self._scans: deque[Floats] = deque(maxlen=scans)
+    x: float
+    y: float
+    seen: int
+    """Tick of the last sighting."""
+    still_x: float
+    still_y: float
+    still_since: int
+    """Tick since which it has stood there."""
+    avoid_until: int = -1
+    """Tick until which it counts as an obstacle though it may move."""
 
-    def expected(self, pose: Pose) -> Floats:
-        """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
-        if not self._scans:
-            return np.zeros((0, 3))
-        newest = len(self._scans)
-        discs = np.vstack(
-            [np.column_stack((d, np.full(len(d), self.step_m * (newest - k)))) for k, d in enumerate(self._scans)]
-        )
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = discs[:, 0] - pose[0], discs[:, 1] - pose[1]
-        return np.column_stack((c * x + s * y, c * y - s * x, discs[:, 2]))
 
-    def see(self, pose: Pose, discs: Floats) -> None:
-        """Remember the discs (k, 2) of a scan, given in the robot's frame."""
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = discs[:, 0], discs[:, 1]
-        self._scans.append(np.column_stack((pose[0] + c * x - s * y, pose[1] + s * x + c * y)))
+class Teammates:
+    """Short memory of the teammates seen."""
+
+    def __init__(self, config: ExplorationConfig, radius_m: float, tick_s: float) -> None:
+        self.config = config
+        self.radius = radius_m
+        self.tick_s = tick_s
+        self.sightings: list[Sighting] = []
+
+    def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
+        """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
+        if len(discs):
+            discs = discs[distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius]
+        memory = self.config.teammate_memory_s / self.tick_s
+        self.sightings = [s for s in self.sightings if tick - s.seen <= memory or tick < s.avoid_until]
+        for x, y in discs.tolist():
+            known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
+            if known is None or math.hypot(known.x - x, known.y - y) > _SAME_M:
+                self.sightings.append(Sighting(x, y, tick, x, y, tick))
+                continue
+            known.x, known.y, known.seen = x, y, tick
+            if math.hypot(known.still_x - x, known.still_y - y) > _STILL_M:
+                known.still_x, known.still_y, known.still_since = x, y, tick
+        return discs
+
+    def near(self, x: float, y: float, reach_m: float) -> Sighting | None:
+        """The teammate nearest to (x, y), if within reach."""
+        known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
+        return known if known is not None and math.hypot(known.x - x, known.y - y) <= reach_m else None
+
+    def obstacles(self, tick: int, here: Floats, clearance_m: float) -> tuple[Floats, Floats]:
+        """Teammates that stand, or are to be avoided, as walls (k, 4) and path nodes (j, 2) around them."""
+        walls, nodes = [], []
+        still = self.config.still_s / self.tick_s
+        for s in self.sightings:
+            if tick - s.still_since < still and tick >= s.avoid_until:
+                continue
+            ring = _ring(s.x, s.y, self.radius)
+            walls.append(np.hstack((ring, np.roll(ring, -1, 0))))
+            nodes.append(_ring(s.x, s.y, self.radius + 1.15 * clearance_m))
+        if not walls:
+            return np.zeros((0, 4)), np.zeros((0, 2))
+        return np.vstack(walls), np.vstack(nodes)
+
+
+def _ring(x: float, y: float, inner_m: float) -> Floats:
+    """Corners (n, 2) of a polygon around a disc of this radius."""
+    angles = np.arange(_SIDES) * (2 * math.pi / _SIDES)
+    outer = inner_m / math.cos(math.pi / _SIDES)
+    return np.array((x, y)) + outer * np.stack((np.cos(angles), np.sin(angles)), 1)

@@ -151,8 +151,7 @@ def corner_scan(ranges: np.ndarray, met: np.ndarray) -> Wireframe:
     points, edges = [], []
     for a, b in runs(met):
         if b > a:
-            for k in (a % n, b % n):
-                points.append((ranges[k] * math.cos(angles[k]), ranges[k] * math.sin(angles[k])))
+            points += [(ranges[k] * math.cos(angles[k]), ranges[k] * math.sin(angles[k])) for k in (a % n, b % n)]
             edges.append((len(points) - 2, len(points) - 1))
     m = len(edges)
     return Wireframe(

@@ -1,0 +1,59 @@
+"""What is worth going to, and what of it comes first (ours)."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.planning import Roads
+from agent.tour import open_tour
+
+Floats = NDArray[np.float64]
+
+Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "retreat", "park"]
+
+_FAR_M = 1e6
+"""Stands for no way, as a tour cannot add up infinities."""
+
+
+class Task(NamedTuple):
+    """Something to look at, and from where."""
+
+    kind: Kind
+    place: Floats
+    """(2,) what is to be seen, metres."""
+    stand: Floats
+    """(2,) where to stand for it."""
+    along: Floats = np.zeros(2)
+    """(2,) unit, of an open end: where its wall goes on."""
+    extra_m: float = 0.0
+    """Metres of path that this standing point is worse than its place tells."""
+    samples: Floats | None = None
+    """(n, 2) samples of free area that a sweep is to see from there."""
+
+
+def is_end(task: Task) -> bool:
+    """Whether the task is an open end of a wall."""
+    return task.kind in ("frontier", "occlusion")
+
+
+def first_of_tour(tasks: list[Task], roads: Roads, most: int, detour_m: float) -> Task:
+    """The task that a short tour through the `most` nearest of them does first.
+
+    An open end is not kept waiting for a sweep that is more than detour_m (metres) off the way to it.
+    """
+    stands = np.array([task.stand for task in tasks])
+    costs = np.minimum(roads.costs(stands) + np.array([task.extra_m for task in tasks]), _FAR_M)
+    near = np.argsort(costs, kind="stable")[:most]
+    table = np.zeros((len(near) + 1, len(near) + 1))
+    table[0, 1:] = costs[near]
+    for k, stand in enumerate(stands[near]):
+        table[k + 1, 1:] = np.minimum(roads.starting_at(stand).costs(stands[near]), _FAR_M)
+    order = open_tour(table)[1:]
+    ends = [k for k in order if is_end(tasks[int(near[k - 1])])]
+    for k in order:
+        if not ends or k == ends[0] or table[0, k] + table[k, ends[0]] - table[0, ends[0]] <= detour_m:
+            return tasks[int(near[k - 1])]
+    raise AssertionError("the first open end ends the loop")
