@@ -50,6 +50,8 @@ Set = Annotated[
 ]
 Quick = Annotated[bool, typer.Option("--quick", help="Small, for tests.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress.")]
+Jobs = Annotated[int | None, typer.Option(help="Cases at a time.", show_default="one a core", min=1)]
+Results = Annotated[Path, typer.Option(help="Where figures are kept, so that nothing is measured twice.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -154,6 +156,15 @@ def lockstep(quick: Quick = False) -> None:
     from deploy.bench.table import print_rows
 
     print_rows("lockstep", measure(quick))
+
+
+@bench.command("filter")
+def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours."""
+    from deploy.bench.filter import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
 
 
 @app.command()

@@ -178,8 +178,8 @@ def score_walls(segments: Floats, truth: Truth, config: ScoreConfig = DEFAULT) -
     apart = len(_distinct(points, directions, config.sample_m, config)[0])
     repeated = length / config.sample_m / max(apart, 1) if len(points) else 1.0
     points, directions = _distinct(points, directions, config.cell_m, config)
-    to_truth = _distance_to(points, directions, truth.outline, config)
-    to_map = _distance_to(truth.seen_points, truth.seen_directions, segments, config)
+    to_truth = distance_to(points, directions, truth.outline, config)
+    to_map = distance_to(truth.seen_points, truth.seen_directions, segments, config)
     return WallScore(
         recall=float(truth.seen_lengths[to_map < config.near_m].sum() / max(truth.seen_lengths.sum(), 1e-9)),
         precision=float((to_truth < config.near_m).mean()) if len(points) else 0.0,
@@ -214,8 +214,11 @@ def _distinct(points: Floats, directions: Floats, cell_m: float, config: ScoreCo
     return points[first], directions[first]
 
 
-def _distance_to(points: Floats, directions: Floats, segments: Floats, config: ScoreConfig) -> Floats:
-    """(n,) distance of each point to the nearest wall alike in direction; inf where there is none."""
+def distance_to(points: Floats, directions: Floats, segments: Floats, config: ScoreConfig = DEFAULT) -> Floats:
+    """(n,) metres from each point to the nearest wall alike in direction; inf where there is none.
+
+    points and unit directions: (n, 2); segments: (m, 4) x1, y1, x2, y2.
+    """
     out = np.full(len(points), np.inf)
     along = segments[:, 2:] - segments[:, :2]
     length = np.hypot(along[:, 0], along[:, 1])

@@ -11,9 +11,13 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+WIDTH = 150
+"""Characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,15 @@ class Section:
 
     def print(self, console: Console) -> None:
         """The table, each value beside its bar green if met and red with an ! if not."""
-        table = Table(title=f"{self.title}: {_verdict(self.met)}", title_justify="left", caption=self.note or None)
-        table.caption_justify = "left"
+        verdict = _verdict(self.met)
+        table = Table(
+            title=f"{self.title}: {verdict}" if verdict else self.title,
+            title_justify="left",
+            caption=self.note or None,
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+        )
         for column in self.columns:
             table.add_column(f"{column.head}\n{column.bar}".strip(), justify="right")
         table.add_column("")
@@ -109,6 +120,7 @@ def _verdict(met: bool | None) -> str:
 def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
     """Print all tables and write them to `out`, with the machine they were measured on."""
     console = Console()
+    console.width = max(console.width, WIDTH)
     for section in sections:
         section.print(console)
     for case, reason in failed.items():

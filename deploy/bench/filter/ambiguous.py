@@ -1,0 +1,135 @@
+"""Ambiguous associations: many walls 0.15 to 0.3 m apart at 0.03 m range noise, filters of several sizes on one record.
+
+Every filter gets the same scans of the same run, so that the maps differ by the filter alone and not by the way
+driven. A map is judged all along the run, not only at its end, where one hypothesis has had time to mend itself.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.filter.recording import Recording, record
+from deploy.metrics import Truth, score
+from protocol.wireframe import Wireframe
+from world.worldfile import to_yaml
+
+NOISE_M = 0.03
+EVERY_TICKS = 50
+"""Between two judgements of the map: 10 simulated seconds."""
+HERE = (0.0, 0.0, 0.0)
+"""The recording's truth is in the robot's own frame."""
+
+
+def double_walls() -> dict[str, Any]:
+    """Fields of a world file: a room of 7 m by 5 m with stairs, niches, ribs and plates before its walls.
+
+    Steps, depths and distances go from 0.15 to 0.30 m, so that at 0.03 m noise the wall behind and the wall before
+    are each other's rival.
+    """
+    thickness = 0.1
+    boxes: list[list[float]] = [
+        [3.5, -0.05, 0.0, 7.2, thickness],
+        [3.5, 5.05, 0.0, 7.2, thickness],
+        [-0.05, 2.5, 0.0, thickness, 5.2],
+        [7.05, 2.5, 0.0, thickness, 5.2],
+    ]
+    depth = 0.0
+    for step, rise in enumerate((0.15, 0.2, 0.25, 0.3)):  # stairs along the lower wall
+        depth += rise
+        boxes.append([1.0 + 0.8 * step, depth / 2, 0.0, 0.8, depth])
+    for rib, deep in enumerate((0.15, 0.2, 0.25, 0.3)):  # ribs and niches along the upper wall
+        boxes.append([1.0 + 1.2 * rib, 5.0 - deep / 2, 0.0, 0.5, deep])
+    for plate, away in enumerate((0.15, 0.2, 0.25)):  # thin plates before the right wall
+        boxes.append([7.0 - away, 0.8 + 1.5 * plate, 0.0, 0.03, 0.9])
+    for k, gap in enumerate((0.15, 0.3)):  # two pairs of parallel plates in the room
+        boxes.append([2.2 + 2.2 * k, 2.9, 0.0, 0.8, 0.03])
+        boxes.append([2.2 + 2.2 * k, 2.9 + gap, 0.0, 0.8, 0.03])
+    return {"name": "double-walls", "units": "m", "boxes": boxes, "spawns": [[1.0, 2.0, 0.3]]}
+
+
+def ambiguous_case(name: str, seed: int, particles: Sequence[int], limit_s: float) -> Case:
+    """A case of several sizes of filter on one run."""
+    return Case(name, measure_ambiguous, {"seed": seed, "particles": list(particles), "limit_s": limit_s})
+
+
+def measure_ambiguous(seed: int, particles: Sequence[int], limit_s: float) -> Figures:
+    """Figures by size of the filter."""
+    with tempfile.TemporaryDirectory() as folder:
+        world = Path(folder) / "double-walls.yaml"
+        world.write_text(to_yaml(double_walls()), encoding="utf-8")
+        run = record(str(world), seed, NOISE_M, limit_s)
+    return {str(n): _replay(run, n) for n in particles}
+
+
+def _replay(run: Recording, particles: int) -> Figures:
+    mind = run.new_filter(particles)
+    along: list[Figures] = []
+    for tick, (scan, pose) in enumerate(zip(run.scans, run.poses, strict=True)):
+        mind.update(scan, pose)
+        if tick % EVERY_TICKS == EVERY_TICKS - 1:
+            along.append(_judge(mind.wireframe(), run.truth))
+    end = _judge(mind.wireframe(), run.truth)
+    return {**end, **{f"along_{key}": float(np.mean([one[key] for one in along])) for key in ("walls", "corners")}}
+
+
+def _judge(wireframe: Wireframe, truth: Truth) -> Figures:
+    """The score, and its recall and precision as one figure each for walls and corners (F1)."""
+    got = score(wireframe, HERE, truth)
+    return {
+        **got._asdict(),
+        "walls": _f1(got.wall_recall, got.wall_precision),
+        "corners": _f1(got.corner_recall or 0.0, got.corner_precision or 0.0),
+    }
+
+
+def _f1(recall: float, precision: float) -> float:
+    return 2 * recall * precision / max(recall + precision, 1e-9)
+
+
+def cases(quick: bool) -> list[Case]:
+    """One hypothesis against several sizes of filter."""
+    if quick:
+        return [ambiguous_case("ambiguous/0", 0, (1, 5, 10), 60.0)]
+    return [ambiguous_case(f"ambiguous/{seed}", seed, (1, 5, 10, 30, 100), 400.0) for seed in range(10)]
+
+
+JUDGED = ("along_walls", "along_corners")
+"""What `ahead` asks: F1 of walls and of corners, mean over the run."""
+COLUMNS = [
+    Column("particles", "particles"),
+    Column("runs", "runs"),
+    Column("wall_recall", "recall", digits=4),
+    Column("wall_precision", "precision", digits=4),
+    Column("wall_rmse_m", "wall rmse m", digits=4),
+    Column("corners", "corner F1", digits=4),
+    Column("repeated", "repeated"),
+    Column("along_walls", "walls F1, along", digits=4),
+    Column("along_corners", "corner F1, along", digits=4),
+    Column("ahead", "ahead of one, along %", at_least=50.1, digits=0),
+]
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """The table by size of the filter: means over the runs."""
+    runs = [found for name, found in figures.items() if name.startswith("ambiguous/")]
+    rows: list[dict[str, Any]] = []
+    for n in runs[0] if runs else ():
+        mean = {key: float(np.mean([run[n][key] for run in runs])) for key in runs[0][n]}
+        wins = [_win(run[n][key], run["1"][key]) for run in runs for key in JUDGED]
+        ahead = {} if n == "1" else {"ahead": 100.0 * sum(wins) / len(wins)}
+        rows.append({"particles": int(n), "runs": len(runs), **mean, **ahead})
+    aside = frozenset(number for number, row in enumerate(rows) if row["particles"] == 1)
+    note = "Means over runs; along: mean over the run, every 10 s. Ahead: share of runs and figures, a tie is half."
+    title = f"Parallel walls 0.15 to 0.3 m apart, {NOISE_M} m range noise"
+    return [Section("ambiguous", title, COLUMNS, rows, aside, note)]
+
+
+def _win(ours: float, one: float) -> float:
+    return 0.5 if ours == one else float(ours > one)

@@ -1,0 +1,171 @@
+"""What a step costs, by stage, by particles and by the size of the map; and how fast whole runs are."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.perception import perceive
+from agent.robot import Robot, Step
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.explored import explore
+from deploy.bench.filter.recording import record
+from deploy.bench.layouts import path_of, present
+from deploy.config import RunConfig
+from deploy.launcher import launch
+from protocol.messages import Observation
+
+Floats = NDArray[np.float64]
+
+PARTICLES = (1, 5, 10, 30, 100)
+WARM = 25
+"""Steps before the clock counts: kernels are compiled or loaded in them."""
+BIN_VERTICES = 25
+"""Maps are put together by size in steps of this."""
+
+
+def measure_stages(world: str, limit_s: float) -> Figures:
+    """Milliseconds of a step by stage, in a whole run of one robot with default settings."""
+    spent: dict[str, list[float]] = {"step": [], "perception": [], "filter": [], "planning": []}
+
+    def timed(stage: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        def run(*arguments: Any) -> Any:
+            begin = time.perf_counter()
+            out = call(*arguments)
+            spent[stage].append(1e3 * (time.perf_counter() - begin))
+            return out
+
+        return run
+
+    def watch(robot: Robot, observation: Observation, step: Step) -> None:
+        if not spent["step"]:  # from the second step on
+            robot.filter.update = timed("filter", robot.filter.update)  # type: ignore[method-assign]
+            robot.explorer.step = timed("planning", robot.explorer.step)  # type: ignore[method-assign]
+        spent["step"].append(step.action.step_ms)
+        # perception has no state: once more, for the clock
+        timed("perception", perceive)(observation.scan(), robot.spec.lidar, robot.config.perception)
+
+    run = explore({"world": world, "robots": 1, "max_time_s": limit_s}, {}, watch)
+    stages = {stage: np.array(times[WARM:]) for stage, times in spent.items()}
+    figures: Figures = {
+        stage: {"median": float(np.median(times)), "mean": float(times.mean()), "p99": float(np.percentile(times, 99))}
+        for stage, times in stages.items()
+    }
+    return figures | {"particles": len(run.robots["r1"].filter.edges), "ticks": len(spent["step"]), "load": _load()}
+
+
+def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures:
+    """Milliseconds of a filter update over a recorded run, all in all and by vertices of the map."""
+    run = record(world, 0, limit_s=limit_s)
+    mind = run.new_filter(particles)
+    times, vertices = np.empty(len(run.scans)), np.empty(len(run.scans), np.int64)
+    for tick, (scan, pose) in enumerate(zip(run.scans, run.poses, strict=True)):
+        begin = time.perf_counter()
+        mind.update(scan, pose)
+        times[tick] = 1e3 * (time.perf_counter() - begin)
+        vertices[tick] = len(mind.wireframe().points)
+    times, vertices = times[WARM:], vertices[WARM:]
+    bins = vertices // BIN_VERTICES
+    by_size = {str(BIN_VERTICES * b): float(np.median(times[bins == b])) for b in np.unique(bins).tolist()}
+    return {
+        "particles": len(mind.edges),
+        "median": float(np.median(times)),
+        "p99": float(np.percentile(times, 99)),
+        "by_vertices": by_size,
+        "bytes": mind.nbytes,
+        "load": _load(),
+    }
+
+
+def measure_speed(world: str, robots: int, until: float | str) -> Figures:
+    """Simulated seconds per second of `wireswarm run`: one process each, and Zenoh between them."""
+    config = RunConfig.model_validate({"world": path_of(world), "robots": robots, "until": until})
+    with tempfile.TemporaryDirectory() as folder:
+        result = launch(config, Path(folder) / "run", command_line=[])
+        summary = json.loads((Path(folder) / "run" / "summary.json").read_text(encoding="utf-8"))
+    steps = [robot["step_ms_median"] for robot in summary["robots"].values()]
+    return {
+        "real_time_factor": summary["real_time_factor"],
+        "step_ms_median": max(steps),
+        "ended": result.ended,
+        "load": _load(),
+    }
+
+
+def _load() -> float:
+    """Processes that wanted a core in the last minute: above the number of cores, times are too long."""
+    return round(os.getloadavg()[0], 2)
+
+
+def cases(quick: bool) -> list[Case]:
+    """Alone each: their figures are times."""
+    world, limit_s = ("apartment", 60.0) if quick else ("maze-15", 3600.0)
+    made = [Case("cost/stages", measure_stages, {"world": world, "limit_s": limit_s}, alone=True)]
+    for n in PARTICLES[: 3 if quick else None]:
+        arguments = {"world": world, "particles": n, "limit_s": limit_s}
+        made.append(Case(f"cost/particles/{n}", measure_growth, arguments, alone=True))
+    for large in ["apartment"] if quick else ["maze-15", *present(["gbeltramo_building", "pal_home_w"])]:
+        arguments = {"world": large, "particles": None, "limit_s": limit_s}
+        made.append(Case(f"cost/vertices/{large}", measure_growth, arguments, alone=True))
+    until: float | str = 60.0 if quick else "complete"
+    arguments = {"world": "apartment" if quick else "maze-15", "robots": 3, "until": until}
+    made.append(Case("cost/speed", measure_speed, arguments, alone=True))
+    return made
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """The tables of stages, growth and speed."""
+    made = []
+    if "cost/stages" in figures:
+        found = figures["cost/stages"]
+        rows = [{"stage": "whole step", **found["step"]}]
+        rows += [{"stage": stage, **found[stage]} for stage in ("perception", "filter", "planning")]
+        columns = [
+            Column("stage", "stage"),
+            Column("median", "median ms", at_most=5.0, digits=2),
+            Column("mean", "mean ms", digits=2),
+            Column("p99", "99 % ms", digits=2),
+        ]
+        title = f"A step of one robot, {found['particles']} particles"
+        note = f"The whole step has radio and coding, too. Load of the machine {found['load']:g}."
+        made.append(Section("stages", title, columns, rows, frozenset({1, 2, 3}), note))
+    growth = [found for name, found in figures.items() if name.startswith("cost/particles/")]
+    columns = [
+        Column("particles", "particles"),
+        Column("median", "median ms", digits=2),
+        Column("p99", "99 % ms", digits=2),
+        Column("bytes", "filter bytes"),
+        Column("load", "load"),
+    ]
+    made.append(Section("particles", "Filter update by particles", columns, growth))
+    rows = [
+        {"world": name.rpartition("/")[2], "particles": found["particles"], "vertices": int(size), "median": median}
+        for name, found in figures.items()
+        if name.startswith("cost/vertices/")
+        for size, median in found["by_vertices"].items()
+    ]
+    columns = [
+        Column("world", "world"),
+        Column("particles", "particles"),
+        Column("vertices", f"vertices, from (to {BIN_VERTICES} more)"),
+        Column("median", "median ms", digits=3),
+    ]
+    made.append(Section("vertices", "Filter update by vertices of the map", columns, rows))
+    if "cost/speed" in figures:
+        columns = [
+            Column("real_time_factor", "times real time", at_least=30.0, digits=1),
+            Column("step_ms_median", "median step ms", digits=2),
+            Column("ended", "ended"),
+            Column("load", "load"),
+        ]
+        made.append(Section("speed", "wireswarm run, 3 robots", columns, [figures["cost/speed"]]))
+    return made

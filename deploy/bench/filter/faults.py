@@ -1,0 +1,384 @@
+"""Discrete faults in the walls of particles: drawn at places where the map is right, and made as if measured so.
+
+Kinds: `false-wall` (across a free room), `missing-wall`, `moved-corner` (by 0.5 m, both walls tilt to it) and
+`false-gap`. Everything is in the robot's own frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from agent.edges import EDGE, OCCLUSION, Edges, new_slot, remove, settle_corner
+from deploy.metrics import Truth, distance_to
+from protocol.wireframe import Label, Wireframe
+
+Floats = NDArray[np.float64]
+
+KINDS = ("false-wall", "missing-wall", "moved-corner", "false-gap")
+
+
+class FaultConfig(BaseModel):
+    """Sizes of faults, in metres, and what an established wall looks like."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    near_m: float = Field(0.05, gt=0)
+    """A wall is mapped, and a mapped wall is true, within this: the scorer's."""
+    away_m: float = Field(0.12, gt=0)
+    """A false wall is judged only where it is farther than this from any true wall alike."""
+    sample_m: float = Field(0.04, gt=0)
+    """Between the samples at which a place is judged: no sliver that a filter keeps falls through (map.min_length)."""
+    false_wall_m: tuple[float, float] = (0.8, 3.0)
+    """Length of a wall across a room; corridors are 1 to 2 m wide, and more than the lidar's range is no room."""
+    wall_m: tuple[float, float] = (0.5, 2.5)
+    """Length of a wall that goes missing: can be in view whole."""
+    corner_wall_m: tuple[float, float] = (0.7, 3.5)
+    """Length of the walls of a corner that moves: longer than the shift."""
+    shift_m: float = Field(0.5, gt=0)
+    """How far a corner moves: the issue's."""
+    corner_near_m: float = Field(0.10, gt=0)
+    """A vertex this near to a true corner is that corner: the scorer's."""
+    gap_m: tuple[float, float] = (0.2, 0.5)
+    """Width of a false gap: less than a door, more than a map's gates would bridge."""
+    gap_beside_m: float = Field(0.3, gt=0)
+    """Wall left on each side of a gap."""
+    judged_share: float = Field(0.8, gt=0, le=1)
+    """Middle part of a wall that is judged: its ends may hide behind its neighbours."""
+    hits: float = Field(60.0, gt=0)
+    """Beams on a false wall; true walls have some hundred in mid-run."""
+    seen: float = Field(20.0, gt=0)
+    """Scans that hit a false wall: past any probation."""
+    strength: float = Field(5.0, gt=0)
+    """Times that an invented end was confirmed."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A place, what is done to the walls of a particle there, and how the map is judged."""
+
+    place: Floats
+    """(2,) its middle, in free space."""
+    normal: Floats | None
+    """(2,) towards the side from which it is seen; None from all."""
+    samples: Floats
+    """(s, 2) points in free space beside all that is judged."""
+    inject: Callable[[Edges, int], int | None]
+    """Spoil one particle's records (count in use) and return the new count; None where it has no such wall."""
+    gone: Callable[[Wireframe], bool]
+    """Whether the map agrees with the truth at the place."""
+
+
+def draw(
+    kind: str, edges: Edges, count: int, truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig
+) -> Fault | None:
+    """Draw a fault from the walls of the best particle; None where the dice found no such place.
+
+    near: (2,) the robot, for a wall across a room.
+    """
+    match kind:
+        case "false-wall":
+            return _false_wall(truth, near, rng, config)
+        case "missing-wall":
+            return _missing_wall(edges, count, truth, rng, config)
+        case "moved-corner":
+            return _moved_corner(edges, count, truth, rng, config)
+        case "false-gap":
+            return _false_gap(edges, count, truth, rng, config)
+    raise ValueError(f"{kind} is no fault; there are {', '.join(KINDS)}")
+
+
+# --- kinds ------------------------------------------------------------------------------------------------------------
+
+
+def _false_wall(truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
+    middle = near + rng.uniform(-2.0, 2.0, 2)
+    axis = truth.seen_directions[rng.integers(len(truth.seen_directions))]
+    unit = np.array([-axis[1], axis[0]])  # across: square to some wall
+    ahead, behind = _free(middle, unit, truth), _free(middle, -unit, truth)
+    if not config.false_wall_m[0] <= ahead + behind <= config.false_wall_m[1] or min(ahead, behind) < 0.1:
+        return None
+    tail, head = middle - behind * unit, middle + ahead * unit
+    samples = _between(tail, head, config)
+    samples = samples[distance_to(samples, _repeat(unit, samples), truth.outline) > config.away_m]
+    if len(samples) < 0.5 * (ahead + behind) / config.sample_m:
+        return None
+
+    def inject(edges: Edges, count: int) -> int | None:
+        e, count = new_slot(edges, count)
+        if e < 0:
+            return None
+        edges[e] = _wall(tail, head, config)
+        return count
+
+    def gone(wireframe: Wireframe) -> bool:
+        return not _covered(samples, unit, wireframe, config).any()
+
+    return Fault((tail + head) / 2, None, samples, inject, gone)
+
+
+def _missing_wall(
+    edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
+) -> Fault | None:
+    e = _drawn_wall(edges, count, truth, config.wall_m, rng, config)
+    if e is None:
+        return None
+    tail, head, unit, normal = _ends(edges[e])
+    judged = _middle_part(tail, head, config)
+    middle = (tail + head) / 2
+
+    def inject(edges: Edges, count: int) -> int | None:
+        e = _same_wall(edges, count, middle, unit)
+        if e is None:
+            return None
+        ends = [(int(edges[e]["link"][side]), 1 - side) for side in (0, 1)]
+        kept = [(k, int(edges[k]["probation"])) for k, _ in ends if k >= 0]
+        remove(edges, e)
+        for k, side in ends:  # as if it had never been seen: its neighbours just end there
+            if k >= 0:
+                edges[k]["label"][side], edges[k]["strength"][side] = OCCLUSION, config.strength
+        for k, probation in kept:
+            edges[k]["probation"] = probation
+        return count
+
+    def gone(wireframe: Wireframe) -> bool:
+        return bool(_covered(judged, unit, wireframe, config).all())
+
+    return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
+
+
+def _false_gap(edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
+    width = rng.uniform(*config.gap_m)
+    least = width + 2 * config.gap_beside_m
+    e = _drawn_wall(edges, count, truth, (least, 10.0), rng, config)
+    if e is None:
+        return None
+    tail, head, unit, normal = _ends(edges[e])
+    size = float((head - tail) @ unit)
+    low = rng.uniform(config.gap_beside_m, size - config.gap_beside_m - width)
+    begin, end = tail + low * unit, tail + (low + width) * unit
+    middle = (begin + end) / 2
+    judged = _between(begin, end, config)
+
+    def inject(edges: Edges, count: int) -> int | None:
+        e = _same_wall(edges, count, middle, unit)
+        if e is None:
+            return None
+        f, count = new_slot(edges, count)
+        if f < 0:
+            return None
+        whole = edges[e].copy()
+        edges[f] = edges[e]
+        follower = int(edges[e]["link"][1])
+        if follower >= 0:
+            edges[follower]["link"][0] = f
+        for k, a, b, side in ((e, _tail(whole), begin, 1), (f, end, _head(whole), 0)):
+            w = edges[k]
+            share = float((b - a) @ unit) / _length(whole)
+            _lie_on(w, whole["hits"] * share, _spread(whole) * share**3, a, b)
+            w["label"][side], w["link"][side] = OCCLUSION, -1
+            w["strength"][side], w["conflict"][side], w["slack"][side] = config.strength, 0.0, 0.0
+        for k in (e, f):  # outer corners stay where the lines meet
+            _settle(edges, k)
+        return count
+
+    def gone(wireframe: Wireframe) -> bool:
+        across = np.stack([begin - 0.05 * unit, end + 0.05 * unit])
+        return _on_one_edge(across, unit, wireframe, config)
+
+    return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
+
+
+def _moved_corner(
+    edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
+) -> Fault | None:
+    e = _drawn_wall(edges, count, truth, config.corner_wall_m, rng, config)
+    if e is None or edges[e]["link"][1] < 0:
+        return None
+    f = int(edges[e]["link"][1])
+    if not _is_true(edges[f], truth, config.corner_wall_m, config):
+        return None
+    (start, corner, u, normal_e), (_, finish, v, normal_f) = _ends(edges[e]), _ends(edges[f])
+    if np.hypot(*(truth.corners - corner).T).min() > config.near_m:
+        return None
+    angle = rng.uniform(0, 2 * math.pi)
+    moved = corner + config.shift_m * np.array([math.cos(angle), math.sin(angle)])
+    a, b = moved - start, finish - moved
+    lengths = np.hypot(*a), np.hypot(*b)
+    if min(lengths) < 0.3 or abs(a[0] * b[1] - a[1] * b[0]) < 0.5 * lengths[0] * lengths[1]:
+        return None  # nearly straight: no corner
+    middle_e = (start + corner) / 2
+    reach = 1.0
+    before = _between(corner - min(reach, config.judged_share * _length(edges[e])) * u, corner, config)
+    after = _between(corner, corner + min(reach, config.judged_share * _length(edges[f])) * v, config)
+    false = [(_between(start, moved, config), a / lengths[0]), (_between(moved, finish, config), b / lengths[1])]
+    false = [(s[distance_to(s, _repeat(unit, s), truth.outline) > config.away_m], unit) for s, unit in false]
+
+    def inject(edges: Edges, count: int) -> int | None:
+        e = _same_wall(edges, count, middle_e, u)
+        if e is None or edges[e]["link"][1] < 0:
+            return None
+        f = int(edges[e]["link"][1])
+        if np.hypot(*(_head(edges[e]) - corner)) > 2 * config.near_m:
+            return None
+        for k, ends in ((e, (_tail(edges[e]), moved)), (f, (moved, _head(edges[f])))):
+            scale = float(np.hypot(*(ends[1] - ends[0]))) / _length(edges[k])
+            share = _centroid(edges[k])
+            _lie_on(edges[k], edges[k]["hits"], _spread(edges[k]) * scale**2, *ends, share)
+        settle_corner(edges, e)
+        return count
+
+    def gone(wireframe: Wireframe) -> bool:
+        nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
+        return (
+            bool(len(nominal))
+            and float(np.hypot(*(nominal - corner).T).min()) < config.corner_near_m
+            and bool(_covered(before, u, wireframe, config).all())
+            and bool(_covered(after, v, wireframe, config).all())
+            and not any(_covered(samples, unit, wireframe, config).any() for samples, unit in false)
+        )
+
+    inward = (normal_e + normal_f) / np.hypot(*(normal_e + normal_f))
+    samples = np.vstack([before + 5e-3 * normal_e, after + 5e-3 * normal_f])
+    return Fault(corner + 5e-3 * inward, None, samples, inject, gone)
+
+
+# --- records ----------------------------------------------------------------------------------------------------------
+
+
+def _wall(tail: Floats, head: Floats, config: FaultConfig) -> np.void:
+    """A record of a wall that was well seen from end to end."""
+    size = float(np.hypot(*(head - tail)))
+    wall: np.void = np.zeros(1, EDGE)[0]
+    _lie_on(wall, config.hits, config.hits * size**2 / 12, tail, head)
+    wall["alive"], wall["own"] = 1, 1
+    wall["label"], wall["link"], wall["strength"] = OCCLUSION, -1, config.strength
+    wall["seen"] = wall["due"] = config.seen
+    return wall
+
+
+def _lie_on(wall: np.void, hits: float, along2: float, tail: Floats, head: Floats, share: float = 0.5) -> None:
+    """Put a record's line and ends from tail to head: hits whose centroid lies at that share of it, along2 in m2."""
+    unit = (head - tail) / np.hypot(*(head - tail))
+    wall["hits"] = hits
+    wall["x"], wall["y"] = tail + share * (head - tail)
+    wall["ux"], wall["uy"] = unit
+    wall["xx"], wall["xy"], wall["yy"] = along2 * unit[0] ** 2, along2 * unit[0] * unit[1], along2 * unit[1] ** 2
+    wall["tip"][0], wall["tip"][1] = tail, head
+
+
+def _settle(edges: Edges, e: int) -> None:
+    if edges[e]["link"][1] >= 0:
+        settle_corner(edges, e)
+    if edges[e]["link"][0] >= 0:
+        settle_corner(edges, int(edges[e]["link"][0]))
+
+
+def _tail(wall: np.void) -> Floats:
+    """(2,) where a wall begins."""
+    return np.array(wall["tip"][0], np.float64)
+
+
+def _head(wall: np.void) -> Floats:
+    """(2,) where a wall ends."""
+    return np.array(wall["tip"][1], np.float64)
+
+
+def _length(wall: np.void) -> float:
+    return float(np.hypot(*(_head(wall) - _tail(wall))))
+
+
+def _centroid(wall: np.void) -> float:
+    """Where the hits' centroid lies between tail, 0, and head, 1."""
+    _, _, unit, _ = _ends(wall)
+    return float((np.array([wall["x"], wall["y"]]) - _tail(wall)) @ unit) / _length(wall)
+
+
+def _spread(wall: np.void) -> float:
+    """Sum of squared distances of the hits from their centroid along the wall, m2."""
+    x, y = wall["ux"], wall["uy"]
+    return float(wall["xx"] * x * x + 2 * wall["xy"] * x * y + wall["yy"] * y * y)
+
+
+def _ends(wall: np.void) -> tuple[Floats, Floats, Floats, Floats]:
+    """Tail, head, unit direction, and normal to the free side."""
+    unit = np.array([wall["ux"], wall["uy"]], np.float64)
+    return _tail(wall), _head(wall), unit, np.array([-unit[1], unit[0]])
+
+
+def _same_wall(edges: Edges, count: int, point: Floats, unit: Floats) -> int | None:
+    """The wall of a particle that runs through a point in a direction."""
+    used = edges[:count]
+    dx, dy = point[0] - used["x"], point[1] - used["y"]
+    along = dx * used["ux"] + dy * used["uy"]
+    off = np.abs(dy * used["ux"] - dx * used["uy"])
+    tip = (used["tip"] - np.stack([used["x"], used["y"]], 1)[:, None]) @ unit
+    fits = (used["alive"] == 1) & (used["ux"] * unit[0] + used["uy"] * unit[1] > 0.97) & (off < 0.05)
+    fits &= (tip[:, 0] < along) & (along < tip[:, 1])
+    return int(np.flatnonzero(fits)[np.argmin(off[fits])]) if fits.any() else None
+
+
+def _drawn_wall(
+    edges: Edges,
+    count: int,
+    truth: Truth,
+    lengths: tuple[float, float],
+    rng: np.random.Generator,
+    config: FaultConfig,
+) -> int | None:
+    """One of the true walls of a particle."""
+    e = int(rng.integers(count))
+    return e if _is_true(edges[e], truth, lengths, config) else None
+
+
+def _is_true(wall: np.void, truth: Truth, lengths: tuple[float, float], config: FaultConfig) -> bool:
+    if wall["alive"] != 1 or wall["seen"] < config.strength or not lengths[0] <= _length(wall) <= lengths[1]:
+        return False
+    tail, head, unit, _ = _ends(wall)
+    samples = _between(tail, head, config)
+    return bool((distance_to(samples, _repeat(unit, samples), truth.outline) < 0.5 * config.near_m).all())
+
+
+# --- geometry ---------------------------------------------------------------------------------------------------------
+
+
+def _free(point: Floats, unit: Floats, truth: Truth) -> float:
+    """Metres from a point to the first true wall in a direction."""
+    a, along = truth.outline[:, :2] - point, truth.outline[:, 2:] - truth.outline[:, :2]
+    across = unit[0] * along[:, 1] - unit[1] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = (a[:, 0] * along[:, 1] - a[:, 1] * along[:, 0]) / across
+        share = (a[:, 0] * unit[1] - a[:, 1] * unit[0]) / across
+    hit = (across != 0) & (away > 0) & (share >= 0) & (share <= 1)
+    return float(away[hit].min(initial=np.inf))
+
+
+def _between(a: Floats, b: Floats, config: FaultConfig) -> Floats:
+    """(s, 2) samples from a to b, a half step from either."""
+    n = max(2, math.ceil(float(np.hypot(*(b - a))) / config.sample_m))
+    return a + ((np.arange(n) + 0.5) / n)[:, None] * (b - a)
+
+
+def _middle_part(tail: Floats, head: Floats, config: FaultConfig) -> Floats:
+    cut = 0.5 * (1 - config.judged_share) * (head - tail)
+    return _between(tail + cut, head - cut, config)
+
+
+def _repeat(unit: Floats, samples: Floats) -> Floats:
+    return np.repeat(unit[None], len(samples), 0)
+
+
+def _covered(samples: Floats, unit: Floats, wireframe: Wireframe, config: FaultConfig) -> NDArray[np.bool_]:
+    """Which samples have a mapped wall alike near."""
+    return distance_to(samples, _repeat(unit, samples), wireframe.segments()) < config.near_m
+
+
+def _on_one_edge(points: Floats, unit: Floats, wireframe: Wireframe, config: FaultConfig) -> bool:
+    """Whether one mapped wall alike runs near all of the points."""
+    near = [distance_to(points, _repeat(unit, points), wall[None]) < config.near_m for wall in wireframe.segments()]
+    return any(bool(one.all()) for one in near)

@@ -1,0 +1,73 @@
+"""What one robot saw on a whole run, to be replayed into other filters, and the truth in the robot's own frame."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.config import AgentConfig
+from agent.corner_scan import CornerScan
+from agent.perception import perceive
+from agent.robot import Robot, Step
+from agent.wireframe_filter import WireframeFilter
+from deploy.bench.explored import explore
+from deploy.metrics import Truth, to_world
+from protocol.messages import Observation, RobotSpec
+from world.odometry import relative
+
+Floats = NDArray[np.float64]
+Pose = tuple[float, float, float]
+
+
+class Recording(NamedTuple):
+    """One run of one robot with exact odometry. Metres, robot's own frame."""
+
+    spec: RobotSpec
+    seed: int
+    ranges: Floats
+    """(t, beams), inf where nothing came back."""
+    poses: list[Pose]
+    """True, and what the odometry says."""
+    scans: list[CornerScan]
+    """The ranges, perceived by default settings."""
+    truth: Truth
+
+    def new_filter(self, particles: int | None = None) -> WireframeFilter:
+        """A filter as the robot's mind makes it; by default with as many particles."""
+        settings = {} if particles is None else {"particles": particles}
+        config = AgentConfig.model_validate({"filter": settings})
+        return Robot("r1", self.spec, config, self.seed).filter
+
+
+@lru_cache(maxsize=2)
+def record(world: str, seed: int, noise_m: float | None = None, limit_s: float = 7200.0) -> Recording:
+    """Let a robot with default settings explore a layout and keep what it sees."""
+    ranges: list[Floats] = []
+    poses: list[Pose] = []
+
+    def watch(robot: Robot, observation: Observation, step: Step) -> None:
+        ranges.append(observation.scan())
+        poses.append(observation.odometry)
+
+    lidar = {} if noise_m is None else {"noise_m": noise_m}
+    settings = {"world": world, "robots": 1, "seed": seed, "spec": {"lidar": lidar}, "max_time_s": limit_s}
+    run = explore(settings, {}, watch)
+    spec, config = run.episode.config.spec, AgentConfig()
+    scans = [perceive(row, spec.lidar, config.perception) for row in ranges]
+    return Recording(spec, seed, np.stack(ranges), poses, scans, _moved(run.truth(), run.frame()))
+
+
+def _moved(truth: Truth, frame: Pose) -> Truth:
+    """The truth in the frame of this pose."""
+    back = relative(frame, (0.0, 0.0, 0.0))
+    return Truth(
+        outline=to_world(truth.outline.reshape(-1, 2), back).reshape(-1, 4),
+        corners=to_world(truth.corners, back),
+        seen_points=to_world(truth.seen_points, back),
+        seen_directions=to_world(truth.seen_directions, (0.0, 0.0, back[2])),
+        seen_lengths=truth.seen_lengths,
+        seen_corners=to_world(truth.seen_corners, back),
+    )

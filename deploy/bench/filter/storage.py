@@ -1,0 +1,156 @@
+"""Equal storage: an occupancy grid against the wireframe, from the same scans and poses.
+
+In doubt the grid is favoured: it covers just the true outline's bounding box, costs no header, is made with full
+log-odds and only then counted as two bits a cell (free, unknown, occupied), and each of its occupied cells counts as
+a piece of wall as long as the cell in the direction of the true wall nearest to it.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.filter.grid import Grid, grid_of
+from deploy.bench.filter.recording import Recording, record
+from deploy.bench.layouts import present
+from deploy.metrics import Truth, score_walls
+from protocol.wireframe import encode_wireframe
+
+CELLS_PER_BYTE = 4
+"""Two bits a cell."""
+FINEST_M = 0.005
+"""Cells are not made smaller: half the range noise."""
+
+
+def measure_storage(world: str, limit_s: float) -> Figures:
+    """Scores of the wireframe and of grids of its sizes in bytes."""
+    run = record(world, 0, limit_s=limit_s)
+    mind = run.new_filter()
+    for scan, pose in zip(run.scans, run.poses, strict=True):
+        mind.update(scan, pose)
+    wireframe = mind.wireframe()
+    codec = len(encode_wireframe(wireframe))
+    sizes = {
+        "codec": codec,
+        "one particle": round(mind.nbytes / len(mind.edges)),
+        "whole filter": mind.nbytes,
+    }
+    ours = score_walls(wireframe.segments(), run.truth)._asdict()
+    grids = {which: _grid_figures(_grid(run, _cell_for(run, size)), size, run.truth) for which, size in sizes.items()}
+    grids["codec, zlib"] = _grid_figures(_compressed_grid(run, codec), codec, run.truth)
+    return {"ours": ours, "sizes": sizes, "grids": grids}
+
+
+def _box(run: Recording) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = shapely.total_bounds(shapely.linestrings(run.truth.outline.reshape(-1, 2, 2))).tolist()
+    return x0, y0, x1, y1
+
+
+def _cell_for(run: Recording, size: int) -> float:
+    """Cell size of the finest grid over the box that takes no more than so many bytes."""
+    x0, y0, x1, y1 = _box(run)
+    cell = math.sqrt((x1 - x0) * (y1 - y0) / (size * CELLS_PER_BYTE))
+    while math.ceil((x1 - x0) / cell) * math.ceil((y1 - y0) / cell) > size * CELLS_PER_BYTE:
+        cell *= 1.002
+    return max(cell, FINEST_M)
+
+
+def _grid(run: Recording, cell_m: float) -> Grid:
+    return grid_of(run.ranges, np.array(run.poses), run.spec.lidar.range_max_m, _box(run), cell_m)
+
+
+def _compressed_grid(run: Recording, size: int) -> Grid:
+    """The finest grid that takes no more than so many bytes after zlib."""
+    low, high = FINEST_M, _cell_for(run, size)
+    best = _grid(run, high)
+    while high - low > 0.02 * low:
+        cell = math.sqrt(low * high)
+        grid = _grid(run, cell)
+        if len(zlib.compress(_packed(grid), 9)) <= size:
+            best, high = grid, cell
+        else:
+            low = cell
+    return best
+
+
+def _packed(grid: Grid) -> bytes:
+    """Two bits a cell."""
+    states = grid.states().reshape(-1)
+    rows = np.pad(states, (0, -len(states) % CELLS_PER_BYTE)).reshape(-1, CELLS_PER_BYTE)
+    packed: NDArray[np.uint8] = (rows << np.array([0, 2, 4, 6], np.uint8)).sum(1).astype(np.uint8)
+    return packed.tobytes()
+
+
+def _grid_figures(grid: Grid, size: int, truth: Truth) -> Figures:
+    """Score of a grid's occupied cells."""
+    cells = grid.occupied()
+    lines = shapely.linestrings(truth.outline.reshape(-1, 2, 2))
+    nearest = shapely.STRtree(lines).nearest(shapely.points(cells)) if len(cells) else np.zeros(0, np.intp)
+    along = (truth.outline[:, 2:] - truth.outline[:, :2])[nearest]
+    half = 0.5 * grid.cell_m * along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)[:, None]
+    walls = score_walls(np.hstack([cells - half, cells + half]), truth)
+    return {**walls._asdict(), "cell_m": grid.cell_m, "bytes": size}
+
+
+def cases(quick: bool) -> list[Case]:
+    """A few layouts."""
+    worlds = (
+        ["apartment"]
+        if quick
+        else ["maze-15", "office", "apartment", *present(["drlnav_stage7", "gbeltramo_building"])]
+    )
+    return [
+        Case(f"storage/{world}", measure_storage, {"world": world, "limit_s": 100.0 if quick else 3600.0})
+        for world in worlds
+    ]
+
+
+COLUMNS = [
+    Column("world", "world"),
+    Column("storage", "storage"),
+    Column("bytes", "bytes"),
+    Column("cell_m", "grid's cell m"),
+    Column("ours_rmse_m", "our rmse m", digits=4),
+    Column("grid_rmse_m", "grid's rmse m", digits=4),
+    Column("rmse_ahead_m", "rmse ahead m", at_least=0.0001, digits=4),
+    Column("recall_ahead", "recall ahead", at_least=-0.01, digits=4),
+    Column("precision_ahead", "precision ahead", at_least=-0.01, digits=4),
+    Column("grid_recall", "grid's recall"),
+    Column("grid_precision", "grid's precision"),
+]
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """The table of layouts and sizes; at the whole filter's bytes and compressed beside it."""
+    rows: list[dict[str, Any]] = []
+    for name, found in figures.items():
+        if not name.startswith("storage/"):
+            continue
+        ours = found["ours"]
+        for which, grid in found["grids"].items():
+            rows.append(
+                {
+                    "world": name.removeprefix("storage/"),
+                    "storage": which,
+                    "bytes": grid["bytes"],
+                    "cell_m": grid["cell_m"],
+                    "ours_rmse_m": ours["rmse_m"],
+                    "grid_rmse_m": grid["rmse_m"],
+                    "rmse_ahead_m": grid["rmse_m"] - ours["rmse_m"],
+                    "recall_ahead": ours["recall"] - grid["recall"],
+                    "precision_ahead": ours["precision"] - grid["precision"],
+                    "grid_recall": grid["recall"],
+                    "grid_precision": grid["precision"],
+                }
+            )
+    aside = frozenset(number for number, row in enumerate(rows) if row["storage"] not in ("codec", "one particle"))
+    note = "Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction."
+    return [Section("storage", "Equal storage: occupancy grid against wireframe", COLUMNS, rows, aside, note)]

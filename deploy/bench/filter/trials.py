@@ -1,0 +1,216 @@
+"""How soon a filter mends discrete faults: injected in mid-run, then the same scans as before, looped.
+
+A scan sees the place of a fault if the place's middle is within the lidar's range and in line of sight in the truth,
+and, where it is a wall, not flatter than the scorer's 8 degrees. A fault is gone at the first of ten such scans in a
+row after each of which the map agrees with the truth at the place.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.visibility import all_seen
+from agent.wireframe_filter import WireframeFilter
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
+from deploy.bench.filter.recording import Recording, record
+
+WORLDS = ["maze-15", "office", "apartment", "symmetric"]
+SCOPES = ("all", "half with the best", "half without the best")
+WITHIN = 50
+"""Scans that see the place in which a fault must go: the issue's."""
+STAYS = 10
+"""Scans that see the place for which the map must stay right."""
+SOON = 300
+"""Scans in which the place must first be seen: one simulated minute, so that trials are not all waiting."""
+SEEN_SHARE = 0.25
+"""Each part of a place is seen by at least this share of the scans that see its middle: else it cannot be mended."""
+GRAZING_DEG = 8.0
+DRAWS = 4000
+"""Places drawn for one trial before it is given up."""
+
+
+def fault_case(
+    name: str, world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float
+) -> Case:
+    """A case of all kinds of faults in one recorded run; particles None: the default."""
+    arguments = {"world": world, "trials": trials, "particles": particles, "scopes": list(scopes), "limit_s": limit_s}
+    return Case(name, measure_faults, arguments)
+
+
+def measure_faults(world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float) -> Figures:
+    """Scans until each fault was gone (None: not within WITHIN), by kind and scope."""
+    run = record(world, 0, limit_s=limit_s)
+    rng = np.random.default_rng(np.random.SeedSequence([0, len(run.scans)]))
+    ticks = len(run.scans)
+    starts = np.sort(rng.integers(round(0.4 * ticks), ticks, trials))
+    found: dict[str, dict[str, list[int | None]]] = {kind: {scope: [] for scope in scopes} for kind in KINDS}
+    mind = run.new_filter(particles)
+    if len(mind.edges) == 1:
+        scopes = SCOPES[:1]  # there is no half of one
+    tick, owed = 0, dict.fromkeys(KINDS, 0)
+    for start in starts.tolist():
+        while tick <= start:
+            mind.update(run.scans[tick], run.poses[tick])
+            tick += 1
+        for kind in KINDS:
+            owed[kind] += 1
+            while owed[kind] and (drawn := _draw_seen(kind, mind, run, tick, rng)) is not None:
+                owed[kind] -= 1  # where there was no such place, the next start has one trial more
+                fault, views = drawn
+                for scope in scopes:
+                    spoiled = _spoil(mind, fault, scope, np.random.default_rng(start))
+                    found[kind][scope].append(_scans_until_gone(spoiled, fault, views, run, tick))
+    found = {kind: {scope: counts for scope, counts in by.items() if counts} for kind, by in found.items()}
+    return {"found": found, "particles": len(mind.edges), "ticks": ticks}
+
+
+def _draw_seen(
+    kind: str, mind: WireframeFilter, run: Recording, tick: int, rng: np.random.Generator
+) -> tuple[Fault, NDArray[np.bool_]] | None:
+    """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
+    config = FaultConfig()
+    right = mind.wireframe()
+    edges, count = mind.edges[mind.best], int(mind.counts[mind.best])
+    ahead = np.arange(tick, tick + SOON) % len(run.scans)
+    for _ in range(DRAWS):
+        near = np.array(run.poses[int(rng.choice(ahead))][:2])
+        fault = draw(kind, edges, count, run.truth, near, rng, config)
+        if fault is None or not fault.gone(right):
+            continue
+        views = _sees(fault.place, fault.normal, run)
+        if views.sum() < WITHIN + STAYS or not views[ahead].any():
+            continue
+        shares = [_sees(sample, fault.normal, run)[views].mean() for sample in fault.samples]
+        if min(shares) < SEEN_SHARE:
+            continue
+        spoiled = copy.deepcopy(mind)
+        count_after = fault.inject(spoiled.edges[spoiled.best], count)
+        if count_after is None:
+            continue
+        spoiled.counts[spoiled.best] = count_after
+        if not fault.gone(spoiled.wireframe()):  # else it changes nothing
+            return fault, views
+    return None
+
+
+def _sees(point: NDArray[np.float64], normal: NDArray[np.float64] | None, run: Recording) -> NDArray[np.bool_]:
+    """(t,) scans that see a point in free space."""
+    eyes = np.array(run.poses)[:, :2]
+    away = eyes - point
+    distance = np.hypot(away[:, 0], away[:, 1])
+    near = distance < run.spec.lidar.range_max_m
+    if normal is not None:
+        near &= away @ normal > math.sin(math.radians(GRAZING_DEG)) * distance
+    out = np.zeros(len(eyes), np.bool_)
+    out[near] = all_seen(eyes[near], np.repeat(point[None], int(near.sum()), 0), run.truth.outline)
+    return out
+
+
+def _spoil(mind: WireframeFilter, fault: Fault, scope: str, rng: np.random.Generator) -> WireframeFilter:
+    """A copy of the filter with the fault in all particles, or in half of them."""
+    spoiled = copy.deepcopy(mind)
+    n = len(spoiled.edges)
+    others = [p for p in rng.permutation(n).tolist() if p != spoiled.best]
+    match scope:
+        case "all":
+            chosen = [spoiled.best, *others]
+        case "half with the best":
+            chosen = [spoiled.best, *others[: n // 2 - 1]]
+        case _:
+            chosen = others[: n // 2]
+    for p in chosen:
+        count = fault.inject(spoiled.edges[p], int(spoiled.counts[p]))
+        if count is not None:
+            spoiled.counts[p] = count
+    return spoiled
+
+
+def _scans_until_gone(
+    mind: WireframeFilter, fault: Fault, views: NDArray[np.bool_], run: Recording, tick: int
+) -> int | None:
+    """Replay from this tick on, round and round; None if the fault is not gone within WITHIN scans that see it."""
+    seen, since = 0, 0
+    while True:
+        k = tick % len(run.scans)
+        mind.update(run.scans[k], run.poses[k])
+        tick += 1
+        if not views[k]:
+            continue
+        seen += 1
+        if not fault.gone(mind.wireframe()):
+            since = seen
+            if seen >= WITHIN:
+                return None
+        elif seen - since >= STAYS:
+            return since + 1
+
+
+def cases(quick: bool) -> list[Case]:
+    """The default filter and one hypothesis alone."""
+    if quick:
+        return [fault_case("faults/apartment/default", "apartment", 3, None, SCOPES, 120.0)]
+    made = []
+    for world in WORLDS:
+        made.append(fault_case(f"faults/{world}/default", world, 25, None, SCOPES, 1200.0))
+        made.append(fault_case(f"faults/{world}/one", world, 25, 1, SCOPES[:1], 1200.0))
+    return made
+
+
+COLUMNS = [
+    Column("fault", "fault"),
+    Column("scope", "in which particles"),
+    Column("particles", "particles"),
+    Column("trials", "trials"),
+    Column("gone", "gone in 50 scans %", at_least=95.0, digits=0),
+    Column("median", "median scans", digits=0),
+    Column("p90", "90 % scans", digits=0),
+]
+
+
+def rows(outcomes: Sequence[Figures]) -> list[dict[str, Any]]:
+    """One row per fault and scope, all worlds together."""
+    made = []
+    for kind in KINDS:
+        for scope in SCOPES:
+            counts = [count for one in outcomes for count in one["found"][kind].get(scope, [])]
+            if not counts:
+                continue
+            ranked = sorted(math.inf if count is None else count for count in counts)
+            made.append(
+                {
+                    "fault": kind,
+                    "scope": scope,
+                    "particles": outcomes[0]["particles"],
+                    "trials": len(counts),
+                    "gone": 100.0 * sum(count is not None for count in counts) / len(counts),
+                    "median": _rank(ranked, 0.5),
+                    "p90": _rank(ranked, 0.9),
+                }
+            )
+    return made
+
+
+def _rank(ranked: Sequence[float], share: float) -> int | None:
+    value = ranked[min(len(ranked) - 1, math.floor(share * len(ranked)))]
+    return int(value) if math.isfinite(value) else None
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """The table of faults; one hypothesis alone beside it."""
+    default, one = (
+        [found for name, found in figures.items() if name.startswith("faults/") and name.endswith(f"/{which}")]
+        for which in ("default", "one")
+    )
+    judged = rows(default) if default else []
+    beside = rows(one) if one else []
+    aside = frozenset(range(len(judged), len(judged) + len(beside)))
+    note = "Median and 90 % of the scans that saw the place until it was right again; - : more than 50."
+    return [Section("faults", "Discrete faults injected in mid-run", COLUMNS, [*judged, *beside], aside, note)]
