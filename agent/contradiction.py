@@ -157,7 +157,10 @@ def contradict(
             saw, k = look_at(x, y, pose, raw, pieces, opened, reach, rules)
             if saw == UNSEEN:
                 continue
-            faces = side > GRAZING * math.hypot(x - pose[0], y - pose[1])
+            flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
+            if abs(side) < flat:
+                continue  # the ray may as well have passed beside it
+            faces = side > flat
             if saw == THROUGH:
                 low, high = min(low, t), max(high, t)
                 if faces:

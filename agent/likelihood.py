@@ -81,11 +81,12 @@ def log_likelihood(
             t = tip_at(w, 0) + skip + j * (size - 2 * skip) / (n - 1)
             x, y = w.x + t * w.ux, w.y + t * w.uy
             saw, k = look_at(x, y, pose, raw, pieces, opened, reach, views)
-            if saw == UNSEEN:
+            flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
+            if saw == UNSEEN or abs(side_of) < flat:
                 continue
             if saw == THROUGH:
                 through += 1
-            elif saw == ON and side_of > GRAZING * math.hypot(x - pose[0], y - pose[1]):
+            elif saw == ON and side_of > flat:
                 if walls[k] == e:
                     on += 1
                 else:
