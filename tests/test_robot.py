@@ -1,0 +1,105 @@
+"""One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agent.config import AgentConfig
+from agent.robot import Robot
+from protocol.codec import decode, encode
+from protocol.messages import EVERYONE, Heard, MapBroadcast, Observation, RobotSpec
+from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
+from world.lidar import Lidar
+
+SPEC = RobotSpec()
+ROOM = np.array([(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)], np.float64)
+SQUARE = Wireframe(
+    np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64),
+    np.zeros(4, np.uint8),
+    np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32),
+    np.ones(4, np.float32),
+    np.ones(4, np.bool_),
+)
+
+
+def observation(tick: int, heard: int = 0, seed: int = 0) -> Observation:
+    lidar = Lidar(ROOM, SPEC.lidar)
+    ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [np.random.default_rng([seed, tick])])[0]
+    return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0), heard=heard)
+
+
+def heard(tick: int, sender: str = "r2", **changes: object) -> Heard:
+    said = MapBroadcast(robot=sender, pose=(0.5, 0.5, 0.0), wireframe=encode_wireframe(SQUARE))
+    return Heard(tick=tick, sender=sender, kind="map", payload=encode(said.model_copy(update=changes)))
+
+
+def robot() -> Robot:
+    return Robot("r1", SPEC, AgentConfig(), seed=3)
+
+
+def test_a_step_answers_its_tick_and_counts_its_messages() -> None:
+    mind = robot()
+    for tick in range(6):
+        step = mind.step(observation(tick), [])
+        assert step.action.tick == step.scan.tick == step.pose.tick == tick
+        assert step.action.sent == len(step.sends)
+        assert abs(step.action.speed_mps) <= SPEC.max_speed_mps
+        assert abs(step.action.turn_rps) <= SPEC.max_turn_rps
+
+
+def test_a_changed_map_is_broadcast_once_a_second() -> None:
+    mind = robot()
+    sent = [(tick, send) for tick in range(25) for send in mind.step(observation(tick), []).sends]
+    assert sent
+    assert all(tick % 5 == 0 and send.to == EVERYONE and send.kind == "map" for tick, send in sent)
+    said = decode(MapBroadcast, sent[-1][1].payload)
+    assert said.robot == "r1"
+    assert len(decode_wireframe(said.wireframe).edges) == 4
+    quiet = [send for tick in range(25, 60) for send in mind.step(observation(tick), []).sends]
+    assert len(quiet) <= 1  # the map does not change any more
+
+
+def test_a_peer_is_met_once_and_lost_after_silence() -> None:
+    mind = robot()
+    events = []
+    for tick in range(80):
+        said = [heard(tick)] if tick in (5, 10, 20, 70) else []
+        events += [(tick, e.event, e.data) for e in mind.step(observation(tick, len(said)), said).action.events]
+    met = [(tick, name) for tick, name, data in events if name in ("contact", "lost")]
+    assert met == [(5, "contact"), (46, "lost"), (70, "contact")]
+    contact = mind.contacts.present["r2"]
+    assert contact.pose == (0.5, 0.5, 0.0)
+    assert contact.wireframe is not None and len(contact.wireframe.edges) == 4
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Heard(tick=1, sender="r2", kind="map", payload=b"\xff\x00"),
+        heard(1, wireframe=b"no wireframe"),
+        heard(1, robot="r3"),
+        heard(1, pose=(float("nan"), 0.0, 0.0)),
+    ],
+)
+def test_a_bad_message_is_refused_with_a_reason_and_changes_nothing(bad: Heard) -> None:
+    mind = robot()
+    mind.step(observation(0), [])
+    events = mind.step(observation(1, 1), [bad]).action.events
+    refused = [e for e in events if e.event == "refused"]
+    assert len(refused) == 1
+    assert refused[0].data["peer"] == "r2"
+    assert refused[0].data["reason"]
+    assert not mind.contacts.present
+
+
+def test_the_same_observations_give_the_same_step() -> None:
+    def steps() -> list[tuple[object, ...]]:
+        mind = robot()
+        out = []
+        for tick in range(20):
+            step = mind.step(observation(tick), [])
+            out.append((step.action.model_copy(update={"step_ms": 0.0}), step.sends, step.scan, step.pose, step.map))
+        return out
+
+    assert steps() == steps()
