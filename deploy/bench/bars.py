@@ -89,8 +89,10 @@ class Section:
             padding=(0, 1, 0, 0),
         )
         for column in self.columns:
-            table.add_column(f"{column.head}\n{column.bar}".strip(), justify="right")
-        table.add_column("")
+            named = any(isinstance(row.get(column.key), str) for row in self.rows)
+            head = f"{column.head}\n{column.bar}".strip()
+            table.add_column(head, justify="left" if named else "right", no_wrap=named)
+        table.add_column("", no_wrap=True)
         for number, row in enumerate(self.rows):
             missed = self.missed(number)
             cells = []

@@ -83,7 +83,8 @@ def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, qu
     names = [case.name for case in cases]
     if len(set(names)) < len(names):
         raise ValueError(f"two cases are called {next(name for name in names if names.count(name) > 1)}")
-    figures = {case.name: known for case in cases if (known := _kept(case, folder)) is not None}
+    keys = {case.name: case.key for case in cases}  # of the sources as they are now, whatever happens to them later
+    figures = {case.name: known for case in cases if (known := _kept(case, keys[case.name], folder)) is not None}
     failed: dict[str, str] = {}
     left = [case for case in cases if case.name not in figures]
     console = Console(stderr=True, quiet=quiet)
@@ -102,7 +103,7 @@ def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, qu
                     progress.console.print(f"{case.name}: {found}", style="red", markup=False, highlight=False)
                 else:
                     figures[case.name] = found
-                    _keep(case, folder, found, seconds)
+                    _keep(case, keys[case.name], folder, found, seconds)
                     progress.console.print(f"{case.name}: {seconds:.1f} s", markup=False, highlight=False)
                 progress.advance(bar)
     return Outcome({name: figures[name] for name in names if name in figures}, failed)
@@ -151,22 +152,22 @@ def _path(case: Case, folder: Path) -> Path:
     return folder / f"{case.name}.json"
 
 
-def _kept(case: Case, folder: Path) -> Figures | None:
+def _kept(case: Case, key: str, folder: Path) -> Figures | None:
     """Figures of an earlier run under the same key."""
     try:
         kept = json.loads(_path(case, folder).read_text(encoding="utf-8"))
         figures: Figures = kept["figures"]
-        return figures if kept["key"] == case.key else None
+        return figures if kept["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
         return None  # none yet, or half written
 
 
-def _keep(case: Case, folder: Path, figures: Figures, seconds: float) -> None:
+def _keep(case: Case, key: str, folder: Path, figures: Figures, seconds: float) -> None:
     path = _path(case, folder)
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {
         "case": case.name,
-        "key": case.key,
+        "key": key,
         "arguments": dict(case.arguments),
         "seconds": round(seconds, 2),
         "python": sys.version.split()[0],

@@ -144,7 +144,7 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
         Column("median", "median ms", digits=2),
         Column("p99", "99 % ms", digits=2),
         Column("bytes", "filter bytes"),
-        Column("load", "load"),
+        Column("load", "load", digits=1),
     ]
     made.append(Section("particles", "Filter update by particles", columns, growth))
     rows = [
@@ -165,7 +165,7 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
             Column("real_time_factor", "times real time", at_least=30.0, digits=1),
             Column("step_ms_median", "median step ms", digits=2),
             Column("ended", "ended"),
-            Column("load", "load"),
+            Column("load", "load", digits=1),
         ]
         made.append(Section("speed", "wireswarm run, 3 robots", columns, [figures["cost/speed"]]))
     return made

@@ -34,18 +34,21 @@ def cases(quick: bool) -> list[Case]:
     return made
 
 
-COLUMNS = [
+NOISE = [
     Column("particles", "particles"),
-    Column("ranges_recall", "noisy ranges: recall", digits=4),
-    Column("ranges_precision", "precision", digits=4),
-    Column("ranges_corner", "corner rmse m", digits=4),
-    Column("odometry_recall", "noisy odometry: recall", digits=4),
-    Column("odometry_precision", "precision", digits=4),
-    Column("odometry_rmse", "wall rmse m", digits=4),
+    Column("ranges_recall", "noisy ranges recall", digits=4),
+    Column("ranges_precision", "noisy ranges precision", digits=4),
+    Column("ranges_corner", "noisy ranges corner rmse m", digits=4),
+    Column("odometry_recall", "noisy odometry recall", digits=4),
+    Column("odometry_precision", "noisy odometry precision", digits=4),
+    Column("odometry_rmse", "noisy odometry wall rmse m", digits=4),
+    Column("ambiguous", "ambiguous walls F1 along", digits=4),
+]
+FAULTS = [
+    Column("particles", "particles"),
     *(Column(kind, f"{kind} gone %", digits=0) for kind in KINDS),
     Column("half", "faults in half gone %", digits=0),
-    Column("ambiguous", "ambiguous walls, F1 along", digits=4),
-    Column("update_ms", "update ms", digits=2),
+    Column("update_ms", "filter update ms", digits=2),
     Column("filter_bytes", "filter bytes"),
 ]
 
@@ -73,8 +76,11 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
             "filter_bytes": cost.get("bytes"),
         }
         rows.append(row | {kind: _gone(faults, [kind], SCOPES[0]) for kind in KINDS})
-    note = "Means over the cases; gone: within 50 scans that see the place."
-    return [Section("sweep", "How many particles", COLUMNS, rows, note=note)]
+    gone = "Gone: within 50 scans that see the place."
+    return [
+        Section("sweep", "How many particles: noise and ambiguity", NOISE, rows, note="Means over the cases."),
+        Section("sweep-faults", "How many particles: faults and cost", FAULTS, rows, note=gone),
+    ]
 
 
 def _of(figures: Mapping[str, Figures], prefix: str) -> list[Figures]:

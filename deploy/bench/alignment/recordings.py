@@ -1,0 +1,214 @@
+"""Partial maps of single robots that explore from different starts, each with what it holds of the truth.
+
+Two recordings in one world make pairs of maps that share no frame, and their starts say how the frames lie.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.robot import Robot, Step
+from deploy.bench.cases import PACKAGES, ROOT, Case, Figures
+from deploy.bench.explored import explore
+from deploy.bench.layouts import path_of, present
+from deploy.metrics import Truth, distance_to, to_world, truth_of
+from protocol.messages import Observation, Pose, RobotSpec
+from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
+from world.config import CoverageConfig
+from world.maze import generate
+from world.worldfile import load, to_yaml
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+KEEP = Path(gettempdir()) / "wireswarm-bench-alignment"
+"""Recordings are too large for the repository, and made again where they are missing."""
+LOOK_S = 2.0
+"""Simulated time between two looks at the growing map."""
+GROWTH = 4
+"""Corners by which a map must have grown before it is kept again."""
+NEAR_M = 0.05
+"""A true wall within this of a mapped one is in the map (contracts.md)."""
+CORNER_M = 0.10
+"""A mapped vertex within this of a true corner is that corner (the scorer's)."""
+LIMIT_S = 480.0
+"""Simulated seconds: maps are partial for most of them, and later ones differ little."""
+
+BUNDLED = {"maze-15": 5, "office": 4, "apartment": 3, "hall": 3, "symmetric": 8}
+"""Recordings of each; symmetric must give 300 pairs."""
+SHARED = {
+    "gbeltramo_building": 3,
+    "uday_building": 3,
+    "drlnav_stage7": 2,
+    "pal_passage_110cm_w": 2,
+    "tb3_dqn_stage4": 2,
+    "hurtado_apartment": 3,
+    "pal_home_w": 2,
+    "drlnav_house_tomas": 2,
+}
+MAZES = {"generated-10x10-1": 3, "generated-14x12-2": 4, "generated-12x12-3": 3, "generated-15x15-4": 4}
+"""generated-WIDTHxHEIGHT-SEED, by world/maze.py."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """One moment of a robot: what it would say to a peer, and what of the truth is in it."""
+
+    t: float
+    """Simulated seconds."""
+    pose: Pose
+    """Robot in its own frame."""
+    wireframe: Wireframe
+    """Its map, in its own frame."""
+    mapped: Bools
+    """(p,) which pieces of the visible true wall are in the map."""
+    corners: int
+    """True corners that are in the map."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One robot's snapshots in one world, in order of time."""
+
+    world: str
+    frame: Pose
+    """The robot's own frame in the world."""
+    lengths: Floats
+    """(p,) metres of each piece of the visible true wall; alike for all recordings of a world."""
+    snapshots: list[Snapshot]
+
+
+@dataclass(frozen=True)
+class RecordingCase(Case):
+    """A case that depends on all sources but those of the alignment: a robot alone hears no map to align."""
+
+    @property
+    def key(self) -> str:
+        """As of any case, without agent/alignment."""
+        digest = hashlib.sha256(Path(__file__).read_bytes())
+        for package in PACKAGES:
+            for source in sorted((ROOT / package).rglob("*")):
+                name = source.relative_to(ROOT).as_posix()
+                if source.suffix in (".py", ".yaml") and not name.startswith("agent/alignment/"):
+                    digest.update(name.encode() + b"\0" + source.read_bytes())
+        return hashlib.sha256((digest.hexdigest() + json.dumps(self.arguments, sort_keys=True)).encode()).hexdigest()[
+            :16
+        ]
+
+
+def cases(quick: bool) -> list[RecordingCase]:
+    """One case a recording."""
+    if quick:
+        wanted, limit_s = {"symmetric": 2, "apartment": 2}, 120.0
+    else:
+        shared = {name: SHARED[name] for name in present(list(SHARED))}
+        wanted, limit_s = BUNDLED | MAZES | shared, LIMIT_S
+    return [
+        RecordingCase(f"{world}/{seed}", record, {"world": world, "seed": seed, "limit_s": limit_s})
+        for seed in range(max(wanted.values()))
+        for world in wanted
+        if seed < wanted[world]
+    ]
+
+
+def record(world: str, seed: int, limit_s: float) -> Figures:
+    """Let one robot explore from a start drawn from the seed; its snapshots as JSON values."""
+    kept: list[tuple[float, Pose, Wireframe]] = []
+
+    def watch(robot: Robot, observation: Observation, step: Step) -> None:
+        t = observation.tick / robot.spec.lidar.rate_hz
+        if observation.tick % round(LOOK_S * robot.spec.lidar.rate_hz):
+            return
+        if corners_of(robot.wireframe) >= GROWTH + (corners_of(kept[-1][2]) if kept else 0):
+            kept.append((t, step.pose.pose, robot.wireframe))
+
+    settings = {"world": file_of(world), "robots": 1, "seed": seed, "starts": "random", "max_time_s": limit_s}
+    run = explore(settings, {}, watch)
+    truth, frame = run.truth(), run.frame()
+    snapshots = []
+    for t, pose, wireframe in kept:
+        snapshots.append(
+            {
+                "t": t,
+                "pose": list(pose),
+                "wireframe": b64encode(zlib.compress(encode_wireframe(wireframe))).decode(),
+                "mapped": b64encode(zlib.compress(np.packbits(_mapped(wireframe, frame, truth)).tobytes())).decode(),
+                "corners": _true_corners(wireframe, frame, truth),
+            }
+        )
+    lengths = b64encode(zlib.compress(truth.seen_lengths.astype("<f4").tobytes())).decode()
+    return {"world": world, "frame": list(frame), "lengths": lengths, "snapshots": snapshots}
+
+
+def recording_of(figures: Mapping[str, Any]) -> Recording:
+    """What `record` has measured."""
+    lengths = np.frombuffer(zlib.decompress(b64decode(figures["lengths"])), "<f4").astype(np.float64)
+
+    def snapshot(kept: Mapping[str, Any]) -> Snapshot:
+        bits = np.frombuffer(zlib.decompress(b64decode(kept["mapped"])), np.uint8)
+        x, y, theta = kept["pose"]
+        return Snapshot(
+            kept["t"],
+            (x, y, theta),
+            decode_wireframe(zlib.decompress(b64decode(kept["wireframe"]))),
+            np.unpackbits(bits, count=len(lengths)).astype(np.bool_),
+            kept["corners"],
+        )
+
+    x, y, theta = figures["frame"]
+    return Recording(figures["world"], (x, y, theta), lengths, [snapshot(kept) for kept in figures["snapshots"]])
+
+
+def corners_of(wireframe: Wireframe) -> int:
+    """Vertices that the robot takes for true corners."""
+    return int((wireframe.labels != Label.FRONTIER).sum())
+
+
+def file_of(world: str) -> str:
+    """File of a layout's name; that of a generated maze is written first."""
+    if not world.startswith("generated-"):
+        return path_of(world)
+    size, seed = world.split("-")[1:]
+    width, height = map(float, size.split("x"))
+    path = KEEP / "worlds" / f"{world}.yaml"
+    text = to_yaml(generate(width, height, np.random.default_rng(int(seed))))
+    if not path.is_file() or path.read_text(encoding="utf-8") != text:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def whole_map(world: str) -> Wireframe:
+    """The true outline that a robot could reach, as a map without a flaw, in the world's frame."""
+    place, spec = load(file_of(world)), RobotSpec()
+    start = place.starts(1, spec.radius_m, np.random.default_rng(0))[0]
+    truth = truth_of(place, (start[0], start[1]), spec.radius_m, spec.lidar.range_max_m, CoverageConfig())
+    points, corner = np.unique(np.round(truth.outline.reshape(-1, 2), 6), axis=0, return_inverse=True)
+    edges = corner.reshape(-1, 2).astype(np.int32)
+    n, m = len(points), len(edges)
+    return Wireframe(points, np.zeros(n, np.uint8), edges, np.ones(m, np.float32), np.ones(m, np.bool_))
+
+
+def _mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
+    """(p,) which pieces of the visible true wall are in the map."""
+    segments = to_world(wireframe.points, frame)[wireframe.edges].reshape(-1, 4)
+    near: Bools = distance_to(truth.seen_points, truth.seen_directions, segments) < NEAR_M
+    return near
+
+
+def _true_corners(wireframe: Wireframe, frame: Pose, truth: Truth) -> int:
+    """True corners near a vertex that is taken for one."""
+    points = to_world(wireframe.points[wireframe.labels != Label.FRONTIER], frame)
+    away = np.linalg.norm(truth.corners[:, None] - points[None], axis=2).min(1, initial=np.inf)
+    return int((away < CORNER_M).sum())
