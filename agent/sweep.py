@@ -145,7 +145,8 @@ class Sweep:
         points = lattice(x0, y0, x1, y1, self.config.smallest_object_m)
         shapely.prepare(face)
         points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
-        return points[~_in_view(points, poses, wireframe.segments(), self.radius)]
+        seen = _in_view(points, poses, wireframe.segments(), self.radius)
+        return np.asarray(points[~seen], np.float64)
 
     def passed_by(self, wireframe: Wireframe, poses: Floats, here: Floats, reach_m: float) -> Floats:
         """Samples (n, 2) around here that kept poses (k, 2) have seen, but from too far; asks for no closed walls."""
