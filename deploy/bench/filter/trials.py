@@ -1,8 +1,8 @@
 """How soon a filter mends discrete faults: injected in mid-run, then the same scans as before, looped.
 
-A scan sees the place of a fault if the place's middle is within the lidar's range and in line of sight in the truth,
-and, where it is a wall, not flatter than the scorer's 8 degrees. A fault is gone at the first of ten such scans in a
-row after each of which the map agrees with the truth at the place.
+A scan sees the place of a fault if all of the place is within the lidar's range and in line of sight in the truth, and,
+where it is a wall, not flatter than the scorer's 8 degrees. A fault is gone at the first of ten such scans in a row
+after each of which the map agrees with the truth at the place.
 """
 
 from __future__ import annotations
@@ -30,8 +30,6 @@ STAYS = 10
 """Scans that see the place for which the map must stay right."""
 SOON = 300
 """Scans in which the place must first be seen: one simulated minute, so that trials are not all waiting."""
-SEEN_SHARE = 0.25
-"""Each part of a place is seen by at least this share of the scans that see its middle: else it cannot be mended."""
 GRAZING_DEG = 8.0
 DRAWS = 4000
 """Places drawn for one trial before it is given up."""
@@ -86,10 +84,11 @@ def _draw_seen(
         if fault is None or not fault.gone(right):
             continue
         views = _sees(fault.place, fault.normal, run)
+        for sample in fault.samples:
+            if views.sum() < WITHIN + STAYS or not views[ahead].any():
+                break
+            views &= _sees(sample, fault.normal, run)
         if views.sum() < WITHIN + STAYS or not views[ahead].any():
-            continue
-        shares = [_sees(sample, fault.normal, run)[views].mean() for sample in fault.samples]
-        if min(shares) < SEEN_SHARE:
             continue
         spoiled = copy.deepcopy(mind)
         count_after = fault.inject(spoiled.edges[spoiled.best], count)
