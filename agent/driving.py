@@ -119,8 +119,40 @@ class Driver:
         if len(path) < 2:
             path = np.vstack((path, path))
         px, py = _steer_point(x, y, path, walls, self.config.lookahead_m, clearance_m)
+        if len(discs):
+            px, py = self._aside(px, py, x, y, walls, discs)
         left = math.hypot(path[-1, 0] - x, path[-1, 1] - y)
         return self.towards(px, py, pose, walls, discs, left)
+
+    def _aside(self, px: float, py: float, x: float, y: float, walls: Floats, discs: Floats) -> tuple[float, float]:
+        """The point to steer for, or one to the right of it if a teammate is in the way: who meets passes on the right.
+
+        A robot moves over as far as it must, or as the walls let it; the other one does the same.
+        """
+        c = self.config
+        way = math.hypot(px - x, py - y)
+        if way < 1e-6:
+            return px, py
+        ux, uy = (px - x) / way, (py - y) / way
+        need = self.disc_limit + c.pass_margin_m
+        nearest = c.meet_m
+        left_of_way = math.inf
+        for dx, dy in (discs - (x, y)).tolist():
+            ahead, left = ux * dx + uy * dy, ux * dy - uy * dx
+            if 0.0 < ahead < nearest and abs(left) < need and math.hypot(dx, dy) > 1e-6:
+                nearest, left_of_way = ahead, left
+        if nearest >= c.meet_m:
+            return px, py
+        # one that is clearly on the right is passed on the left, which is its own right if it comes towards us
+        side = -1.0 if left_of_way > -c.clear_side_m else 1.0
+        forward = min(max(nearest - need, 0.0), c.lookahead_m)
+        shift = need + side * left_of_way
+        while shift > 0.0:
+            qx, qy = x + forward * ux - side * shift * uy, y + forward * uy + side * shift * ux
+            if keeps_clear(x, y, qx, qy, walls, self.wall_limit):
+                return qx, qy
+            shift -= c.wall_margin_m
+        return px, py
 
     def towards(self, px: float, py: float, pose: PoseXYT, walls: Floats, discs: Floats, left_m: float) -> Motion:
         """Command for the next tick towards a point, with left_m to go at most."""

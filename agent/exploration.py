@@ -142,14 +142,15 @@ class Explorer:
     # what is there
 
     def _sense(self, scan: Wireframe, discs: Floats) -> None:
-        """Walls of map and scan, and teammates, in the frame of the map."""
+        """Walls of map and scan, standing teammates as walls, and all teammates, in the frame of the map."""
         known = self.wireframe.segments()
         seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
-        self.walls = np.ascontiguousarray(np.vstack((known, seen)))
+        self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
+        standing, _ = self.teammates.obstacles(self.tick, self.planning.tight_clearance_m)
+        self.walls = np.ascontiguousarray(np.vstack((known, seen, standing)))
         low, high = self.here - _NEAR_M, self.here + _NEAR_M
         a, b = self.walls[:, :2], self.walls[:, 2:]
         self.walls_near = self.walls[((np.minimum(a, b) < high) & (np.maximum(a, b) > low)).all(1)]
-        self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
 
     def _keep_pose(self, spacing_m: float) -> bool:
         """Keep the present place if it is so far from the last one; true if kept."""
@@ -298,7 +299,7 @@ class Explorer:
     def _ways(self) -> Iterator[Roads]:
         """Roads from here with room, then tight ones."""
         for clearance in (self.planning.clearance_m, self.planning.tight_clearance_m):
-            obstacles = self.teammates.obstacles(self.tick, self.here, clearance)
+            obstacles = self.teammates.obstacles(self.tick, clearance)
             yield Roads(self.planning, self.wireframe, self.here, clearance, *obstacles)
 
     def _decide(self) -> None:

@@ -80,6 +80,8 @@ class ExplorationConfig(Config):
     """Without progress on the path for this long a robot is stuck; a right-angle turn takes 0.6 s."""
     stuck_progress_m: Positive = 0.06
     """Less than this is no progress: one tick and a half of driving."""
+    teammate_room_m: Positive = 0.15
+    """Radius of a standing teammate in paths: with the tight clearance just more than driving allows (0.27 m)."""
     back_off_m: Positive = 0.2
     """How far a stuck robot moves away from what it is close to."""
     back_off_s: Positive = 3.0
@@ -138,6 +140,8 @@ class DrivingConfig(Config):
     horizon_ticks: Annotated[int, Field(ge=1)] = 2
     """Ticks ahead that must be free: this one, and the next in case the answer comes late."""
     meet_m: Positive = 1.2
-    """A teammate nearer than this and ahead is passed on the right: time for both to move over (2.7 s)."""
-    meet_rad: Positive = 0.8
-    """Half-angle that counts as ahead."""
+    """A teammate in the way nearer than this is passed on the right: time for both to move over (2.7 s)."""
+    pass_margin_m: Positive = 0.03
+    """Air when passing, beyond what a held robot keeps."""
+    clear_side_m: Positive = 0.15
+    """A teammate this far to the right of the way is passed on the left: it sees the robot on its right, too."""

@@ -69,16 +69,16 @@ class Teammates:
         known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
         return known if known is not None and math.hypot(known.x - x, known.y - y) <= reach_m else None
 
-    def obstacles(self, tick: int, here: Floats, clearance_m: float) -> tuple[Floats, Floats]:
+    def obstacles(self, tick: int, clearance_m: float) -> tuple[Floats, Floats]:
         """Teammates that stand, or are to be avoided, as walls (k, 4) and path nodes (j, 2) around them."""
         walls, nodes = [], []
         still = self.config.still_s / self.tick_s
         for s in self.sightings:
             if tick - s.still_since < still and tick >= s.avoid_until:
                 continue
-            ring = _ring(s.x, s.y, self.radius)
+            ring = _ring(s.x, s.y, self.config.teammate_room_m)
             walls.append(np.hstack((ring, np.roll(ring, -1, 0))))
-            nodes.append(_ring(s.x, s.y, self.radius + 1.15 * clearance_m))
+            nodes.append(_ring(s.x, s.y, self.config.teammate_room_m + 1.15 * clearance_m))
         if not walls:
             return np.zeros((0, 4)), np.zeros((0, 2))
         return np.vstack(walls), np.vstack(nodes)
