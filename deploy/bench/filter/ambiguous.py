@@ -15,7 +15,7 @@ import numpy as np
 
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
-from deploy.bench.filter.recording import Recording, record
+from deploy.bench.filter.recording import HERE, Recording, record
 from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
 from world.worldfile import to_yaml
@@ -23,8 +23,6 @@ from world.worldfile import to_yaml
 NOISE_M = 0.03
 EVERY_TICKS = 50
 """Between two judgements of the map: 10 simulated seconds."""
-HERE = (0.0, 0.0, 0.0)
-"""The recording's truth is in the robot's own frame."""
 
 
 def double_walls() -> dict[str, Any]:

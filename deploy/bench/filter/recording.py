@@ -21,6 +21,9 @@ from world.odometry import relative
 Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
+HERE: Pose = (0.0, 0.0, 0.0)
+"""Pose of the frame of a recording's truth, for a score: it is the robot's own."""
+
 
 class Recording(NamedTuple):
     """One run of one robot with exact odometry. Metres, robot's own frame."""
@@ -62,7 +65,7 @@ def record(world: str, seed: int, noise_m: float | None = None, limit_s: float =
 
 def _moved(truth: Truth, frame: Pose) -> Truth:
     """The truth in the frame of this pose."""
-    back = relative(frame, (0.0, 0.0, 0.0))
+    back = relative(frame, HERE)
     return Truth(
         outline=to_world(truth.outline.reshape(-1, 2), back).reshape(-1, 4),
         corners=to_world(truth.corners, back),

@@ -1,0 +1,179 @@
+"""The filter's benchmark measures what it says: faults are faults, the grid is a grid, bars judge."""
+
+from __future__ import annotations
+
+import copy
+import io
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from deploy.bench.bars import Column, Section
+from deploy.bench.filter import PARTS
+from deploy.bench.filter.ambiguous import double_walls
+from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
+from deploy.bench.filter.grid import grid_of
+from deploy.bench.filter.recording import HERE, Recording, record
+from deploy.bench.filter.runs import worst
+from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
+from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
+from deploy.metrics import score
+from protocol.messages import LidarSpec
+from world import worldfile
+from world.lidar import Lidar
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return record("apartment", 0, limit_s=60.0)
+
+
+def test_a_recording_replayed_gives_the_map_and_fits_its_truth(recording: Recording) -> None:
+    mind = recording.new_filter()
+    for scan, pose in zip(recording.scans, recording.poses, strict=True):
+        mind.update(scan, pose)
+    got = score(mind.wireframe(), HERE, recording.truth)
+    assert got.wall_precision > 0.95 and got.wall_recall > 0.2  # a minute's worth
+    assert got.wall_rmse_m is not None and got.wall_rmse_m < 0.02
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: Recording, kind: str) -> None:
+    mind = recording.new_filter(2)
+    for scan, pose in zip(recording.scans, recording.poses, strict=True):
+        mind.update(scan, pose)
+    rng, config = np.random.default_rng(0), FaultConfig()
+    made = 0
+    for _ in range(5000):
+        near = np.array(recording.poses[int(rng.integers(len(recording.poses)))][:2])
+        fault = draw(kind, mind.edges[mind.best], int(mind.counts[mind.best]), recording.truth, near, rng, config)
+        if fault is None or not fault.gone(mind.wireframe()):
+            continue
+        spoiled = copy.deepcopy(mind)
+        for p in (0, 1):
+            count = fault.inject(spoiled.edges[p], int(spoiled.counts[p]))
+            if count is None:
+                break
+            spoiled.counts[p] = count
+        else:
+            assert not fault.gone(spoiled.wireframe())
+            spoiled.wireframe().check()
+            assert_sound(spoiled.edges[spoiled.best, : spoiled.counts[spoiled.best]])
+            made += 1
+        if made == 3:
+            return
+    pytest.fail(f"only {made} places for {kind}")
+
+
+def assert_sound(edges: np.ndarray[Any, Any]) -> None:
+    """Links go both ways, linked ends are in one place, and every wall's sums lie along its line."""
+    for k, wall in enumerate(edges):
+        if wall["alive"] != 1:
+            continue
+        tail, head = wall["tip"]
+        unit = np.array([wall["ux"], wall["uy"]])
+        assert np.linalg.det([unit, head - tail]) == pytest.approx(0, abs=1e-6) and unit @ (head - tail) > 0
+        assert math.hypot(*unit) == pytest.approx(1)
+        scatter = np.array([[wall["xx"], wall["xy"]], [wall["xy"], wall["yy"]]])
+        assert np.abs(np.linalg.eigh(scatter)[1][:, 1] @ unit) == pytest.approx(1, abs=1e-3)
+        for side in (0, 1):
+            other = int(wall["link"][side])
+            if other >= 0:
+                assert edges[other]["alive"] == 1 and edges[other]["link"][1 - side] == k
+                np.testing.assert_allclose(edges[other]["tip"][1 - side], wall["tip"][side], atol=1e-6)
+
+
+class Scripted:
+    """A filter whose map is right after some scans and wrong after others."""
+
+    def __init__(self, right: Iterator[bool]) -> None:
+        self.right = right
+
+    def update(self, scan: object, pose: object) -> None:
+        self.now = next(self.right)
+
+    def wireframe(self) -> bool:
+        return self.now
+
+
+@pytest.mark.parametrize(
+    ("script", "scans"),
+    [
+        ([True] * STAYS, 1),
+        ([False] * 3 + [True] * STAYS, 4),
+        ([True] * (STAYS - 1) + [False] + [True] * STAYS, STAYS + 1),  # came back
+        ([False] * (WITHIN - 1) + [True] * STAYS, WITHIN),
+        ([False] * WITHIN, None),
+    ],
+)
+def test_a_fault_is_gone_when_the_map_stays_right(recording: Recording, script: list[bool], scans: int | None) -> None:
+    fault = Fault(np.zeros(2), None, np.zeros((0, 2)), lambda edges, count: count, lambda wireframe: bool(wireframe))
+    views = np.zeros(len(recording.scans), np.bool_)
+    views[::2] = True  # only these count
+    steps = (right for one in script for right in (one, False))
+    assert _scans_until_gone(Scripted(steps), fault, views, recording, 0) == scans  # type: ignore[arg-type]
+
+
+def test_a_grid_has_walls_where_beams_end_and_free_space_before() -> None:
+    room = worldfile.from_document(
+        {"boxes": [[0, 1.1, 0, 4.4, 0.2], [0, -1.1, 0, 4.4, 0.2], [2.1, 0, 0, 0.2, 2.4], [-2.1, 0, 0, 0.2, 2.4]]}
+    )
+    poses = np.array([[x, 0.1, x] for x in np.linspace(-1.5, 1.5, 15)])
+    ranges, _ = Lidar(room.segments, LidarSpec()).trace(poses)
+    grid = grid_of(ranges, poses, 3.5, (-2.2, -1.2, 2.2, 1.2), 0.05)
+    cells = grid.occupied()
+    off = np.minimum(np.abs(np.abs(cells[:, 0]) - 2), np.abs(np.abs(cells[:, 1]) - 1))
+    assert off.max() <= 0.05 + 1e-9 and len(cells) > 0.9 * 12 / 0.05
+    assert grid.log_odds[44 + 3, 24] < 0  # the middle of the room
+    assert grid.log_odds[0, 0] == 0  # inside the wall
+
+
+def test_a_grid_is_as_fine_as_its_bytes_allow(recording: Recording) -> None:
+    outline = recording.truth.outline.reshape(-1, 2)
+    width, height = outline.max(0) - outline.min(0)
+    for size in (500, 5000):
+        cell = _cell_for(recording, size)
+        cells = math.ceil(width / cell) * math.ceil(height / cell)
+        assert 0.9 * size < cells / CELLS_PER_BYTE <= size
+
+
+def test_bars_judge_and_missing_figures_miss() -> None:
+    columns = [Column("world", "world"), Column("recall", "recall", at_least=0.9), Column("rmse", "rmse", at_most=0.1)]
+    rows = [{"world": "a", "recall": 0.9, "rmse": 0.1}, {"world": "b", "recall": 0.8}, {"world": "c", "recall": 0.1}]
+    section = Section("one", "One", columns, rows, frozenset({2}))
+    assert [section.missed(k) for k in range(3)] == [[], ["recall", "rmse"], None]
+    assert section.met is False and Section("one", "One", columns, rows[:1]).met is True
+    assert Section("one", "One", columns[:1], rows).met is None
+    console = Console(width=100, file=io.StringIO())
+    with console.capture() as capture:
+        section.print(console)
+    text = capture.get()
+    assert ">= 0.9" in text and "0.800 !" in text and "0.100 !" not in text
+
+
+def test_the_worst_of_runs_is_the_least_or_the_most_by_its_bar() -> None:
+    columns = [Column("wall_recall", ""), Column("wall_rmse_m", ""), Column("corner_rmse_m", "", at_most=1)]
+    runs = [
+        {"ended": "complete", "wall_recall": 0.9, "wall_rmse_m": 0.1, "corner_rmse_m": 0.1},
+        {"ended": "time", "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None},
+    ]
+    row = worst(runs, columns)
+    assert row == {"runs": 2, "complete": 1, "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None}
+
+
+def test_every_case_has_a_name_of_its_own_and_plain_arguments() -> None:
+    for quick in (True, False):
+        cases = [case for part in PARTS for case in part.cases(quick)]
+        assert len({case.name for case in cases}) == len(cases)
+        assert all(len(case.key) == 16 for case in cases)
+    assert all(part.sections({}) is not None for part in PARTS)
+
+
+def test_the_world_of_double_walls_is_one() -> None:
+    world = worldfile.from_document(double_walls())
+    assert world.region_of(1.0, 2.0, 0.105) is not None
+    assert len(world.segments) > 50
