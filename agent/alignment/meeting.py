@@ -1,0 +1,120 @@
+"""What two robots know from hearing each other: they are within radio range, and each stands in free space (ours)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.alignment.transform import compose, inverse
+from agent.clearance import distances_to_walls
+from protocol.messages import Pose
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a robot can be, by one map: clear of its walls, inside its outer rings, outside its pillars."""
+
+    walls: Floats
+    """(m, 4) x1, y1, x2, y2 in metres."""
+    rings: Floats
+    """(k, 4) those of the walls that belong to closed rings."""
+    ring: Ints
+    """(k,) which ring each belongs to, ascending from 0."""
+    outer: Bools
+    """(rings,) whether free space is inside."""
+
+    def reachable(self, points: Floats, clearance_m: float) -> Bools:
+        """(n,) whether points (n, 2) can be a robot's centre."""
+        clear = distances_to_walls(points, self.walls) >= clearance_m
+        right: Bools = clear & _on_the_free_side(points, self.rings, self.ring, self.outer)
+        return right
+
+
+def place_of(points: Floats, child: Ints, walls: Floats) -> Place:
+    """Place by a map's vertices (n, 2), the vertex after each (n,) or -1, and its walls (m, 4)."""
+    ring_of, count = _rings(child)
+    members = np.flatnonzero(ring_of >= 0)
+    members = members[np.argsort(ring_of[members], kind="stable")]
+    rings = np.hstack([points[members], points[child[members]]])
+    twice_area = rings[:, 0] * rings[:, 3] - rings[:, 2] * rings[:, 1]
+    area = np.bincount(ring_of[members], twice_area, minlength=count)
+    return Place(walls, rings, ring_of[members], area > 0)
+
+
+@njit(cache=True)
+def _rings(child: Ints) -> tuple[Ints, int]:
+    """(n,) the closed ring that each vertex belongs to, or -1, and how many there are."""
+    n = child.shape[0]
+    ring, seen = np.full(n, -1), np.zeros(n, np.int64)
+    count = 0
+    for start in range(n):
+        v = start
+        while v >= 0 and seen[v] == 0:
+            seen[v] = start + 1
+            v = child[v]
+        if v >= 0 and seen[v] == start + 1:
+            while ring[v] < 0:
+                ring[v] = count
+                v = child[v]
+            count += 1
+    return ring, count
+
+
+@njit(cache=True)
+def _on_the_free_side(points: Floats, rings: Floats, ring: Ints, outer: Bools) -> Bools:
+    """Whether each point is inside all outer rings and outside all others."""
+    out = np.ones(points.shape[0], np.bool_)
+    for p in range(points.shape[0]):
+        x, y = points[p]
+        k = 0
+        while k < rings.shape[0]:
+            here, inside = ring[k], False
+            while k < rings.shape[0] and ring[k] == here:
+                ax, ay, bx, by = rings[k]
+                if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
+                    inside = not inside
+                k += 1
+            if inside != outer[here]:
+                out[p] = False
+                break
+    return out
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """Both robots at the moment of contact, each by its own map, and how far the radio carries."""
+
+    mine: Pose
+    """In my frame."""
+    theirs: Pose
+    """In theirs."""
+    range_m: float
+    """Radio range and slack; inf where unknown."""
+    clearance_m: float
+    """A robot's centre is at least so far from walls."""
+    here: Place
+    there: Place
+
+    def possible(self, transforms: Floats) -> Bools:
+        """(k,) whether transforms (k, 3) of their frame into mine put both robots in range and in free space."""
+        t = np.asarray(transforms, np.float64).reshape(-1, 3)
+        peer = compose(t, np.array(self.theirs))[:, :2]
+        me = compose(inverse(t), np.array(self.mine))[:, :2]
+        away = np.hypot(peer[:, 0] - self.mine[0], peer[:, 1] - self.mine[1])
+        out: Bools = (away <= self.range_m) & (away >= 2 * self.clearance_m)
+        out[out] = self.here.reachable(peer[out], self.clearance_m)
+        out[out] = self.there.reachable(me[out], self.clearance_m)
+        return out
+
+
+def finite(pose: Pose) -> bool:
+    """Whether a pose is one."""
+    return all(map(math.isfinite, pose))
