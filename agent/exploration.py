@@ -36,6 +36,7 @@ _NEAR_M = 1.5
 _WAYPOINT_M = 0.03
 """A waypoint this near is passed."""
 _NEVER = 2**62
+_TEAMMATE = "a teammate is in the way"
 
 
 class Configs(NamedTuple):
@@ -107,7 +108,7 @@ class Explorer:
         self._read_tick = self._decided_tick = -_NEVER
         self._news_ticks = 0
         self._least_left_m, self._progress_tick = math.inf, 0
-        self._patience_ticks, self._blocked_ticks = 0, 0
+        self._patience_ticks, self._blocked_ticks, self._waits = 0, 0, 0
         self._back_off_until, self._back_off_from = -1, np.zeros(2)
 
     @property
@@ -272,8 +273,12 @@ class Explorer:
 
     def _abandon(self, place: Floats, along: Floats, reason: str) -> None:
         record = self.memory.note(place, along)
-        record.attempts += 1
         record.version, record.reason = self.version, reason
+        if reason == _TEAMMATE and record.blocked < self.config.waits:
+            record.blocked += 1
+            record.version = -1
+        else:
+            record.attempts += 1
         record.unreachable = record.attempts >= self.config.attempts
         self._recall()
         what = "unreachable" if record.unreachable else "abandoned"
@@ -296,10 +301,10 @@ class Explorer:
         due = self.tick - self._decided_tick >= self.config.reconsider_ticks
         return due and self.version != self._decided_version and len(self._fresh()) > 0
 
-    def _ways(self) -> Iterator[Roads]:
-        """Roads from here with room, then tight ones."""
+    def _ways(self, teammates: bool = True) -> Iterator[Roads]:
+        """Roads from here with room, then tight ones; around teammates or through them."""
         for clearance in (self.planning.clearance_m, self.planning.tight_clearance_m):
-            obstacles = self.teammates.obstacles(self.tick, clearance)
+            obstacles = self.teammates.obstacles(self.tick, clearance) if teammates else ()
             yield Roads(self.planning, self.wireframe, self.here, clearance, *obstacles)
 
     def _decide(self) -> None:
@@ -309,6 +314,7 @@ class Explorer:
         if self.complete:
             self._park(old)
             return
+        in_the_way = self.teammates.in_the_way(self.tick)
         for goals in (self._fresh(), self._again()):
             for roads in self._ways() if len(goals) else ():
                 tasks = self._end_tasks(goals, roads, old)
@@ -317,7 +323,8 @@ class Explorer:
                     self._pursue(first_of_tour(tasks, roads, self.config.tour, self.config.pocket_detour_m), roads, old)
                     return
             for goal in goals:
-                self._abandon(self.ends.points[goal], self.ends.along[goal], "no way to a standing point")
+                reason = _TEAMMATE if in_the_way else "no way to a standing point"
+                self._abandon(self.ends.points[goal], self.ends.along[goal], reason)
         for roads in self._ways():
             if old is not None and not is_end(old.task) and np.isfinite(roads.costs(old.task.stand[None])[0]):
                 self._pursue(old.task, roads, old)
@@ -326,6 +333,9 @@ class Explorer:
             if task is not None:
                 self._pursue(task, roads, None)
                 return
+        if in_the_way and self._waits < self.config.waits and self._barred():
+            self._wait()
+            return
         self.complete = True
         self._event("complete", reason=self.states.ended(), unreachable=int(np.count_nonzero(self._tried >= 0)))
         self._park(None)
@@ -386,6 +396,7 @@ class Explorer:
             self._least_left_m = max(self._least_left_m, _length(path))
             return
         self._restart_progress()
+        self._waits = 0
         if is_end(task):
             self._event("frontier", what="chosen", place=_rounded(task.place), cost=round(found[1], 2))
 
@@ -486,7 +497,7 @@ class Explorer:
         poses = poses[(away >= self.config.retreat_m) & (room >= self.planning.tight_clearance_m)]
         found = roads.nearest(poses, -np.minimum(distances_to_walls(poses, self.walls), self.config.park_clearance_m))
         if target.task.kind not in ("retreat", "park"):
-            self._give_up("a teammate is in the way")
+            self._give_up(_TEAMMATE)
         if found is not None:
             self.target = Target(
                 Task("retreat", poses[found[0]], poses[found[0]]), found[2], roads.clearance,
@@ -494,6 +505,23 @@ class Explorer:
             )  # fmt: skip
             self._reason = "retreat"
         self._restart_progress()
+
+    def _barred(self) -> bool:
+        """Whether there would be something to do if no teammate stood in the way."""
+        if len(self._again()):
+            return True
+        poses = np.array(self.poses)
+        return any(
+            self.states.next(self.wireframe, self.version, roads, poses) for roads in self._ways(teammates=False)
+        )
+
+    def _wait(self) -> None:
+        """Stand still for a while."""
+        self._waits += 1
+        self._restart_progress()
+        here = Task("retreat", self.here, self.here)
+        self.target = Target(here, self.here[None], self.planning.tight_clearance_m, _NEVER, self._patience_ticks)
+        self._reason = "wait for a teammate"
 
     def _stuck(self, target: Target) -> None:
         """Back off, and give the target up the second time."""

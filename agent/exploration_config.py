@@ -89,6 +89,8 @@ class ExplorationConfig(Config):
     wait_s: Positive = 4.0
     """Mean wait for a teammate to clear the way; drawn between half and one and a half of it, so that of two
     robots one gives way first."""
+    waits: Annotated[int, Field(ge=0)] = 6
+    """Times that a robot waits for a teammate that bars a goal, or all of them, before it counts as unreachable."""
     blocked_m: Positive = 0.6
     """A teammate within this, and the robot held back, is in the way; discs keep 0.27 m from each other."""
     avoid_s: Positive = 10.0

@@ -142,6 +142,8 @@ class Tried:
     angle: float
     """Direction in which the wall goes on, radians."""
     attempts: int = 0
+    blocked: int = 0
+    """Times when a teammate was in the way; these are no attempts."""
     version: int = -1
     """Map version at the last attempt."""
     stands: list[tuple[float, float]] = field(default_factory=list)

@@ -69,16 +69,20 @@ class Teammates:
         known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
         return known if known is not None and math.hypot(known.x - x, known.y - y) <= reach_m else None
 
+    def in_the_way(self, tick: int) -> bool:
+        """Whether any teammate is planned around."""
+        return any(self._avoided(s, tick) for s in self.sightings)
+
+    def _avoided(self, sighting: Sighting, tick: int) -> bool:
+        still = self.config.still_s / self.tick_s
+        return tick - sighting.still_since >= still or tick < sighting.avoid_until
+
     def obstacles(self, tick: int, clearance_m: float) -> tuple[Floats, Floats]:
         """Teammates that stand, or are to be avoided, as walls (k, 4) and path nodes (j, 2) around them."""
-        walls, nodes = [], []
-        still = self.config.still_s / self.tick_s
-        for s in self.sightings:
-            if tick - s.still_since < still and tick >= s.avoid_until:
-                continue
-            ring = _ring(s.x, s.y, self.config.teammate_room_m)
-            walls.append(np.hstack((ring, np.roll(ring, -1, 0))))
-            nodes.append(_ring(s.x, s.y, self.config.teammate_room_m + 1.15 * clearance_m))
+        avoided = [s for s in self.sightings if self._avoided(s, tick)]
+        rings = [_ring(s.x, s.y, self.config.teammate_room_m) for s in avoided]
+        walls = [np.hstack((ring, np.roll(ring, -1, 0))) for ring in rings]
+        nodes = [_ring(s.x, s.y, self.config.teammate_room_m + 1.15 * clearance_m) for s in avoided]
         if not walls:
             return np.zeros((0, 4)), np.zeros((0, 2))
         return np.vstack(walls), np.vstack(nodes)

@@ -222,9 +222,9 @@ def explore(
             seen = seen[ranges[k][beams] > np.hypot(*seen.T) - 0.2]
             wireframe = mapper.wireframe()
             wireframe.check()
-            began = time.perf_counter()
+            began = time.thread_time()
             command = explorer.step(tick, wireframe, mapper.version, tuple(local), scan, seen)
-            spent[k].append(time.perf_counter() - began)
+            spent[k].append(time.thread_time() - began)
             trial.events += [(tick, event) for event in command.events]
             trial.trajectory.append(poses[k].copy())
             trial.reasons.append(command.reason)
