@@ -17,9 +17,12 @@ from agent.alignment.config import AlignmentConfig
 from agent.alignment.transform import Floats, inverse
 
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 MAX_CELLS = 200_000
 """Of one index; walls far apart get larger cells instead of more."""
+LENGTH = 4
+"""Column of a sample's length."""
 MAX_SAMPLES = 20_000
 """Of one map: 2 km of wall at the default distance."""
 
@@ -38,10 +41,15 @@ class Walls:
     """(columns, rows + 1) where a cell's walls begin in `members`."""
     members: Ints
     """Walls that come near each cell."""
+    free: Floats
+    """(m, 2) metres along each wall between which the ground before it is free."""
 
 
-def index_walls(segments: Floats, config: AlignmentConfig) -> Walls:
-    """Index of walls (m, 4), none of zero length."""
+def index_walls(segments: Floats, juts: Bools, config: AlignmentConfig) -> Walls:
+    """Index of walls (m, 4), none of zero length. juts: (m, 2) whether each end is a corner that sticks out.
+
+    Around such a corner the ground is free on both its walls' sides, and so also beyond the end of each.
+    """
     along = segments[:, 2:] - segments[:, :2]
     length = np.hypot(along[:, 0], along[:, 1])
     step = max(config.sample_m, float(length.sum()) / MAX_SAMPLES)
@@ -56,7 +64,10 @@ def index_walls(segments: Floats, config: AlignmentConfig) -> Walls:
     cell = max(2.0 * reach, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
     first, members = _fill(segments, low[0], low[1], cell, columns, rows, reach)
-    return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members)
+    begin = np.where(juts[:, 0], -config.strip_far_m, config.strip_end_m)
+    end = length + np.where(juts[:, 1], config.strip_far_m, -config.strip_end_m)
+    free = np.column_stack([begin, end])
+    return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free)
 
 
 @njit(cache=True)
@@ -98,50 +109,63 @@ def _fill(
     return counts, members
 
 
-def agreement(mine: Walls, theirs: Walls, transform: Floats, config: AlignmentConfig) -> tuple[float, float]:
-    """Metres of wall that agree, and that are in conflict.
+NEITHER, AGREES, CONFLICTS = 0, 1, 2
+"""What one map says of a sample of the other."""
 
-    transform (3,) takes their frame into mine. Agreement is the mean of both ways, conflict the sum.
+
+def agreement(mine: Walls, theirs: Walls, transform: Floats, config: AlignmentConfig) -> tuple[float, float]:
+    """Metres of wall that agree, the mean of both ways, and that are in conflict, the sum.
+
+    transform (3,) takes their frame into mine.
     """
-    rules = (
-        config.agree_m,
-        math.cos(math.radians(config.alike_deg)),
-        config.strip_near_m,
-        config.strip_far_m,
-        config.strip_end_m,
+    agreed = conflict = 0.0
+    for samples, into, walls in (
+        (theirs.samples, transform, mine),
+        (mine.samples, inverse(np.asarray(transform, np.float64)), theirs),
+    ):
+        said = verdicts(samples, into, walls, config)
+        agreed += 0.5 * float(samples[said == AGREES, LENGTH].sum())
+        conflict += float(samples[said == CONFLICTS, LENGTH].sum())
+    return agreed, conflict
+
+
+def verdicts(samples: Floats, transform: Floats, walls: Walls, config: AlignmentConfig) -> NDArray[np.uint8]:
+    """(k,) what the walls say of samples (k, 5) of another map that transform (3,) takes into theirs."""
+    said: NDArray[np.uint8] = _verdicts(
+        samples,
+        np.asarray(transform, np.float64),
+        walls.segments,
+        walls.origin,
+        walls.first,
+        walls.members,
+        walls.free,
+        (config.agree_m, math.cos(math.radians(config.alike_deg)), config.strip_near_m, config.strip_far_m),
     )
-    there, here = np.asarray(transform, np.float64), inverse(np.asarray(transform, np.float64))
-    agree_1, conflict_1 = _held_against(
-        theirs.samples, there, mine.segments, mine.origin, mine.first, mine.members, rules
-    )
-    agree_2, conflict_2 = _held_against(
-        mine.samples, here, theirs.segments, theirs.origin, theirs.first, theirs.members, rules
-    )
-    return 0.5 * (agree_1 + agree_2), conflict_1 + conflict_2
+    return said
 
 
 @njit(cache=True)
-def _held_against(
+def _verdicts(
     samples: Floats,
     t: Floats,
     segments: Floats,
     origin: Floats,
     first: Ints,
     members: Ints,
-    rules: tuple[float, float, float, float, float],
-) -> tuple[float, float]:
-    """Metres of sampled wall, moved by t, that lie on the segments, and in the free strips before them."""
-    agree_m, alike, near, far, end = rules
+    free: Floats,
+    rules: tuple[float, float, float, float],
+) -> NDArray[np.uint8]:
+    agree_m, alike, near, far = rules
     c, s = math.cos(t[2]), math.sin(t[2])
     columns, rows = first.shape[0], first.shape[1] - 1
-    agree = conflict = 0.0
+    out = np.zeros(samples.shape[0], np.uint8)
     for k in range(samples.shape[0]):
         x, y = t[0] + c * samples[k, 0] - s * samples[k, 1], t[1] + s * samples[k, 0] + c * samples[k, 1]
         i, j = math.floor((x - origin[0]) / origin[2]), math.floor((y - origin[1]) / origin[2])
         if i < 0 or j < 0 or i >= columns or j >= rows:
             continue
         ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
-        touches = agrees = blocked = False
+        touches = blocked = False
         for n in range(first[i, j], first[i, j + 1]):
             e = members[n]
             ax, ay, bx, by = segments[e]
@@ -150,15 +174,13 @@ def _held_against(
             along = (x - ax) * vx + (y - ay) * vy
             off = (y - ay) * vx - (x - ax) * vy
             beyond = max(-along, along - length, 0.0)
-            if beyond < near and abs(off) < near and beyond * beyond + off * off < near * near:
+            if beyond * beyond + off * off < near * near:
                 touches = True
                 if beyond < agree_m and abs(off) < agree_m and ux * vx + uy * vy > alike:
-                    agrees = True
+                    out[k] = AGREES
                     break
-            elif near <= off <= far and end < along < length - end:
+            elif near <= off <= far and free[e, 0] < along < free[e, 1]:
                 blocked = True
-        if agrees:
-            agree += samples[k, 4]
-        elif blocked and not touches:
-            conflict += samples[k, 4]
-    return agree, conflict
+        if out[k] != AGREES and blocked and not touches:
+            out[k] = CONFLICTS
+    return out

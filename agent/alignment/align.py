@@ -14,6 +14,7 @@ from agent.alignment.feature import Corners, corners
 from agent.alignment.icp import icp
 from agent.alignment.meeting import Meeting, Place, place_of
 from agent.alignment.ranked import Candidates, ranked
+from agent.alignment.repetition import patterns, rival_score
 from agent.alignment.transform import Floats, apart
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
@@ -91,7 +92,7 @@ def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None
     length = float(np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]).sum())
     return PreparedMap(
         found,
-        index_walls(walls, config) if len(walls) else None,
+        index_walls(walls, found.juts, config) if len(walls) else None,
         place_of(found.points, found.child, walls),
         length,
         int(found.true.sum()),
@@ -125,10 +126,21 @@ def align_prepared(
         return Alignment(None, "large")
     if min(mine.true_corners, theirs.true_corners) < config.min_corners or mine.walls is None or theirs.walls is None:
         return Alignment(None, "small")
-    found = candidates(mine, theirs, config, rng, contact)
+    meeting = _meeting(mine, theirs, config, contact)
+    found = candidates(mine, theirs, config, rng, meeting)
     if not len(found.transforms):
         return Alignment(None, "impossible" if found.impossible else "unlike", impossible=found.impossible)
-    return _judge(found, mine, theirs, config)
+    return _judge(found, mine, theirs, config, rng, meeting)
+
+
+def _meeting(
+    mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, contact: Contact | None
+) -> Meeting | None:
+    if contact is None:
+        return None
+    clearance = max(contact.radius_m - config.body_slack_m, 0.0)
+    reach = contact.range_m + config.range_slack_m
+    return Meeting(contact.mine, contact.theirs, reach, clearance, mine.place, theirs.place)
 
 
 def candidates(
@@ -136,20 +148,22 @@ def candidates(
     theirs: PreparedMap,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    contact: Contact | None,
+    meeting: Meeting | None = None,
 ) -> Candidates:
-    """Distinct transforms of the configured method, best first."""
+    """Distinct transforms of the configured method, best first. Both maps must have walls."""
     assert mine.walls is not None and theirs.walls is not None
-    meeting = None
-    if contact is not None:
-        clearance = max(contact.radius_m - config.body_slack_m, 0.0)
-        reach = contact.range_m + config.range_slack_m
-        meeting = Meeting(contact.mine, contact.theirs, reach, clearance, mine.place, theirs.place)
     method = {"features": ranked, "4pcs": congruent_sets, "icp": icp}[config.method]
     return method(mine.corners, theirs.corners, mine.walls, theirs.walls, config, rng, meeting)
 
 
-def _judge(found: Candidates, mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig) -> Alignment:
+def _judge(
+    found: Candidates,
+    mine: PreparedMap,
+    theirs: PreparedMap,
+    config: AlignmentConfig,
+    rng: np.random.Generator,
+    meeting: Meeting | None,
+) -> Alignment:
     """The best candidate, if it is good enough and no other is nearly as good."""
     centre, turn = theirs.corners.centre, math.radians(config.distinct_deg)
     best = found.transforms[0]
@@ -159,8 +173,12 @@ def _judge(found: Candidates, mine: PreparedMap, theirs: PreparedMap, config: Al
         if apart(best, other, centre, config.distinct_m, turn):
             second = max(its, 0.0)
             break
-    margin = 1.0 - second / score if score > 0.0 else 0.0
     agreed, conflict, inliers = float(found.agreement[0]), float(found.conflict[0]), int(found.inliers[0])
+    if config.repetition and config.method == "features" and score > 0.0:
+        assert mine.walls is not None and theirs.walls is not None
+        repeated = [(one.walls, patterns(one.corners, config, rng)) for one in (mine, theirs) if one.walls is not None]
+        second = max(second, rival_score(best, agreed, repeated[0], repeated[1], config, meeting))
+    margin = 1.0 - second / score if score > 0.0 else 0.0
     reason = "aligned"
     if config.method != "features":  # the baselines' own rule
         reason = "aligned" if inliers >= config.baseline_inliers else "weak"

@@ -60,12 +60,18 @@ class AlignmentConfig(Config):
     """A wall this near to one that faces the same way is the same: two corners' errors of 3 sigma."""
     strip_near_m: Positive = 0.15
     """Free ground before a wall begins here: nearer things may be noise, or the other face of a thin wall."""
-    strip_far_m: Positive = 0.35
-    """And ends here: farther away a map may not have looked."""
+    strip_far_m: Positive = 0.5
+    """And ends here: measured; farther away a map may not have looked."""
     strip_end_m: Positive = 0.1
     """Nothing is said of ground before the last piece of a wall, where others may begin."""
-    conflict_weight: Positive = 2.0
-    """A metre of conflict against a metre of agreement (facts/alignment.md)."""
+    conflict_weight: Positive = 20.0
+    """Metres of agreement that a metre of conflict outweighs. Measured: of right transforms 90 % have less than
+    0.3 m of it, and the best is right in 94, 98, 100, 100 % at weights 2, 5, 10, 20."""
+
+    repetition: bool = True
+    """Whether patterns that repeat within one map count as rivals of the best transform."""
+    max_patterns: Annotated[int, Field(ge=0)] = 40
+    """Of these, as many with most corners; a room among eight has 7 twins and each its turns."""
 
     min_inliers: Annotated[int, Field(ge=2)] = 6
     """Corners that must match."""

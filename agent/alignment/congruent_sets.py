@@ -156,7 +156,7 @@ def _matched(
     count = 0
     for k in range(source.shape[0]):
         x, y = t[0] + c * source[k, 0] - s * source[k, 1], t[1] + s * source[k, 0] + c * source[k, 1]
-        i, j = int(math.floor((x - x0) / size)), int(math.floor((y - y0) / size))
+        i, j = math.floor((x - x0) / size), math.floor((y - y0) / size)
         near = False
         for p in range(max(i - 1, 0), min(i + 1, columns - 1) + 1):
             for q in range(max(j - 1, 0), min(j + 1, rows - 1) + 1):
@@ -216,7 +216,7 @@ def _congruent(
             p, q = pairs[j]
             dx, dy = target[q, 0] - target[p, 0], target[q, 1] - target[p, 1]
             x, y = target[p, 0] + v * dx, target[p, 1] + v * dy
-            m, n = int(math.floor((x - ex0) / e_size)), int(math.floor((y - ey0) / e_size))
+            m, n = math.floor((x - ex0) / e_size), math.floor((y - ey0) / e_size)
             for g in range(max(m - 1, 0), min(m + 1, e_columns - 1) + 1):
                 for h in range(max(n - 1, 0), min(n + 1, e_rows - 1) + 1):
                     for w in range(e_begins[g * e_rows + h], e_begins[g * e_rows + h + 1]):

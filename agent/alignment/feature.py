@@ -26,7 +26,8 @@ ENTRIES = LENGTHS + ANGLES
 GENERATIONS = np.array([2, 1, 1, 2, 1, 0, 1])
 """Steps from the corner to the far end of what an entry measures: l1 to l4, a1 to a3."""
 
-NOTHING = -1
+OUT_OF, TURN = 2, 5
+"""Entries of the wall out of the corner, and of the turn at it."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class Corners:
     """(n,) the vertex after, or -1."""
     walls: Floats
     """(m, 4) x1, y1, x2, y2, free space on the left."""
+    juts: Bools
+    """(m, 2) whether a wall's first and last end are corners that stick out into free space."""
     values: Floats
     """(n, 7) features: four lengths in metres, three turns in radians."""
     kinds: Ints
@@ -68,12 +71,13 @@ def corners(wireframe: Wireframe, config: AlignmentConfig) -> Corners:
     ends = ends.reshape(-1, 2)
     points = np.ascontiguousarray(wireframe.points[used], np.float64)
     labels = wireframe.labels[used]
-    parent, child = np.full(len(used), NOTHING), np.full(len(used), NOTHING)
+    parent, child = np.full(len(used), -1), np.full(len(used), -1)
     child[ends[:, 0]], parent[ends[:, 1]] = ends[:, 1], ends[:, 0]
     true = labels != Label.FRONTIER
     sd = np.where(labels == Label.NOMINAL, config.corner_sd_m, config.occlusion_sd_m)
     values, kinds, sds = _features(points, true, sd, parent, child, math.radians(config.angle_sd_deg))
-    return Corners(points, true, parent, child, points[ends].reshape(-1, 4), values, kinds, sds)
+    juts = true & (kinds[:, TURN] == EXACT) & (values[:, TURN] < 0.0)
+    return Corners(points, true, parent, child, points[ends].reshape(-1, 4), juts[ends], values, kinds, sds)
 
 
 @njit(cache=True)
@@ -147,7 +151,7 @@ def likeness(mine: Corners, theirs: Corners, config: AlignmentConfig) -> Floats:
 
 def _pool(mine: Corners, theirs: Corners, part: slice) -> Floats:
     """Exact values of both maps, once each: those next to the vertex that they belong to."""
-    column = 2 if part.start == 0 else 5  # the wall out of a vertex; the turn at it
+    column = OUT_OF if part.start == 0 else TURN
     return np.sort(
         np.concatenate([one.values[one.kinds[:, column] == EXACT, column] for one in (mine, theirs)] + [np.zeros(0)])
     )

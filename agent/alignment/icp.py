@@ -1,4 +1,4 @@
-"""Plain iterated closest points over corners, as one more baseline: from several turns, as nothing says how to begin."""
+"""Plain iterated closest points over corners, one more baseline: from several turns, as nothing says how to begin."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def icp(
 ) -> Candidates:
     """Transforms from the centres laid on each other at evenly spread turns; scores are the numbers of corners."""
     source, target = theirs.points[theirs.true], mine.points[mine.true]
-    turns = np.arange(config.icp_starts) * (2.0 * math.pi / config.icp_starts)
+    turns = np.linspace(0.0, 2.0 * math.pi, config.icp_starts, endpoint=False)
     found = _closest(source, target, turns, config.icp_gate_m, config.icp_rounds)
     return by_corners(found, mine, theirs, my_walls, their_walls, config, meeting)
 

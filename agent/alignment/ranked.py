@@ -48,22 +48,8 @@ def ranked(
     meeting: Meeting | None = None,
 ) -> Candidates:
     """Transforms from pairs of like corners, refined, with walls held against each other. rng: only if drawn."""
-    pairs, likelihoods = like_pairs(mine, theirs, config, rng)
-    first, votes = _transforms(
-        mine.points,
-        mine.parent,
-        mine.child,
-        theirs.points,
-        theirs.parent,
-        theirs.child,
-        pairs,
-        likelihoods,
-        theirs.centre,
-        config.like_m,
-        math.radians(config.like_deg),
-    )
-    first = first[np.argsort(-votes, kind="stable")]
-    refined = _refined(first, mine, theirs, config, meeting, by_walls=True)
+    first = like_transforms(mine, theirs, config, rng)
+    refined = refine(first, mine, theirs, config, meeting)
     keep = slice(0, config.max_scored)
     walls = np.array([agreement(my_walls, their_walls, t, config) for t in refined.transforms[keep]]).reshape(-1, 2)
     scores = walls[:, 0] - config.conflict_weight * walls[:, 1]
@@ -77,6 +63,26 @@ def ranked(
         scores[order],
         refined.impossible,
     )
+
+
+def like_transforms(mine: Corners, theirs: Corners, config: AlignmentConfig, rng: np.random.Generator) -> Floats:
+    """(k, 3) distinct transforms from pairs of like corners; first those that most likely pairs give."""
+    pairs, likelihoods = like_pairs(mine, theirs, config, rng)
+    transforms, votes = _transforms(
+        mine.points,
+        mine.parent,
+        mine.child,
+        theirs.points,
+        theirs.parent,
+        theirs.child,
+        pairs,
+        likelihoods,
+        theirs.centre,
+        config.like_m,
+        math.radians(config.like_deg),
+    )
+    ordered: Floats = transforms[np.argsort(-votes, kind="stable")]
+    return ordered
 
 
 def like_pairs(
@@ -106,7 +112,7 @@ def by_corners(
 
     Scores are the numbers of matched corners. Walls are held against each other for the record alone.
     """
-    refined = _refined(first, mine, theirs, config, meeting, by_walls=False)
+    refined = refine(first, mine, theirs, config, meeting, by_walls=False)
     walls = np.array([agreement(my_walls, their_walls, t, config) for t in refined.transforms[:1]]).reshape(-1, 2)
     agreed = np.zeros((len(refined.transforms), 2))
     agreed[:1] = walls
@@ -121,7 +127,7 @@ def by_corners(
     )
 
 
-class _Refined(NamedTuple):
+class Refined(NamedTuple):
     """Distinct refined transforms, most matched corners first."""
 
     transforms: Floats
@@ -130,14 +136,14 @@ class _Refined(NamedTuple):
     impossible: int
 
 
-def _refined(
+def refine(
     first: Floats,
     mine: Corners,
     theirs: Corners,
     config: AlignmentConfig,
-    meeting: Meeting | None,
-    by_walls: bool,
-) -> _Refined:
+    meeting: Meeting | None = None,
+    by_walls: bool = True,
+) -> Refined:
     """Fit transforms (k, 3), first come first, to the corners that they match; by_walls: of like walls only."""
     possible = meeting.possible(first) if meeting is not None else np.ones(len(first), np.bool_)
     impossible = int((~possible).sum())
@@ -156,7 +162,7 @@ def _refined(
     order = np.lexsort((residuals, -inliers))
     order = order[inliers[order] >= 2]
     order = order[_distinct(transforms[order], theirs.centre, config.like_m, math.radians(config.like_deg))]
-    return _Refined(transforms[order], inliers[order], residuals[order], impossible)
+    return Refined(transforms[order], inliers[order], residuals[order], impossible)
 
 
 def _directions(one: Corners) -> Floats:
@@ -165,7 +171,8 @@ def _directions(one: Corners) -> Floats:
     into, out_of = np.flatnonzero(one.parent >= 0), np.flatnonzero(one.child >= 0)
     out[into, 0] = one.points[into] - one.points[one.parent[into]]
     out[out_of, 1] = one.points[one.child[out_of]] - one.points[out_of]
-    return out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
+    unit: Floats = out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
+    return unit
 
 
 @njit(cache=True)
