@@ -31,6 +31,8 @@ WORLD_ALIVE = "world/pub/alive"
 """Liveliness token of the world; its end tells robots apart a dead world from a slow one."""
 CLOCK = "world/pub/clock"
 """Tick and status of the robots, for anybody."""
+LINKS = "world/pub/links"
+"""Who hears whom, without positions, for anybody."""
 PROGRESS = "world/truth/progress"
 """Coverage, which is judged against the truth and so is no robot's to read."""
 

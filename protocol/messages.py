@@ -256,6 +256,24 @@ class Clock(Message):
     """How the run ended: `complete`, `time`, `dead`, `interrupted`; None while it goes on."""
 
 
+class LinkReport(Message):
+    """One directed link on which something was heard lately."""
+
+    sender: RobotId
+    receiver: RobotId
+    loss: Annotated[Finite, Field(ge=0, le=1)]
+    """Share of the last seconds' messages that did not arrive."""
+    bytes: Count
+    """Delivered since the start."""
+
+
+class LinkTable(Message):
+    """World to anybody, with the clock: who hears whom; tells nothing of places."""
+
+    tick: Tick
+    links: Annotated[list[LinkReport], Field(max_length=250_000)]
+
+
 class Progress(Message):
     """World to viewers with its credential: what only the truth can judge."""
 

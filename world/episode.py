@@ -17,6 +17,7 @@ from protocol.messages import (
     PROTOCOL_VERSION,
     Action,
     Heard,
+    LinkReport,
     MapReport,
     Observation,
     PoseReport,
@@ -104,7 +105,7 @@ class Episode:
         ]
         reach = spec.lidar.range_max_m
         self._coverage = Coverage(self.world, self.starts, spec.radius_m, reach, config.coverage)
-        self._radio = Radio(self.robots, config.radio)
+        self._radio = Radio(self.robots, config.radio, config.seed, self.period_s, self.world.segments)
         self._path = np.zeros(config.robots)
         self._maps: dict[str, Wireframe] = {}
         self._last: dict[str, Action] = {}
@@ -137,6 +138,11 @@ class Episode:
     def team_coverage(self) -> float:
         """The same for all robots' beams together."""
         return self._coverage.team
+
+    @property
+    def links(self) -> list[LinkReport]:
+        """Who hears whom, as the public link table says it."""
+        return self._radio.table(self.tick)
 
     def welcome(self, robot: str) -> Welcome:
         """What a robot must know of its body and seed."""
@@ -234,8 +240,7 @@ class Episode:
         if not (math.isfinite(action.speed_mps) and math.isfinite(action.turn_rps)):
             raise BadOutputsError(robot, "a drive command is not finite")
         try:
-            for send in outputs.sends:
-                self._radio.check(robot, send)
+            self._radio.check(robot, outputs.sends)
             return decode_wireframe(outputs.map.wireframe) if outputs.map is not None else None
         except ProtocolError as error:
             raise BadOutputsError(robot, str(error)) from None

@@ -24,6 +24,7 @@ from protocol.messages import (
     End,
     Event,
     Join,
+    LinkTable,
     MapReport,
     PoseReport,
     Progress,
@@ -167,6 +168,7 @@ class Shell:
                     )
                 )
         self._clock = declare(session.declare_publisher(keys.CLOCK))
+        self._links = declare(session.declare_publisher(keys.LINKS))
         self._progress = declare(session.declare_publisher(keys.PROGRESS))
         declare(session.declare_subscriber(keys.ALL_OUT, self.inbox.hear))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
@@ -227,6 +229,7 @@ class Shell:
             late_ticks=episode.late_ticks,
         )
         self._clock.put(encode(clock))
+        self._links.put(encode(LinkTable(tick=episode.tick, links=episode.links)))
         self._progress.put(encode(progress))
         self.progress(progress)
 
