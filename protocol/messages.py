@@ -235,15 +235,6 @@ class PoseReport(Message):
     pose: Pose
 
 
-class MapBroadcast(Message):
-    """Robot to robot, the payload of kind "map": what the paper's robots send (section III)."""
-
-    robot: RobotId
-    pose: Pose
-    """Where the sender is, in its own frame."""
-    wireframe: Annotated[bytes, Field(max_length=2**20)]
-
-
 class Clock(Message):
     """World to anybody, some times a second: how far the run is; tells nothing of the walls."""
 
