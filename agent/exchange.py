@@ -18,12 +18,14 @@ from protocol.messages import EVERYONE, Event, Heard, Pose, Send
 from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 
+NEVER = -(10**9)
+"""A tick long ago."""
 KEPT_MAPS = 8
 """Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
 MOST_DOUBLINGS = 3
 """The wait for an acknowledgement doubles up to eight times the first one."""
 MOST_TRIES = 10
-"""A map in several parts is sent to its end, or so often, before a newer one takes its place: else none would arrive."""
+"""A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
 
 
 @dataclass
@@ -36,9 +38,9 @@ class Told:
     """By version: the one that it has, and those that it was told since."""
     parts: list[Part] = field(default_factory=list)
     """On their way, and not acknowledged."""
-    sent: int = -(10**9)
+    sent: int = NEVER
     """Tick at which they, or the last ones, were sent."""
-    update: int = -(10**9)
+    update: int = NEVER
     """Tick of the last news."""
     tries: int = 0
     compared: int = -1
@@ -105,9 +107,11 @@ class Exchange:
             except ProtocolError as error:
                 refused.setdefault(peer, str(error))
                 continue
-            met = self.contacts.hear(tick, peer)
-            self._greet |= bool(met)
-            events += met
+            if met := self.contacts.hear(tick, peer):
+                self._greet = True
+                told = self._told.setdefault(peer, Told())
+                told.sent, told.tries = NEVER, 0  # what did not arrive before goes out at once
+                events += met
             self._tell_contact(peer, message)
         events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
         return events + self.contacts.forget(tick)

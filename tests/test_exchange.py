@@ -158,7 +158,13 @@ def test_a_peer_that_was_away_gets_what_it_missed_only() -> None:
     before = pair.tick
     pair.run(30)
     assert pair.agrees()
-    assert pair.kinds("a", before)["delta"] == 1 and pair.kinds("a", before)["map"] == 0
+    assert pair.kinds("a", before) == {"beacon": 2, "resend": 1}
+    pair.run(100, cut=True)
+    pair.show(comb(22))
+    before = pair.tick
+    pair.run(30)
+    assert pair.agrees()
+    assert pair.kinds("a", before) == {"beacon": 2, "delta": 1}
 
 
 def test_an_unchanged_map_is_not_told_again_after_an_absence() -> None:
@@ -199,8 +205,8 @@ def test_a_large_map_travels_in_parts_and_only_missing_ones_again(loss: float, s
     pair.settle(500 if loss < 0.5 else 1500)
     parts = [Part.decode(send.payload) for _, _, send in pair.sent if send.kind in ("map", "resend")]
     assert parts[0].parts > 10
-    often = Counter(part.number for part in parts)
-    assert max(often.values()) == 1 if not loss else min(often.values()) < max(often.values())
+    most = {0.0: 1, 0.3: 3, 0.5: 8}[loss]  # all again and again until all came at once would be thousands
+    assert len(parts) <= most * parts[0].parts
 
 
 def test_a_large_map_arrives_though_it_changes() -> None:
