@@ -164,7 +164,7 @@ def test_a_peer_that_was_away_gets_what_it_missed_only() -> None:
     before = pair.tick
     pair.run(30)
     assert pair.agrees()
-    assert pair.kinds("a", before) == {"beacon": 2, "delta": 1}
+    assert pair.kinds("a", before) == {"beacon": 3, "delta": 1}
 
 
 def test_an_unchanged_map_is_not_told_again_after_an_absence() -> None:
