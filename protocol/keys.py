@@ -26,6 +26,8 @@ ALL_OUT = "robots/*/out/**"
 """The world's one subscriber: one ordered thread for what all robots say."""
 ALL_ALIVE = "robots/*/alive"
 ALL_SRV = "robots/*/srv/**"
+ALL_PUBLIC = "world/pub/**"
+ALL_TRUTH = "world/truth/**"
 
 WORLD_ALIVE = "world/pub/alive"
 """Liveliness token of the world; its end tells robots apart a dead world from a slow one."""
@@ -40,6 +42,11 @@ PROGRESS = "world/truth/progress"
 def all_in(robot: str) -> str:
     """What a robot hears of the world: its one subscriber, so that the order of a tick is kept."""
     return f"robots/{robot}/in/**"
+
+
+def all_out(robot: str) -> str:
+    """All that a robot says."""
+    return f"robots/{robot}/out/**"
 
 
 def to_robot(robot: str, channel: str) -> str:

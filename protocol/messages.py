@@ -130,6 +130,8 @@ class Join(Message):
 
     version: int
     robot: RobotId
+    session: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{0,32}$")] = ""
+    """The robot's Zenoh ID, by which the world knows its link: for counting bytes only."""
 
 
 class Welcome(Message):

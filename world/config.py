@@ -63,6 +63,8 @@ class ServerConfig(Config):
 
     listen: str | None = None
     """Endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1."""
+    access_control: bool = True
+    """Whether `wireswarm run` gives each robot a secret of its own, and lets it read and write its own keys only."""
     real_time: Positive | None = None
     """Simulated seconds per second of the clock; None for lockstep, as fast as the robots answer."""
     join_timeout_s: Positive = 60.0

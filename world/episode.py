@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
 from protocol.messages import (
+    EVERYONE,
     PROTOCOL_VERSION,
     Action,
     Heard,
@@ -25,6 +26,7 @@ from protocol.messages import (
     Send,
     Welcome,
 )
+from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe, decode_wireframe
 from world.config import WorldConfig
 from world.coverage import Coverage
@@ -87,6 +89,8 @@ class Episode:
         """Set by a shell in real time: ticks that robots missed."""
         self.wall_s: float | None = None
         """Set by a shell before `close`: seconds that the run took; the core has no clock."""
+        self.wire: dict[str, Any] | None = None
+        """Set by a shell before `close`: bytes on the robots' links, for bandwidth.json."""
         self.complete = dict.fromkeys(self.robots, False)
         """Whether each robot's last action said that it is complete."""
         self.dead: dict[str, str] = {}
@@ -208,6 +212,7 @@ class Episode:
             if wireframe is not None:
                 self._maps[robot] = wireframe
             self._record(robot, action)
+            self._record_updates(robot, outputs[robot].sends)
         if self._recorder and self._due(self.config.snapshot_s):
             self._recorder.flush()
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
@@ -226,6 +231,14 @@ class Episode:
             self._recorder.event(self.t, self.tick, robot, event.event, event.data)
         if self._due(self.config.snapshot_s) and robot in self._maps:
             self._recorder.snapshot(self.t, robot, self._maps[robot])
+
+    def _record_updates(self, robot: str, sends: Sequence[Send]) -> None:
+        """The map at each moment at which a robot tells peers something new of it: what baselines are charged for."""
+        told = sorted(
+            {send.to for send in sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}, key=self._rows.__getitem__
+        )
+        if self._recorder and told and robot in self._maps:
+            self._recorder.update(self.t, self.tick, robot, told, self._maps[robot])
 
     def _checked(self, robot: str, outputs: Outputs) -> Wireframe | None:
         """The new map of a robot's answer, if any; raises BadOutputsError."""
@@ -280,7 +293,8 @@ class Episode:
         self._write_metrics()
         for robot, wireframe in self._maps.items():
             self._recorder.snapshot(self.t, robot, wireframe)
-        self._recorder.close(self._maps, self.summary(), self._radio.books.as_dict(self.robots))
+        bandwidth = self._radio.books.as_dict(self.robots) | ({"wire": self.wire} if self.wire else {})
+        self._recorder.close(self._maps, self.summary(), bandwidth)
 
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""
