@@ -92,9 +92,7 @@ def run(
     settings = load(config, flags, set_ or ())
     _check_world(settings.world)
     directory = run_directory(out, settings.world, settings.seed)
-    if not quiet:
-        print(f"radio: {settings.radio}", file=sys.stderr)
-    with Display(settings.world, quiet) as display:
+    with Display(settings.world, str(settings.radio), quiet) as display:
         result = launch(settings, directory, command_line=sys.argv, show=display.show)
     for error in result.errors:
         _say(error)
@@ -157,14 +155,18 @@ def world_(
     directory = run_directory(out, settings.world, settings.seed)
     inbox = Inbox()
     _stop_on_signals(inbox.stop)
-    print(f"radio: {settings.radio}", file=sys.stderr)
+
+    def listening(endpoint: str) -> None:
+        print(f"listening on {endpoint}", flush=True)
+        print(f"radio: {settings.radio}", file=sys.stderr)
+
     ended = serve(
         settings,
         settings.server,
         directory,
         secrets=known,
         inbox=inbox,
-        listening=lambda endpoint: print(f"listening on {endpoint}", flush=True),
+        listening=listening,
     )
     print(f"ended: {ended}; {directory}")
     raise typer.Exit(ENDINGS.get(ended, Status.INTERRUPTED))

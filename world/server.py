@@ -227,7 +227,7 @@ class Shell:
     def _ports(self) -> dict[str, int]:
         """Each robot's end of its link."""
         far_ends = {str(link.zid): str(link.dst).rsplit(":", 1)[-1] for link in self._session.info.links()}
-        ports = {robot: far_ends.get(session, "") for robot, session in self._sessions.items()}
+        ports = {robot: far_ends.get(self._sessions.get(robot, ""), "") for robot in self.episode.robots}
         return {robot: int(port) for robot, port in ports.items() if port.isdigit()}
 
     def tell(self, ended: str | None = None) -> None:
