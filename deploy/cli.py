@@ -158,7 +158,7 @@ def world_(
 
     def listening(endpoint: str) -> None:
         print(f"listening on {endpoint}", flush=True)
-        print(f"radio: {settings.radio}", file=sys.stderr)
+        print(f"radio: {settings.radio}", flush=True)
 
     ended = serve(
         settings,

@@ -52,7 +52,7 @@ class GrowingGrid:
         self._range_max_m = range_max_m
 
     def add(self, ranges: Floats, poses: Floats) -> None:
-        """Take scans (t, beams), inf: nothing within range, at poses (t, 3)."""
+        """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known."""
         log_odds, (x0, y0) = self.grid.log_odds, self.grid.corner
         marks = np.zeros(log_odds.shape, np.int64)
         _integrate(log_odds, marks, ranges, poses, self._range_max_m, x0, y0, self.grid.cell_m)
@@ -96,7 +96,7 @@ def _integrate(
         for b in range(beams):
             angle = theta + 2 * math.pi * b / beams
             c, s = math.cos(angle), math.sin(angle)
-            r = min(ranges[t, b], range_max)
+            r = 0.0 if math.isnan(ranges[t, b]) else min(ranges[t, b], range_max)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)
             step_i, step_j = (1 if c > 0 else -1), (1 if s > 0 else -1)
             # range at which the beam leaves the cell, and how much farther each next cell is

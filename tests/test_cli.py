@@ -126,6 +126,7 @@ def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:
     )
     assert world.stdout is not None
     endpoint = world.stdout.readline().split()[-1]
+    assert world.stdout.readline() == "radio: range 4 m, MTU 1,200 B\n"
     try:
         agent = subprocess.run(
             [*command, "agent", "--id", "r2", "--connect", endpoint],

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Seen:
-    """What one robot saw, tick by tick, while it lived."""
+    """What one robot saw, tick by tick, while it lived, and would have seen from where it stood at the end."""
 
     poses: Floats
     """(t, 3) true poses in the robot's own frame: metres, radians."""

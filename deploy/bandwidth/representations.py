@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from deploy.bandwidth.books import NoRunError
+from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.occupancy_grid import GrowingGrid
 from protocol.grid_map import main_axis, quantise
@@ -95,7 +95,8 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     ours = [row for row in passages if row["kind"] in OURS]
     sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
-    beacons = {(row["tick"], row["sender"]): int(row["bytes"]) for row in passages if row["kind"] == BEACON}
+    offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
+    beacon_bytes = sum(kinds[BEACON]["bytes"] for kinds in offered if BEACON in kinds)
     updates, explored = [], {}
     for robot, what in seen.items():
         mine = _Forms(what, config)
@@ -103,7 +104,7 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
             updates += mine.charge(line)
         explored[robot] = mine.explored_m2(len(what.ranges) - 1)
     updates.sort(key=lambda update: update.t)
-    return Measurement(updates, sent, sum(beacons.values()), explored)
+    return Measurement(updates, sent, beacon_bytes, explored)
 
 
 def write(run: Path, measurement: Measurement) -> None:
@@ -131,7 +132,9 @@ class _Forms:
         """(nx, ny) 0 unknown, 1 free, 2 occupied, with the scan of that tick."""
         new = slice(self._next, tick + 1)
         if len(self._seen.ranges[new]):
-            self._grid.add(self._seen.ranges[new].astype(np.float64), self._seen.poses[new])
+            ranges = self._seen.ranges[new].astype(np.float64)
+            ranges[np.isinf(ranges)] = np.nan  # too far or too near: the lidar does not say which
+            self._grid.add(ranges, self._seen.poses[new])
             self._next = tick + 1
         return self._grid.grid.states()
 

@@ -1,0 +1,172 @@
+"""The bandwidth measurement: books that balance or say where not, scans seen once more, and each form's bytes."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from agent.config import AgentConfig
+from agent.robot import Robot, Step
+from deploy import inprocess
+from deploy.bandwidth.books import NoRunError, read_books
+from deploy.bandwidth.plots import draw
+from deploy.bandwidth.replay import seen_again
+from deploy.bandwidth.representations import NAMES, _changed_cells, _packed, measure, write
+from deploy.cli import app
+from deploy.config import RunConfig
+from protocol.messages import Heard, Observation, RobotSpec
+from tests.tiny import tiny_config
+from world.episode import Episode
+
+
+class Kept:
+    """A robot that keeps what it is shown."""
+
+    seen: dict[str, list[bytes]]
+
+    def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None:
+        self.mind, self.mine = Robot(robot, spec, config, seed), self.seen.setdefault(robot, [])
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
+        self.mine.append(observation.ranges)
+        return self.mind.step(observation, heard)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunConfig, dict[str, list[bytes]]]:
+    """A run of three robots in a room, one of which dies, over a radio that loses some."""
+    folder = tmp_path_factory.mktemp("bandwidth")
+    models = [{"kind": "bernoulli", "loss": 0.2}, {"kind": "latency", "ticks": 2}]
+    config = tiny_config(folder, until=40.0, radio={"models": models})
+    out = folder / "run"
+    seen: dict[str, list[bytes]] = {}
+    kept = type("KeptHere", (Kept,), {"seen": seen})
+
+    def kill(episode: Episode) -> None:
+        if episode.tick == 120:
+            episode.kill("r3", "test")
+
+    inprocess.run(config, config.agent, out, kill, kept)
+    (out / "manifest.json").write_text(json.dumps({"config": config.model_dump(mode="json")}))
+    return out, config, seen
+
+
+def test_the_scans_of_a_run_are_seen_once_more(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
+    out, config, shown = recorded
+    again = seen_again(out, config)
+    assert [len(again[robot].ranges) for robot in ("r1", "r2", "r3")] == [201, 201, 120]  # and the poses at the end
+    for robot, seen in again.items():
+        first = np.stack([np.frombuffer(ranges, "<f4") for ranges in shown[robot]])[: len(seen.ranges)]
+        both = np.isfinite(first) & np.isfinite(seen.ranges[: len(first)])
+        assert (np.isfinite(first) == np.isfinite(seen.ranges[: len(first)])).mean() > 0.9999  # poses are kept to 1 nm
+        assert np.abs(first[both] - seen.ranges[: len(first)][both]).max() < 1e-4
+        assert np.abs(seen.poses[0]).max() < 1e-6
+
+
+def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
+    out, config, _ = recorded
+    measured = measure(out, config)
+    totals = measured.totals()
+    lines = [json.loads(line) for line in (out / "updates.jsonl").read_text().splitlines()]
+    with (out / "radio.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    news = {(row["tick"], row["sender"], row["receiver"]) for row in rows if row["kind"] in ("map", "delta")}
+    assert len(news) == len(measured.updates) == sum(len(line["told"]) for line in lines) > 4
+    assert totals["delta"] == sum(int(row["bytes"]) for row in rows if row["kind"] != "beacon")
+    said = [len(json.dumps(line["map"], separators=(",", ":"))) for line in lines for _ in line["told"]]
+    assert totals["json"] == sum(said)
+    ticks: dict[tuple[str, str], int] = {}
+    scans = 0
+    for tick, sender, receiver in sorted((int(t), a, b) for t, a, b in news):
+        scans += tick + 1 - ticks.get((sender, receiver), 0)
+        ticks[sender, receiver] = tick + 1
+    assert totals["scans_raw"] == scans * 360 * 4
+    assert totals["delta"] > 0 and 0 < totals["full"] < totals["json"]
+    assert totals["grid_delta_zlib"] < totals["grid_zlib"] < totals["grid_raw"]
+    assert totals["scans_zlib"] < totals["scans_raw"] and totals["points"] % 8 == 0
+    sends = {(row["tick"], row["sender"]) for row in rows if row["kind"] == "beacon"}
+    assert measured.beacon_bytes == 15 * len(sends)
+    assert 5.0 < measured.explored_m2["r1"] < 11.2  # the room has 3.8 m x 2.8 m
+
+
+def test_the_books_balance_and_say_where_they_do_not(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], tmp_path: Path
+) -> None:
+    out, _, _ = recorded
+    books = read_books(out)
+    robots, kinds = books["robots"], ("messages", "bytes")
+    for sender, counts in robots.items():
+        for kind, tally in counts["addressed"].items():
+            links = [
+                link["kinds"][kind] for link in books["links"] if link["sender"] == sender and kind in link["kinds"]
+            ]
+            for unit in kinds:
+                ends = sum(c["delivered"][unit] + sum(d[unit] for d in c["dropped"].values()) for c in links)
+                assert tally[unit] == ends
+        beacons = counts["offered"]["beacon"]["messages"]
+        assert counts["addressed"]["beacon"]["messages"] == 2 * beacons
+    assert {why for counts in robots.values() for d in counts["dropped"].values() for why in d} >= {"loss", "dead"}
+    for change, words in (("radio", "do not balance: r1 r2 beacon"), ("links", "balance"), ("addressed", "addressed")):
+        copy = tmp_path / change
+        shutil.copytree(out, copy)
+        if change == "radio":
+            lines = (copy / "radio.csv").read_text().splitlines()
+            lines.remove(next(line for line in lines if ",r1,r2,beacon," in line))
+            (copy / "radio.csv").write_text("\n".join(lines) + "\n")
+        else:
+            changed: dict[str, Any] = json.loads((copy / "bandwidth.json").read_text())
+            part = changed["links"][0]["kinds"] if change == "links" else changed["robots"]["r1"]["addressed"]
+            tally = part["beacon"]["delivered"] if change == "links" else part["beacon"]
+            tally["bytes"] += 1
+            (copy / "bandwidth.json").write_text(json.dumps(changed))
+        with pytest.raises(NoRunError, match=words):
+            read_books(copy)
+    with pytest.raises(NoRunError, match="no finished run"):
+        read_books(tmp_path)
+
+
+def test_the_command_prints_and_keeps_the_figures(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]],
+) -> None:
+    out, _, _ = recorded
+    printed = CliRunner().invoke(app, ["bandwidth", str(out), "--json"])
+    (figures,) = json.loads(printed.stdout)
+    kept = json.loads((out / "bandwidth.json").read_text())
+    assert set(kept["representations"]) == set(NAMES) == set(figures["delta_against"])
+    assert kept["representations"] == figures["representations"] and kept["updates"] == figures["updates"]
+    assert kept["beacon_bytes"] > 0
+    assert (out / "bandwidth.png").read_bytes().startswith(b"\x89PNG")
+    table = CliRunner().invoke(app, ["bandwidth", str(out)]).stdout
+    assert all(name in table for name in NAMES) and "beacon" in table
+    read_books(out)  # still balanced
+
+
+def test_a_run_without_contact_has_no_map_traffic(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=5.0)
+    inprocess.run(config, config.agent, tmp_path / "run")
+    measured = measure(tmp_path / "run", config)
+    assert set(measured.totals().values()) == {0} and measured.beacon_bytes == 15
+    write(tmp_path / "run", measured)
+    draw(tmp_path / "run", measured)
+
+
+def test_changed_cells_cost_what_changed() -> None:
+    rng = np.random.default_rng(0)
+    before = rng.integers(0, 3, (300, 200)).astype(np.uint8)
+    after = before.copy()
+    after[10, 20] = (after[10, 20] + 1) % 3
+    assert _changed_cells(before, after) < 20
+    assert _changed_cells(before, before) < 20
+    everything = _changed_cells(np.zeros_like(before), before)
+    assert everything <= len(zlib.compress(_packed(before), 9)) * 1.35
+    cells = np.array([[0, 1, 2], [2, 1, 0]], np.uint8)
+    assert _packed(cells) == bytes([0 | 1 << 2 | 2 << 4 | 2 << 6, 1])
