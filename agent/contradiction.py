@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from agent.edges import FRONTIER, Edges, above, along, length, new_slot, part, remove, set_tip, tip_at
+from agent.edges import FRONTIER, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
@@ -27,6 +27,7 @@ class ViewRules(NamedTuple):
     cut_after: float
     drop_after: float
     drop_growth: float
+    confirmations: float
     sure_after: float
     min_length: float
 
@@ -42,6 +43,7 @@ def patient_view(rules: ViewRules, factor: float) -> ViewRules:
         rules.cut_after * factor,
         rules.drop_after * factor,
         rules.drop_growth,
+        rules.confirmations,
         rules.sure_after,
         rules.min_length,
     )
@@ -112,7 +114,7 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
             edges[f].link[0] = -1
             edges[f].label[0], edges[f].slack[0], edges[f].strength[0] = FRONTIER, 0.0, 0.0
             edges[f].conflict[0] = 0.0
-            edges[f].probation, edges[f].misses, edges[f].through = 1, 0.0, 0.0
+            doubt(edges[f])
             set_tip(edges[f], 0, high)
         keep_head = False
     side = 0 if keep_head else 1
@@ -120,7 +122,7 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
     edges[e].label[side], edges[e].slack[side] = FRONTIER, 0.0
     edges[e].strength[side], edges[e].conflict[side] = 0.0, 0.0
     set_tip(edges[e], side, high if keep_head else low)
-    edges[e].probation, edges[e].misses, edges[e].through = 1, 0.0, 0.0
+    doubt(edges[e])
     return count
 
 
@@ -182,7 +184,8 @@ def contradict(
                 w.probation = 0
         elif visible >= 2:
             w.misses += 1.0
-        if w.misses >= rules.drop_after + (0.0 if w.probation == 1 else rules.drop_growth * min(w.seen, 50.0)):
+        sure = 0.0 if w.probation == 1 else min(w.seen, rules.confirmations)
+        if w.misses >= rules.drop_after + rules.drop_growth * sure:
             remove(edges, e)
             continue
         if low > high:

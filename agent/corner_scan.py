@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.chains import chained
 from protocol.wireframe import Label, Wireframe
+
+NOMINAL = int(Label.NOMINAL)
 
 Record = Any
 """One element of a record array inside a kernel; numba reads its fields like attributes."""
@@ -52,24 +55,10 @@ class CornerScan:
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""
-        points: list[tuple[float, float]] = []
-        labels: list[int] = []
-        vertex = np.full((len(self.pieces), 2), -1)
-        for k, piece in enumerate(self.pieces):
-            for side in (0, 1):
-                if vertex[k, side] >= 0:
-                    continue
-                t = piece["end"][side]
-                vertex[k, side] = len(points)
-                points.append((piece["x"] + t * piece["ux"], piece["y"] + t * piece["uy"]))
-                labels.append(int(piece["label"][side]))
-                if piece["label"][side] == Label.NOMINAL:
-                    vertex[piece["link"][side], 1 - side] = vertex[k, side]
-        m = len(vertex)
-        return Wireframe(
-            np.array(points, np.float64).reshape(-1, 2),
-            np.array(labels, np.uint8),
-            vertex.astype(np.int32).reshape(-1, 2),
-            np.ones(m, np.float32),
-            np.ones(m, np.bool_),
-        )
+        p = self.pieces
+        tips = np.empty((len(p), 2, 2))
+        tips[:, :, 0] = p["x"][:, None] + p["end"] * p["ux"][:, None]
+        tips[:, :, 1] = p["y"][:, None] + p["end"] * p["uy"][:, None]
+        following = np.where(p["label"][:, 1] == NOMINAL, p["link"][:, 1], -1)
+        points, labels, edges = chained(tips, p["label"].astype(np.uint8), following)
+        return Wireframe(points, labels, edges, np.ones(len(p), np.float32), np.ones(len(p), np.bool_))

@@ -18,6 +18,7 @@ from agent.edges import (
     Edges,
     add_hits,
     along,
+    doubt,
     join,
     length,
     line_sd,
@@ -37,6 +38,7 @@ class MergeRules(NamedTuple):
     end_margin: float
     patience: float
     patience_growth: float
+    confirmations: float
     max_direction_sd: float
     min_sine: float
     close_corner: float
@@ -53,6 +55,7 @@ def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
         rules.end_margin,
         rules.patience * factor,
         rules.patience_growth,
+        rules.confirmations,
         rules.max_direction_sd,
         rules.min_sine,
         rules.close_corner,
@@ -79,7 +82,7 @@ def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> 
 def _outlasted(e: Record, side: int, rules: MergeRules) -> bool:
     """Count one view against an end; true once such views outnumber what confirmed it (rule 7)."""
     e.conflict[side] += 1.0
-    return e.conflict[side] > rules.patience + rules.patience_growth * e.strength[side]
+    return e.conflict[side] > rules.patience + rules.patience_growth * min(e.strength[side], rules.confirmations)
 
 
 @njit(cache=True)
@@ -149,10 +152,14 @@ def _see_corner(edges: Edges, e: int, f: int, rules: MergeRules) -> None:
         free = False
     if edges[f].link[0] >= 0 and not _outlasted(edges[f], 0, rules):
         free = False
-    if free:
-        part(edges, e, 1)
-        part(edges, f, 0)
-        join(edges, e, f, 1.0)
+    if not free:
+        return
+    for k, side in ((e, 1), (f, 0)):
+        former = edges[k].link[side]
+        if former >= 0:
+            part(edges, k, side)
+            doubt(edges[former])
+    join(edges, e, f, 1.0)
 
 
 @njit(cache=True)
