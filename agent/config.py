@@ -64,6 +64,8 @@ class MapConfig(Config):
     """Walls that meet flatter than this share no corner."""
     close_corner_m: Positive = 0.06
     """Open ends this near to where their walls meet are that corner."""
+    prolonged_m: Positive = 0.1
+    """A corner with no hit this near to it is a guess: beams are 6 cm apart at the lidar's range, and slots wider."""
     axis_trust: Positive = 0.8
     """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
     off_axis_deg: Positive = 10.0

@@ -6,7 +6,7 @@ Nothing after perception sees a range (paper I: strict adherence to sparsity).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ PIECE = np.dtype(
         ("spread", "f8"),  # m2, sum of squared distances of the hits from the centroid along the line
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
+        ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
         ("bearing", "f8", (2,)),  # rad, of the first and the last beam, rising; the last may exceed 2 pi
@@ -38,18 +39,27 @@ PIECE = np.dtype(
 """One wall piece of a corner scan. An aligned record, so that numba reads its fields like attributes."""
 
 
+class Sight(NamedTuple):
+    """What a scan shows beside walls, for the kernels."""
+
+    open: NDArray[np.float64]
+    """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach."""
+    blind: NDArray[np.float64]
+    """(b, 2) as open: sectors in which something stands that is no wall piece: a teammate, a post of two beams."""
+    reach: float
+    """m, how far open sectors are known to be free."""
+
+
 @dataclass(frozen=True, slots=True)
 class CornerScan:
     """A scan as corners and walls."""
 
     pieces: NDArray[np.void]
     """(k,) of PIECE, by rising bearing of the first beam."""
-    open: NDArray[np.float64]
-    """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within range."""
+    sight: Sight
+    """Open and blind sectors."""
     discs: NDArray[np.float64]
     """(d, 2) m, centres of what looks like teammates."""
-    reach: float
-    """m, how far open sectors are known to be free."""
     noise: float
     """m, standard deviation of a range."""
 

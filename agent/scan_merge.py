@@ -42,6 +42,7 @@ class MergeRules(NamedTuple):
     max_direction_sd: float
     min_sine: float
     close_corner: float
+    prolonged: float
     off_axis: float
     off_axis_hits: float
     axis_trust: float
@@ -59,6 +60,7 @@ def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
         rules.max_direction_sd,
         rules.min_sine,
         rules.close_corner,
+        rules.prolonged,
         rules.off_axis,
         rules.off_axis_hits,
         rules.axis_trust,
@@ -137,16 +139,37 @@ def _see_end(edges: Edges, k: int, side: int, label: int, t: float, slack: float
 
 
 @njit(cache=True)
-def _see_corner(edges: Edges, e: int, f: int, rules: MergeRules) -> None:
-    """Fuse one view of the head of e meeting the tail of f."""
-    if e == f or abs(meet(edges[e], edges[f])[0]) < rules.min_sine:
+def _ends_within(e: Record, side: int, corner: float, gap: float, rules: MergeRules) -> bool:
+    """Whether a wall is known to end, short of a corner that it was prolonged to, where the view had no hit."""
+    if e.label[side] != OCCLUSION or e.strength[side] < 1.0:
+        return False
+    out = 1.0 if side == 1 else -1.0
+    short = out * (corner - tip_at(e, side))
+    return rules.end_margin < short <= gap + rules.end_margin
+
+
+@njit(cache=True)
+def _see_corner(edges: Edges, e: int, f: int, gap_e: float, gap_f: float, rules: MergeRules) -> None:
+    """Fuse one view of the head of e meeting the tail of f; gaps: metres before the corner without a hit.
+
+    A prolonged wall is a guess: a slot may open before the corner. It links what is open, and neither confirms a
+    corner nor speaks against an end that lies in the gap.
+    """
+    sine, _, _, at_e = meet(edges[e], edges[f])
+    if e == f or abs(sine) < rules.min_sine:
         return
+    guess = max(gap_e, gap_f) > rules.prolonged
     if edges[e].link[1] == f and edges[f].link[0] == e:
-        edges[e].strength[1] += 1.0
-        edges[f].strength[0] += 1.0
-        edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
+        if not guess:
+            edges[e].strength[1] += 1.0
+            edges[f].strength[0] += 1.0
+            edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
         settle_corner(edges, e)
         return
+    if guess:
+        at_f = meet(edges[f], edges[e])[3]
+        if _ends_within(edges[e], 1, at_e, gap_e, rules) or _ends_within(edges[f], 0, at_f, gap_f, rules):
+            return
     free = True
     if edges[e].link[1] >= 0 and not _outlasted(edges[e], 1, rules):
         free = False
@@ -159,7 +182,7 @@ def _see_corner(edges: Edges, e: int, f: int, rules: MergeRules) -> None:
         if former >= 0:
             part(edges, k, side)
             doubt(edges[former])
-    join(edges, e, f, 1.0)
+    join(edges, e, f, 0.0 if guess else 1.0)
 
 
 @njit(cache=True)
@@ -336,7 +359,7 @@ def merge_scan(
             elif walls[p.link[side]] < 0:
                 _see_end(edges, e, side, OCCLUSION, t + p.end[side], 0.0, rules)
         if p.label[1] == NOMINAL and walls[p.link[1]] >= 0:
-            _see_corner(edges, e, walls[p.link[1]], rules)
+            _see_corner(edges, e, walls[p.link[1]], p.gap[1], pieces[p.link[1]].gap[0], rules)
     for e in range(count):
         if edges[e].alive == 1 and edges[e].link[1] >= 0:
             settle_corner(edges, e)

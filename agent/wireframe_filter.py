@@ -13,7 +13,7 @@ from agent.association import Gates, associate, uncertain
 from agent.chains import chained
 from agent.config import FilterConfig, MapConfig
 from agent.contradiction import ViewRules, contradict, patient_view
-from agent.corner_scan import CornerScan
+from agent.corner_scan import CornerScan, Sight
 from agent.edges import EDGE, OCCLUSION, Edges
 from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
@@ -51,8 +51,7 @@ def update_particles(
     poses: Floats,
     covariances: Floats,
     raw: NDArray[np.void],
-    opened: Floats,
-    reach: float,
+    sight: Sight,
     noisy: bool,
     dice: Floats,
     patience: Floats,
@@ -85,10 +84,10 @@ def update_particles(
             poses[p, 0], poses[p, 1], poses[p, 2] = pose
         pieces = to_map_frame(raw, pose)
         walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
-        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, gates, views, odds)
+        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, sight, gates, views, odds)
         own_rules, own_views = patient_merge(rules, patience[p]), patient_view(views, patience[p])
         counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules)
-        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, own_views)
+        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, sight, own_views)
     return scores
 
 
@@ -163,6 +162,7 @@ class WireframeFilter:
             math.radians(config.max_direction_sd_deg),
             math.sin(math.radians(config.min_corner_deg)),
             config.close_corner_m,
+            config.prolonged_m,
             math.radians(config.off_axis_deg),
             config.off_axis_hits,
             config.axis_trust,
@@ -212,8 +212,7 @@ class WireframeFilter:
             self.poses,
             self.covariances,
             scan.pieces,
-            scan.open,
-            scan.reach,
+            scan.sight,
             self._noisy,
             self._throw_dice(len(scan.pieces)),
             self._patience,
