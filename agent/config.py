@@ -27,6 +27,8 @@ class PerceptionConfig(Config):
     """Walls are not flatter than this; below it, chi-squares would see plaster."""
     min_corner_deg: Positive = 20.0
     """Lines that meet flatter than this have no usable intersection."""
+    corner_slack_m: Positive = 0.1
+    """A corner may lie this far outside its hits at most: three hits' direction excuses any place on the other line."""
     range_margin_sigmas: Positive = 3.5
     """How far a hit must be from its prediction to count as nearer or farther: 0.9995 of the noise."""
     disc_fit: Positive = 4.0
