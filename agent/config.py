@@ -37,6 +37,10 @@ class PerceptionConfig(Config):
     """A beam this near to where a teammate was a moment ago is on it: 5 sigma of range."""
     disc_memory_scans: Annotated[int, Field(ge=1, le=100)] = 4
     """Scans for which a disc is remembered: one of ten is missed, so four in a row almost never are."""
+    disc_in_wall_m: Positive = 0.08
+    """A disc with its centre this near to a known wall is that wall's end: a teammate's is its radius away."""
+    known_wall_m: Positive = 0.3
+    """Walls shorter than this are no reason: one may be a teammate's own front."""
     teammate_radius_m: Positive = 0.105
     """Radius of teammates, all of one kind."""
 
