@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 import zlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.contacts import Contacts
@@ -83,7 +85,8 @@ class Robot:
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before)
+        known = self._known_walls(self.filter.predicted(observation.odometry))
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known)
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
@@ -100,6 +103,18 @@ class Robot:
             PoseReport(tick=tick, pose=pose),
             MapReport(tick=tick, wireframe=map_bytes) if changed else None,
         )
+
+    def _known_walls(self, pose: Pose) -> NDArray[np.float64]:
+        """(m, 4) walls of the map that are too long to be a teammate's front, in the robot's frame."""
+        walls = self.wireframe.segments()
+        walls = walls[
+            np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
+        ]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        x, y = walls[:, 0::2] - pose[0], walls[:, 1::2] - pose[1]
+        out = np.empty_like(walls)
+        out[:, 0::2], out[:, 1::2] = c * x + s * y, c * y - s * x
+        return out
 
     def _read_map(self) -> bool:
         """Take the filter's best map; true, and a new version, where it differs from the last one."""
