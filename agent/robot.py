@@ -24,6 +24,7 @@ from protocol.messages import (
     Heard,
     MapReport,
     Observation,
+    Pose,
     PoseReport,
     RobotSpec,
     ScanReport,

@@ -1,0 +1,64 @@
+"""The radio's benchmark: false merges are found, medians are judged, and a quick run has all its tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.bench.radio import PARTS, measure
+from deploy.bench.radio.traffic import _is_false
+from deploy.bench.radio.traffic import sections as traffic_sections
+
+FRAMES = {"r1": (1.0, 2.0, 0.3), "r2": (4.0, 2.5, -1.0)}
+
+
+def accepted(x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> dict[str, Any]:
+    """An event with the true transform of r2's frame into r1's, moved."""
+    c, s = math.cos(0.3), math.sin(0.3)
+    true = (c * 3.0 + s * 0.5, c * 0.5 - s * 3.0, -1.3)
+    return {"robot": "r1", "peer": "r2", "transform": [true[0] + x, true[1] + y, true[2] + theta]}
+
+
+def test_a_merge_is_false_where_the_frames_are_elsewhere() -> None:
+    assert not _is_false(accepted(), FRAMES)
+    assert not _is_false(accepted(0.1, -0.1, 2 * math.pi + 0.02), FRAMES)
+    assert _is_false(accepted(x=0.5), FRAMES)
+    assert _is_false(accepted(theta=math.pi / 2), FRAMES)
+
+
+def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0) -> dict[str, Any]:
+    sizes = {"full": 3000, "json": 10**5, "grid_raw": 10**6, "grid_zlib": 10**5, "grid_delta_zlib": 2000}
+    sizes |= {"grid_png": 10**5, "scans_raw": 10**7, "scans_zlib": 10**7, "points": 10**6}
+    return {
+        "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "updates": 9, "kinds": {"resend": 2}, "links": 6,
+        "recall": [recall, recall], "precision": [1.0, 1.0], "ended": ["complete"] * 2, "merges": 1,
+        "false_merges": false_merges, "range_m": 4.0, "farthest_m": farthest, "delivered": 5, "ended_at": 100.0,
+    }  # fmt: skip
+
+
+def test_the_median_of_the_seeds_is_judged() -> None:
+    deltas = (900, 950, 5000)
+    figures = {f"perfect/{seed}": run(delta, 1.0) for seed, delta in enumerate(deltas)}
+    traffic, bad, reach = traffic_sections(figures | {f"bad/{seed}": run(1000, 0.99) for seed in range(3)})
+    assert traffic.met and traffic.rows[-1]["full"] == pytest.approx(950 / 3000)
+    assert bad.met and reach.met
+    worse = traffic_sections(figures | {"perfect/0": run(1200, 1.0), "bad/0": run(1, 0.9, 4.1, 1)})
+    assert worse[0].met is False and worse[1].met is False and worse[2].met is False
+
+
+def test_cases_have_names_of_their_own() -> None:
+    for quick in (True, False):
+        names = [case.name for part in PARTS for case in part.cases(quick)]
+        assert len(names) == len(set(names)) > 5
+
+
+@pytest.mark.slow
+def test_a_quick_run_has_all_tables(tmp_path: Path) -> None:
+    assert measure(True, tmp_path, 1)
+    document = json.loads((tmp_path / "radio-quick.json").read_text())
+    assert set(document["sections"]) == {"codec", "traffic", "bad", "range", "cost", "wire"}
+    assert document["met"]["codec"] and document["met"]["range"] and document["met"]["wire"]
