@@ -147,7 +147,7 @@ class TalkConfig(Config):
     retry_s: Positive = 3.0
     """Before what was not acknowledged is sent again, doubling: more than there and back at 1 s of latency."""
     reassembly_s: Positive = 30.0
-    """Parts of a map wait this long for the others: three retries."""
+    """Parts of a map wait this long for the next one: three retries."""
     mtu_bytes: Annotated[int, Field(ge=64, le=65_536)] = 1200
     """The longest message: what the radio takes (world.radio_config)."""
     cell_mm: Annotated[int, Field(ge=1, le=1000)] = 10

@@ -36,8 +36,10 @@ class Told:
     """Version that it has; 0: none."""
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the one that it has, and those that it was told since."""
+    whole: list[Part] = field(default_factory=list)
+    """The last news in all its parts."""
     parts: list[Part] = field(default_factory=list)
-    """On their way, and not acknowledged."""
+    """Those of them that are on their way, and not acknowledged."""
     sent: int = NEVER
     """Tick at which they, or the last ones, were sent."""
     update: int = NEVER
@@ -54,7 +56,8 @@ class Arriving:
     version: int
     base: int
     count: int
-    since: int
+    last: int
+    """Tick of the newest part."""
     bodies: dict[int, bytes] = field(default_factory=dict)
 
     @property
@@ -147,7 +150,7 @@ class Exchange:
             self._answer(peer, Ack(part.version, None), part.parts)
             return
         arriving = known.arriving
-        if arriving is not None and tick - arriving.since > self._patience_ticks:
+        if arriving is not None and tick - arriving.last > self._patience_ticks:
             arriving = None
         if arriving is not None and part.version < arriving.version:
             return
@@ -157,7 +160,7 @@ class Exchange:
             raise ProtocolError("two parts of one map that do not fit each other")
         if sum(map(len, arriving.bodies.values())) + len(part.body) > MAX_BODY:
             raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
-        arriving.bodies[part.number] = part.body
+        arriving.bodies[part.number], arriving.last = part.body, tick
         known.arriving = arriving
         if not arriving.missing:
             known.arriving = None
@@ -179,9 +182,9 @@ class Exchange:
         if told is None or ack.version not in told.maps:
             return  # of a former life, or of something long ago
         if ack.missing is None:  # it has lost what it once had: all of it again
-            told.maps, told.acked, told.parts, told.compared = {}, 0, [], -1
-        elif ack.missing:
-            told.parts = [p for p in told.parts if p.version != ack.version or p.number in ack.missing]
+            told.maps, told.acked, told.whole, told.parts, told.compared = {}, 0, [], [], -1
+        elif ack.missing and told.parts and told.parts[0].version == ack.version:
+            told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up those it once had
         elif ack.version > told.acked:
             told.acked, told.tries = ack.version, 0
             told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
@@ -216,7 +219,7 @@ class Exchange:
             news = self._news(tick, told, wireframe)
             if news:
                 told.tries = told.tries + 1 if told.parts else 0
-                told.parts, told.sent, told.update = news, tick, tick
+                told.whole, told.parts, told.sent, told.update = news, news, tick, tick
                 return DELTA if news[0].base else MAP, news
         if told.parts:
             told.tries += 1

@@ -296,8 +296,11 @@ def _write_chain(
                 script.bits(one, 1)
     if likelihoods:
         expected = _expected_levels(origin, base, ring)
-        for level, usual in zip(new.level[first:end].tolist(), expected, strict=False):
-            script.bits(*((1, 1) if level == usual else (level, 4)))
+        levels = new.level[first : first + len(expected)].tolist()
+        script.bits(levels == expected, 1)
+        if levels != expected:
+            for level, usual in zip(levels, expected, strict=True):
+                script.bits(*((1, 1) if level == usual else (level, 4)))
     return last
 
 
@@ -447,6 +450,8 @@ class _Rebuilt:
         if not self.likelihoods:
             return [SURE] * edges
         expected = _expected_levels(origin, self.base, ring)
+        if self.reader.bits(1):
+            return expected
         return [usual if self.reader.bits(1) else self.reader.bits(3) for usual in expected]
 
 

@@ -228,6 +228,22 @@ def test_parts_wait_only_so_long() -> None:
     assert Ack.decode(acks[-1].payload).missing == {0}
 
 
+def test_parts_that_were_given_up_are_sent_again() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    pair.show(comb(60))
+    pair.run(1)
+    while not any(send.kind == "map" for _, _, send in pair.flying):
+        pair.run(1)
+    maps = [one for one in pair.flying if one[2].kind == "map"]
+    lose = {id(one) for one in maps[::2]}
+    pair.flying = [one for one in pair.flying if id(one) not in lose]  # half of the parts
+    pair.run(2)
+    arriving = pair.robots["b"]._known["a"].arriving
+    assert arriving is not None and len(arriving.bodies) == len(maps) // 2
+    pair.robots["b"]._known["a"].arriving = None
+    pair.settle(200)
+
+
 def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
     hear = Pair().robots["b"]
     events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])

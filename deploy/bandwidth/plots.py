@@ -53,7 +53,7 @@ def _per_area(axes: Axes, measurement: Measurement) -> None:
     )
     axes.bar_label(bars, fmt="{:,.2f}", fontsize=8, padding=2)
     axes.set(xscale="log", xlabel="bytes per square metre explored", title="Cost of each form")
-    axes.margins(x=0.15)
+    axes.set_xlim(right=8 * max(totals.values()) / area)  # room for the figures
 
 
 def _against_quality(axes: Axes, measurement: Measurement, coverage: tuple[Floats, Floats]) -> None:
