@@ -167,6 +167,15 @@ def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("re
         raise typer.Exit(Status.FAILURE)
 
 
+@bench.command()
+def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Whole runs of one robot and of teams, generated mazes, against the shortest tour and a dense grid; takes hours."""
+    from deploy.bench.exploration import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
+
+
 @app.command()
 def agent(
     id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],

@@ -48,14 +48,15 @@ def grid_of(
     x0, y0, x1, y1 = box
     shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
     log_odds = np.zeros(shape)
-    _integrate(log_odds, np.zeros(shape, np.int64), ranges, poses, range_max_m, x0, y0, cell_m)
+    integrate(log_odds, np.zeros(shape, np.int64), 0, ranges, poses, range_max_m, x0, y0, cell_m)
     return Grid((x0, y0), cell_m, log_odds)
 
 
 @njit(cache=True)
-def _integrate(
+def integrate(
     log_odds: Floats,
     mark: NDArray[np.int64],
+    first: int,
     ranges: Floats,
     poses: Floats,
     range_max: float,
@@ -63,13 +64,16 @@ def _integrate(
     y0: float,
     cell: float,
 ) -> None:
-    """Add all scans. mark: the last scan to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there."""
+    """Add all scans, of which the first is scan `first`.
+
+    mark: the last scan t to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there.
+    """
     nx, ny = log_odds.shape
     beams = ranges.shape[1]
-    for t in range(len(poses)):
-        x, y, theta = poses[t]
+    for t in range(first, first + len(poses)):
+        x, y, theta = poses[t - first]
         for b in range(beams):  # ends first: they outweigh crossings
-            r = ranges[t, b]
+            r = ranges[t - first, b]
             if not math.isfinite(r):
                 continue
             angle = theta + 2 * math.pi * b / beams
@@ -81,7 +85,7 @@ def _integrate(
         for b in range(beams):
             angle = theta + 2 * math.pi * b / beams
             c, s = math.cos(angle), math.sin(angle)
-            r = min(ranges[t, b], range_max)
+            r = min(ranges[t - first, b], range_max)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)
             step_i, step_j = (1 if c > 0 else -1), (1 if s > 0 else -1)
             # range at which the beam leaves the cell, and how much farther each next cell is
