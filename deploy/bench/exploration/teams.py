@@ -13,8 +13,8 @@ import numpy as np
 
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
-from deploy.bench.explored import explore
 from deploy.bench.exploration.runs import LIMIT_S, grouped
+from deploy.bench.explored import explore
 
 CORRIDOR = [
     *[[-5.0, -1.5], [-2.0, -1.5], [-2.0, -0.3], [2.0, -0.3], [2.0, -1.5], [5.0, -1.5]],
