@@ -141,6 +141,6 @@ class Robot:
             complete=command.complete,
             events=[*events, *command.events],
             map_bytes=map_bytes,
-            filter_bytes=self.filter.nbytes,
+            filter_bytes=self.filter.nbytes + self.explorer.nbytes,
             step_ms=(time.perf_counter() - started) * 1e3,
         )

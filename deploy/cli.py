@@ -223,6 +223,15 @@ def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("re
         raise typer.Exit(Status.FAILURE)
 
 
+@bench.command()
+def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Whole runs of one robot and of teams, generated mazes, against the shortest tour and a dense grid; takes hours."""
+    from deploy.bench.exploration import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
+
+
 @bench.command("radio")
 def radio_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
     """Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour."""

@@ -116,7 +116,7 @@ class Run:
         self._errors: list[str] = []
         self._last_words: set[str] = set()
         """Children that said how they ended."""
-        self._refused = self._interrupted = False
+        self._refused = self._interrupted = self._stillborn = False
 
     def __enter__(self) -> Self:
         """Start the world; its robots follow when it listens."""
@@ -178,6 +178,7 @@ class Run:
             if child.name not in self._last_words:
                 child.process.join(1.0)
                 self._errors.append(f"{child.name}: its process died ({_exit_of(child.process.exitcode)})")
+                self._end_unless_begun(child)
             return
         if what == LISTENING:
             for robot in self._robots:
@@ -194,6 +195,13 @@ class Run:
         elif what in (REFUSED, FAILED) or value not in ENDINGS:
             self._refused |= what == REFUSED
             self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
+            self._end_unless_begun(child)
+
+    def _end_unless_begun(self, child: Child) -> None:
+        """End a run that waits for a robot that will never join."""
+        if self._progress is None and child.name != "world":
+            self._stillborn = True
+            self._tell_all()
 
     def _stop(self, number: int, frame: object) -> None:
         if self._interrupted:
@@ -209,10 +217,12 @@ class Run:
                 child.pipe.send("stop")
 
     def _status(self) -> Status:
-        if self._interrupted or self._ended == "interrupted":
+        if self._interrupted or (self._ended == "interrupted" and not self._stillborn):
             return Status.INTERRUPTED
         if self._refused:
             return Status.USAGE
+        if self._stillborn:
+            return Status.FAILURE
         if self._ended is None or self._progress is None:
             return Status.FAILURE
         states = set(self._progress.clock.status.values())

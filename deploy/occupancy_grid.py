@@ -50,12 +50,14 @@ class GrowingGrid:
         shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
         self.grid = Grid((x0, y0), cell_m, np.zeros(shape))
         self._range_max_m = range_max_m
+        self._marks = np.zeros(shape, np.int64)
+        self._scans = 0
 
     def add(self, ranges: Floats, poses: Floats) -> None:
         """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known."""
-        log_odds, (x0, y0) = self.grid.log_odds, self.grid.corner
-        marks = np.zeros(log_odds.shape, np.int64)
-        _integrate(log_odds, marks, ranges, poses, self._range_max_m, x0, y0, self.grid.cell_m)
+        log_odds, (x0, y0), cell_m = self.grid.log_odds, self.grid.corner, self.grid.cell_m
+        _integrate(log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, x0, y0, cell_m)
+        self._scans += len(poses)
 
 
 def grid_of(
@@ -71,6 +73,7 @@ def grid_of(
 def _integrate(
     log_odds: Floats,
     mark: NDArray[np.int64],
+    first: int,
     ranges: Floats,
     poses: Floats,
     range_max: float,
@@ -78,13 +81,16 @@ def _integrate(
     y0: float,
     cell: float,
 ) -> None:
-    """Add all scans. mark: the last scan to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there."""
+    """Add all scans, of which the first is scan `first`.
+
+    mark: the last scan t to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there.
+    """
     nx, ny = log_odds.shape
     beams = ranges.shape[1]
-    for t in range(len(poses)):
-        x, y, theta = poses[t]
+    for t in range(first, first + len(poses)):
+        x, y, theta = poses[t - first]
         for b in range(beams):  # ends first: they outweigh crossings
-            r = ranges[t, b]
+            r = ranges[t - first, b]
             if not math.isfinite(r):
                 continue
             angle = theta + 2 * math.pi * b / beams
@@ -96,7 +102,7 @@ def _integrate(
         for b in range(beams):
             angle = theta + 2 * math.pi * b / beams
             c, s = math.cos(angle), math.sin(angle)
-            r = 0.0 if math.isnan(ranges[t, b]) else min(ranges[t, b], range_max)
+            r = 0.0 if math.isnan(ranges[t - first, b]) else min(ranges[t - first, b], range_max)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)
             step_i, step_j = (1 if c > 0 else -1), (1 if s > 0 else -1)
             # range at which the beam leaves the cell, and how much farther each next cell is

@@ -139,6 +139,11 @@ class Episode:
         return dict(zip(self.robots, self._coverage.own.tolist(), strict=True))
 
     @property
+    def paths(self) -> dict[str, float]:
+        """Metres that each robot has driven."""
+        return dict(zip(self.robots, self._path.tolist(), strict=True))
+
+    @property
     def team_coverage(self) -> float:
         """The same for all robots' beams together."""
         return self._coverage.team
