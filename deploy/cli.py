@@ -167,6 +167,15 @@ def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("re
         raise typer.Exit(Status.FAILURE)
 
 
+@bench.command()
+def alignment(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours."""
+    from deploy.bench.alignment import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
+
+
 @app.command()
 def agent(
     id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],

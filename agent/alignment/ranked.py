@@ -140,10 +140,10 @@ def refine(
         first[: config.max_candidates],
         mine.points,
         mine.true,
-        directions(mine),
+        mine.ways,
         theirs.points,
         theirs.true,
-        directions(theirs),
+        theirs.ways,
         np.array([config.coarse_m, config.fine_m, config.fine_m]),
         math.cos(math.radians(config.alike_deg)),
         by_walls,
@@ -152,16 +152,6 @@ def refine(
     order = order[inliers[order] >= 2]
     order = order[_distinct(transforms[order], theirs.centre, config.like_m, math.radians(config.like_deg))]
     return Refined(transforms[order], inliers[order], residuals[order])
-
-
-def directions(one: Corners) -> Floats:
-    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
-    out = np.zeros((len(one.points), 2, 2))
-    into, out_of = np.flatnonzero(one.parent >= 0), np.flatnonzero(one.child >= 0)
-    out[into, 0] = one.points[into] - one.points[one.parent[into]]
-    out[out_of, 1] = one.points[one.child[out_of]] - one.points[out_of]
-    unit: Floats = out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
-    return unit
 
 
 @njit(cache=True)

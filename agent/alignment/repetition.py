@@ -17,7 +17,7 @@ from numba import njit
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Bools, Corners, Floats
-from agent.alignment.ranked import directions, like_transforms, refine
+from agent.alignment.ranked import like_transforms, refine
 from agent.alignment.transform import apart, compose, inverse, move
 
 
@@ -49,13 +49,14 @@ def rival_score(
         matched = same_corners(one, there, other, config)
         if not matched.any():
             continue
-        for shift in patterns(one, config, rng):
-            share = float(same_corners(one, shift, one, config)[matched].mean())
-            if share * agreed_m <= strongest:
-                continue
-            rival = compose(shift, best) if which == "mine" else compose(best, inverse(shift))
+        shifts = patterns(one, config, rng)
+        shares = np.array([same_corners(one, shift, one, config)[matched].mean() for shift in shifts])
+        for k in np.argsort(-shares, kind="stable"):
+            if shares[k] * agreed_m <= strongest:
+                break
+            rival = compose(shifts[k], best) if which == "mine" else compose(best, inverse(shifts[k]))
             conflict = agreement(mine[1], theirs[1], rival, config)[1]
-            strongest = max(strongest, share * agreed_m - config.rival_conflict_weight * conflict)
+            strongest = max(strongest, float(shares[k]) * agreed_m - config.rival_conflict_weight * conflict)
     return strongest
 
 
@@ -64,11 +65,11 @@ def same_corners(one: Corners, transform: Floats, other: Corners, config: Alignm
     return _same(
         one.points,
         one.true,
-        directions(one),
+        one.ways,
         np.asarray(transform, np.float64),
         other.points,
         other.true,
-        directions(other),
+        other.ways,
         config.fine_m,
         math.cos(math.radians(config.alike_deg)),
     )
