@@ -56,12 +56,16 @@ class MapConfig(Config):
     """Views against an end before it changes; one is a wrong label (6 % of ends), three in a row are not."""
     patience_growth: Positive = 0.3
     """More of them per view that confirmed it (facts/mapping.md rule 7)."""
+    confirmations: Positive = 30.0
+    """So many make an end or a wall as sure as it gets: a wrong one has to go within the 50 scans that see it."""
     max_direction_sd_deg: Positive = 10.0
     """A new wall's direction must be known this well: five sigma from the next rectilinear one would be 50 degrees."""
     min_corner_deg: Positive = 20.0
     """Walls that meet flatter than this share no corner."""
     close_corner_m: Positive = 0.06
     """Open ends this near to where their walls meet are that corner."""
+    prolonged_m: Positive = 0.1
+    """A corner with no hit this near to it is a guess: beams are 6 cm apart at the lidar's range, and slots wider."""
     axis_trust: Positive = 0.8
     """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
     off_axis_deg: Positive = 10.0
@@ -79,7 +83,7 @@ class MapConfig(Config):
     drop_after: Positive = 8.0
     """Scans in view without a hit before a wall on probation is dropped (facts/mapping.md rule 8)."""
     drop_growth: Positive = 0.3
-    """More of them per hit of a wall that left probation, up to 50 hits: as patience_growth."""
+    """More of them per hit of a wall that left probation: as patience_growth, up to as many."""
     sure_after: Positive = 4.0
     """Scans that hit a wall before it leaves probation."""
     publish_after: Positive = 2.0

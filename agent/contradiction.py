@@ -9,7 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from agent.edges import FRONTIER, Edges, above, along, length, new_slot, part, remove, set_tip, tip_at
+from agent.corner_scan import Sight
+from agent.edges import FRONTIER, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
@@ -27,6 +28,7 @@ class ViewRules(NamedTuple):
     cut_after: float
     drop_after: float
     drop_growth: float
+    confirmations: float
     sure_after: float
     min_length: float
 
@@ -42,6 +44,7 @@ def patient_view(rules: ViewRules, factor: float) -> ViewRules:
         rules.cut_after * factor,
         rules.drop_after * factor,
         rules.drop_growth,
+        rules.confirmations,
         rules.sure_after,
         rules.min_length,
     )
@@ -58,14 +61,23 @@ def piece_at(pieces: NDArray[np.void], bearing: float, half_beam: float) -> int:
 
 
 @njit(cache=True)
+def within(sectors: NDArray[np.float64], bearing: float, margin: float) -> bool:
+    """Whether a bearing in [0, 2 pi) is by that margin inside one of the sectors (s, 2), radians."""
+    for s in range(len(sectors)):
+        for turn in (-2 * math.pi, 0.0, 2 * math.pi):
+            if sectors[s, 0] + margin <= bearing + turn <= sectors[s, 1] - margin:
+                return True
+    return False
+
+
+@njit(cache=True)
 def look_at(
     x: float,
     y: float,
     pose: tuple[float, float, float],
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
-    opened: NDArray[np.float64],
-    reach: float,
+    sight: Sight,
     rules: ViewRules,
 ) -> tuple[int, int]:
     """What the scan saw at a point of the map: UNSEEN, THROUGH it, or a wall ON it; and the piece it met.
@@ -74,9 +86,11 @@ def look_at(
     """
     dx, dy = x - pose[0], y - pose[1]
     distance = math.hypot(dx, dy)
-    if distance > reach or distance < 1e-6:
+    if distance > sight.reach or distance < 1e-6:
         return UNSEEN, -1
     bearing = (math.atan2(dy, dx) - pose[2]) % (2 * math.pi)
+    if within(sight.blind, bearing, -rules.half_beam):
+        return UNSEEN, -1
     k = piece_at(raw, bearing, rules.half_beam)
     if k >= 0:
         p = pieces[k]
@@ -86,10 +100,8 @@ def look_at(
         if off < -rules.margin:
             return UNSEEN, k
         return ON, k
-    for s in range(len(opened)):
-        for turn in (0.0, 2 * math.pi):
-            if opened[s, 0] + rules.half_beam <= bearing + turn <= opened[s, 1] - rules.half_beam:
-                return (THROUGH, -1) if distance < reach - rules.margin else (UNSEEN, -1)
+    if within(sight.open, bearing, rules.half_beam):
+        return (THROUGH, -1) if distance < sight.reach - rules.margin else (UNSEEN, -1)
     return UNSEEN, -1
 
 
@@ -112,7 +124,7 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
             edges[f].link[0] = -1
             edges[f].label[0], edges[f].slack[0], edges[f].strength[0] = FRONTIER, 0.0, 0.0
             edges[f].conflict[0] = 0.0
-            edges[f].probation, edges[f].misses, edges[f].through = 1, 0.0, 0.0
+            doubt(edges[f])
             set_tip(edges[f], 0, high)
         keep_head = False
     side = 0 if keep_head else 1
@@ -120,7 +132,7 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
     edges[e].label[side], edges[e].slack[side] = FRONTIER, 0.0
     edges[e].strength[side], edges[e].conflict[side] = 0.0, 0.0
     set_tip(edges[e], side, high if keep_head else low)
-    edges[e].probation, edges[e].misses, edges[e].through = 1, 0.0, 0.0
+    doubt(edges[e])
     return count
 
 
@@ -132,8 +144,7 @@ def contradict(
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
     walls: NDArray[np.int64],
-    opened: NDArray[np.float64],
-    reach: float,
+    sight: Sight,
     rules: ViewRules,
 ) -> int:
     """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the count."""
@@ -143,7 +154,7 @@ def contradict(
             continue
         size = length(w)
         t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
-        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > reach:
+        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > sight.reach:
             continue
         side = above(w, pose[0], pose[1])
         skip = min(rules.end_skip, 0.25 * size)
@@ -154,7 +165,7 @@ def contradict(
         for j in range(n):
             t = tail + j * spacing
             x, y = w.x + t * w.ux, w.y + t * w.uy
-            saw, k = look_at(x, y, pose, raw, pieces, opened, reach, rules)
+            saw, k = look_at(x, y, pose, raw, pieces, sight, rules)
             if saw == UNSEEN:
                 continue
             flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
@@ -182,7 +193,8 @@ def contradict(
                 w.probation = 0
         elif visible >= 2:
             w.misses += 1.0
-        if w.misses >= rules.drop_after + (0.0 if w.probation == 1 else rules.drop_growth * min(w.seen, 50.0)):
+        sure = 0.0 if w.probation == 1 else min(w.seen, rules.confirmations)
+        if w.misses >= rules.drop_after + rules.drop_growth * sure:
             remove(edges, e)
             continue
         if low > high:

@@ -6,12 +6,15 @@ Nothing after perception sees a range (paper I: strict adherence to sparsity).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.chains import chained
 from protocol.wireframe import Label, Wireframe
+
+NOMINAL = int(Label.NOMINAL)
 
 Record = Any
 """One element of a record array inside a kernel; numba reads its fields like attributes."""
@@ -26,6 +29,7 @@ PIECE = np.dtype(
         ("spread", "f8"),  # m2, sum of squared distances of the hits from the centroid along the line
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
+        ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
         ("bearing", "f8", (2,)),  # rad, of the first and the last beam, rising; the last may exceed 2 pi
@@ -35,41 +39,36 @@ PIECE = np.dtype(
 """One wall piece of a corner scan. An aligned record, so that numba reads its fields like attributes."""
 
 
+class Sight(NamedTuple):
+    """What a scan shows beside walls, for the kernels."""
+
+    open: NDArray[np.float64]
+    """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach."""
+    blind: NDArray[np.float64]
+    """(b, 2) as open: sectors in which something stands that is no wall piece: a teammate, a post of two beams."""
+    reach: float
+    """m, how far open sectors are known to be free."""
+
+
 @dataclass(frozen=True, slots=True)
 class CornerScan:
     """A scan as corners and walls."""
 
     pieces: NDArray[np.void]
     """(k,) of PIECE, by rising bearing of the first beam."""
-    open: NDArray[np.float64]
-    """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within range."""
+    sight: Sight
+    """Open and blind sectors."""
     discs: NDArray[np.float64]
     """(d, 2) m, centres of what looks like teammates."""
-    reach: float
-    """m, how far open sectors are known to be free."""
     noise: float
     """m, standard deviation of a range."""
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""
-        points: list[tuple[float, float]] = []
-        labels: list[int] = []
-        vertex = np.full((len(self.pieces), 2), -1)
-        for k, piece in enumerate(self.pieces):
-            for side in (0, 1):
-                if vertex[k, side] >= 0:
-                    continue
-                t = piece["end"][side]
-                vertex[k, side] = len(points)
-                points.append((piece["x"] + t * piece["ux"], piece["y"] + t * piece["uy"]))
-                labels.append(int(piece["label"][side]))
-                if piece["label"][side] == Label.NOMINAL:
-                    vertex[piece["link"][side], 1 - side] = vertex[k, side]
-        m = len(vertex)
-        return Wireframe(
-            np.array(points, np.float64).reshape(-1, 2),
-            np.array(labels, np.uint8),
-            vertex.astype(np.int32).reshape(-1, 2),
-            np.ones(m, np.float32),
-            np.ones(m, np.bool_),
-        )
+        p = self.pieces
+        tips = np.empty((len(p), 2, 2))
+        tips[:, :, 0] = p["x"][:, None] + p["end"] * p["ux"][:, None]
+        tips[:, :, 1] = p["y"][:, None] + p["end"] * p["uy"][:, None]
+        following = np.where(p["label"][:, 1] == NOMINAL, p["link"][:, 1], -1)
+        points, labels, edges = chained(tips, p["label"].astype(np.uint8), following)
+        return Wireframe(points, labels, edges, np.ones(len(p), np.float32), np.ones(len(p), np.bool_))

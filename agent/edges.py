@@ -159,6 +159,17 @@ def part(edges: Edges, e: int, side: int) -> None:
 
 
 @njit(cache=True)
+def doubt(e: Record) -> None:
+    """Take back what confirmed a wall: it is not shown until it is hit again, and a few misses drop it (ours).
+
+    What is left of a wall that was cut, or that lost its corner to another, may lie inside solid, where no view
+    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there.
+    """
+    e.probation = 1
+    e.seen, e.due, e.misses, e.through = 0.0, 0.0, 0.0, 0.0
+
+
+@njit(cache=True)
 def remove(edges: Edges, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from agent.association import Gates, cost
 from agent.contradiction import GRAZING, ON, THROUGH, UNSEEN, ViewRules, look_at
+from agent.corner_scan import Sight
 from agent.edges import NOMINAL, OCCLUSION, Edges, above, along, length, tip_at
 
 
@@ -37,8 +38,7 @@ def log_likelihood(
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
     walls: NDArray[np.int64],
-    opened: NDArray[np.float64],
-    reach: float,
+    sight: Sight,
     gates: Gates,
     views: ViewRules,
     odds: Odds,
@@ -71,7 +71,7 @@ def log_likelihood(
             continue
         size = length(w)
         t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
-        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > reach:
+        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > sight.reach:
             continue
         side_of = above(w, pose[0], pose[1])
         skip = min(views.end_skip, 0.25 * size)
@@ -80,7 +80,7 @@ def log_likelihood(
         for j in range(n):
             t = tip_at(w, 0) + skip + j * (size - 2 * skip) / (n - 1)
             x, y = w.x + t * w.ux, w.y + t * w.uy
-            saw, k = look_at(x, y, pose, raw, pieces, opened, reach, views)
+            saw, k = look_at(x, y, pose, raw, pieces, sight, views)
             flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
             if saw == UNSEEN or abs(side_of) < flat:
                 continue

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.config import PerceptionConfig
-from agent.corner_scan import PIECE, CornerScan, Record
+from agent.corner_scan import PIECE, CornerScan, Record, Sight
 from agent.discs import beams_on, find_discs, hidden_beams
 from agent.segmentation import fit, piecewise, split_and_merge
 from protocol.messages import LidarSpec
@@ -47,9 +47,13 @@ def _split_at_gaps(cuts: Ints, ranges: Floats, bearings: Floats, min_hits: int, 
 
 @njit(cache=True)
 def _join_across_strays(
-    cuts: Ints, sums: Floats, ranges: Floats, bearings: Floats, line_cost: float, max_gap: float
+    cuts: Ints, sums: Floats, ranges: Floats, bearings: Floats, line_cost: float, max_gap: float, margin: float
 ) -> tuple[Ints, Floats]:
-    """Join neighbouring pieces on one line that only a stray or two in front part; returns pieces and their sums."""
+    """Join neighbouring pieces on one line that only a stray or two part; returns pieces and their sums.
+
+    A stray is noise: what stands out farther than the margin (metres) is a post or the edge of a thin wall, whose
+    corners the pieces may end at.
+    """
     m = len(ranges)
     out = np.empty_like(cuts)
     total = np.empty((len(cuts), 6))
@@ -65,11 +69,11 @@ def _join_across_strays(
                     ranges[p] * math.cos(bearings[p]) - ranges[q] * math.cos(bearings[q]),
                     ranges[p] * math.sin(bearings[p]) - ranges[q] * math.sin(bearings[q]),
                 )
-                through = False
+                noise_only = True
                 for j in range(out[count - 1, 1], cuts[k, 0]):
                     u = a * math.cos(bearings[j % m]) + b * math.sin(bearings[j % m])
-                    through = through or ranges[j % m] * u > 1.05
-                if gap <= max_gap and not through:
+                    noise_only = noise_only and abs(ranges[j % m] * u - 1.0) < margin * u
+                if gap <= max_gap and noise_only:
                     out[count - 1, 1] = cuts[k, 1]
                     total[count - 1] = before + own
                     continue
@@ -188,7 +192,7 @@ def _assemble(
         piece.bearing[0], piece.bearing[1] = first[k] * step, last[k] * step
         piece.end[0], piece.end[1] = _along(piece, first[k] * step), _along(piece, last[k] * step)
         for side in range(2):
-            piece.label[side], piece.link[side], piece.slack[side] = FRONTIER, -1, 0.0
+            piece.label[side], piece.link[side], piece.slack[side], piece.gap[side] = FRONTIER, -1, 0.0, 0.0
     for k in range(count):
         p, q = pieces[k], pieces[(k + 1) % count]
         begins = first[(k + 1) % count] + (n if k + 1 == count else 0)
@@ -206,6 +210,7 @@ def _assemble(
         if p.end[1] - slack_p <= along_p <= next_p + slack_p and next_q - slack_q <= along_q <= q.end[0] + slack_q:
             p.label[1], q.label[0] = NOMINAL, NOMINAL
             p.link[1], q.link[0] = (k + 1) % count, k
+            p.gap[1], q.gap[0] = max(along_p - p.end[1], 0.0), max(q.end[0] - along_q, 0.0)
             p.end[1], q.end[0] = along_p, along_q
     for k in range(count):
         p = pieces[k]
@@ -222,15 +227,15 @@ def _assemble(
 
 
 @njit(cache=True)
-def _open_sectors(ranges: Floats, hidden: NDArray[np.bool_]) -> Floats:
-    """(s, 2) rad: runs of at least three silent beams; fewer may have dropped out."""
-    n = len(ranges)
+def _sectors(marked: NDArray[np.bool_], least: int) -> Floats:
+    """(s, 2) rad: runs of at least so many marked beams of a full turn."""
+    n = len(marked)
     step = 2 * math.pi / n
     out = np.empty((n, 2))
     count = 0
     start = -1
-    for k in range(n):  # begin at a beam that is not silent
-        if math.isfinite(ranges[k]) or hidden[k]:
+    for k in range(n):
+        if not marked[k]:
             start = k
             break
     if start < 0:
@@ -238,14 +243,24 @@ def _open_sectors(ranges: Floats, hidden: NDArray[np.bool_]) -> Floats:
         return out[:1].copy()
     run = 0
     for k in range(start, start + n + 1):
-        if not math.isfinite(ranges[k % n]) and not hidden[k % n]:
+        if marked[k % n]:
             run += 1
             continue
-        if run >= 3:
+        if run >= least:
             out[count, 0], out[count, 1] = (k - run) * step, (k - 1) * step
             count += 1
         run = 0
     return out[:count].copy()
+
+
+@njit(cache=True)
+def _explained(cuts: Ints, beams: Ints, n: int) -> NDArray[np.bool_]:
+    """(n,) which beams of a full turn belong to a piece. cuts: first and last of each among `beams`."""
+    out = np.zeros(n, np.bool_)
+    for k in range(len(cuts)):
+        for j in range(cuts[k, 0], cuts[k, 1]):
+            out[beams[j % len(beams)]] = True
+    return out
 
 
 def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected: Floats | None = None) -> CornerScan:
@@ -264,16 +279,18 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected
     if expected is not None and len(expected):
         slack = np.array([0.0, 0.0, config.disc_margin_m])
         hidden |= beams_on(ranges, expected + slack, config.teammate_radius_m)
-    opened = _open_sectors(ranges, hidden)
-    beams = np.flatnonzero(np.isfinite(ranges) & ~hidden)
+    returned = np.isfinite(ranges)
+    opened = _sectors(~returned & ~hidden, 3)  # fewer may have dropped out
+    beams = np.flatnonzero(returned & ~hidden)
     if len(beams) < config.min_hits:
-        return CornerScan(np.zeros(0, PIECE), opened, discs, reach, noise)
+        return CornerScan(np.zeros(0, PIECE), Sight(opened, _sectors(returned, 1), reach), discs, noise)
     cut = piecewise if config.method == "piecewise" else split_and_merge
     finite = ranges[beams].astype(np.float64)
     bearings = (beams * (2 * math.pi / len(ranges))).astype(np.float64)
     cuts, sums = cut(finite, bearings, noise, config.min_hits, config.line_cost, config.stray_cost)
     cuts = _split_at_gaps(cuts, finite, bearings, config.min_hits, config.max_gap_m)
-    cuts, totals = _join_across_strays(cuts, sums, finite, bearings, config.line_cost, config.max_gap_m)
+    blind = _sectors((returned | hidden) & ~_explained(cuts, beams, len(ranges)), 1)
+    cuts, totals = _join_across_strays(cuts, sums, finite, bearings, config.line_cost, config.max_gap_m, sigmas * noise)
     pieces = np.zeros(len(cuts), PIECE)
     _assemble(
         pieces,
@@ -288,4 +305,4 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected
         1 if spec.dropout == 0 else 2,  # one may have dropped out, two in a row went through
         math.sin(math.radians(config.min_corner_deg)),
     )
-    return CornerScan(pieces, opened, discs, reach, noise)
+    return CornerScan(pieces, Sight(opened, blind, reach), discs, noise)

@@ -18,6 +18,7 @@ from agent.edges import (
     Edges,
     add_hits,
     along,
+    doubt,
     join,
     length,
     line_sd,
@@ -37,9 +38,11 @@ class MergeRules(NamedTuple):
     end_margin: float
     patience: float
     patience_growth: float
+    confirmations: float
     max_direction_sd: float
     min_sine: float
     close_corner: float
+    prolonged: float
     off_axis: float
     off_axis_hits: float
     axis_trust: float
@@ -53,9 +56,11 @@ def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
         rules.end_margin,
         rules.patience * factor,
         rules.patience_growth,
+        rules.confirmations,
         rules.max_direction_sd,
         rules.min_sine,
         rules.close_corner,
+        rules.prolonged,
         rules.off_axis,
         rules.off_axis_hits,
         rules.axis_trust,
@@ -79,7 +84,7 @@ def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> 
 def _outlasted(e: Record, side: int, rules: MergeRules) -> bool:
     """Count one view against an end; true once such views outnumber what confirmed it (rule 7)."""
     e.conflict[side] += 1.0
-    return e.conflict[side] > rules.patience + rules.patience_growth * e.strength[side]
+    return e.conflict[side] > rules.patience + rules.patience_growth * min(e.strength[side], rules.confirmations)
 
 
 @njit(cache=True)
@@ -134,25 +139,50 @@ def _see_end(edges: Edges, k: int, side: int, label: int, t: float, slack: float
 
 
 @njit(cache=True)
-def _see_corner(edges: Edges, e: int, f: int, rules: MergeRules) -> None:
-    """Fuse one view of the head of e meeting the tail of f."""
-    if e == f or abs(meet(edges[e], edges[f])[0]) < rules.min_sine:
+def _ends_within(e: Record, side: int, corner: float, gap: float, rules: MergeRules) -> bool:
+    """Whether a wall is known to end, short of a corner that it was prolonged to, where the view had no hit."""
+    if e.label[side] != OCCLUSION or e.strength[side] < 1.0:
+        return False
+    out = 1.0 if side == 1 else -1.0
+    short = out * (corner - tip_at(e, side))
+    return rules.end_margin < short <= gap + rules.end_margin
+
+
+@njit(cache=True)
+def _see_corner(edges: Edges, e: int, f: int, gap_e: float, gap_f: float, rules: MergeRules) -> None:
+    """Fuse one view of the head of e meeting the tail of f; gaps: metres before the corner without a hit.
+
+    A prolonged wall is a guess: a slot may open before the corner. It links what is open, and neither confirms a
+    corner nor speaks against an end that lies in the gap.
+    """
+    sine, _, _, at_e = meet(edges[e], edges[f])
+    if e == f or abs(sine) < rules.min_sine:
         return
+    guess = max(gap_e, gap_f) > rules.prolonged
     if edges[e].link[1] == f and edges[f].link[0] == e:
-        edges[e].strength[1] += 1.0
-        edges[f].strength[0] += 1.0
-        edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
+        if not guess:
+            edges[e].strength[1] += 1.0
+            edges[f].strength[0] += 1.0
+            edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
         settle_corner(edges, e)
         return
+    if guess:
+        at_f = meet(edges[f], edges[e])[3]
+        if _ends_within(edges[e], 1, at_e, gap_e, rules) or _ends_within(edges[f], 0, at_f, gap_f, rules):
+            return
     free = True
     if edges[e].link[1] >= 0 and not _outlasted(edges[e], 1, rules):
         free = False
     if edges[f].link[0] >= 0 and not _outlasted(edges[f], 0, rules):
         free = False
-    if free:
-        part(edges, e, 1)
-        part(edges, f, 0)
-        join(edges, e, f, 1.0)
+    if not free:
+        return
+    for k, side in ((e, 1), (f, 0)):
+        former = edges[k].link[side]
+        if former >= 0:
+            part(edges, k, side)
+            doubt(edges[former])
+    join(edges, e, f, 0.0 if guess else 1.0)
 
 
 @njit(cache=True)
@@ -329,7 +359,7 @@ def merge_scan(
             elif walls[p.link[side]] < 0:
                 _see_end(edges, e, side, OCCLUSION, t + p.end[side], 0.0, rules)
         if p.label[1] == NOMINAL and walls[p.link[1]] >= 0:
-            _see_corner(edges, e, walls[p.link[1]], rules)
+            _see_corner(edges, e, walls[p.link[1]], p.gap[1], pieces[p.link[1]].gap[0], rules)
     for e in range(count):
         if edges[e].alive == 1 and edges[e].link[1] >= 0:
             settle_corner(edges, e)

@@ -10,9 +10,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.association import Gates, associate, uncertain
+from agent.chains import chained
 from agent.config import FilterConfig, MapConfig
 from agent.contradiction import ViewRules, contradict, patient_view
-from agent.corner_scan import CornerScan
+from agent.corner_scan import CornerScan, Sight
 from agent.edges import EDGE, OCCLUSION, Edges
 from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
@@ -50,8 +51,7 @@ def update_particles(
     poses: Floats,
     covariances: Floats,
     raw: NDArray[np.void],
-    opened: Floats,
-    reach: float,
+    sight: Sight,
     noisy: bool,
     dice: Floats,
     patience: Floats,
@@ -84,10 +84,10 @@ def update_particles(
             poses[p, 0], poses[p, 1], poses[p, 2] = pose
         pieces = to_map_frame(raw, pose)
         walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
-        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, gates, views, odds)
+        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, sight, gates, views, odds)
         own_rules, own_views = patient_merge(rules, patience[p]), patient_view(views, patience[p])
         counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules)
-        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, opened, reach, own_views)
+        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, sight, own_views)
     return scores
 
 
@@ -158,9 +158,11 @@ class WireframeFilter:
             config.end_margin_m,
             config.patience,
             config.patience_growth,
+            config.confirmations,
             math.radians(config.max_direction_sd_deg),
             math.sin(math.radians(config.min_corner_deg)),
             config.close_corner_m,
+            config.prolonged_m,
             math.radians(config.off_axis_deg),
             config.off_axis_hits,
             config.axis_trust,
@@ -174,6 +176,7 @@ class WireframeFilter:
             config.cut_after,
             config.drop_after,
             config.drop_growth,
+            config.confirmations,
             config.sure_after,
             config.min_length_m,
         )
@@ -209,8 +212,7 @@ class WireframeFilter:
             self.poses,
             self.covariances,
             scan.pieces,
-            scan.open,
-            scan.reach,
+            scan.sight,
             self._noisy,
             self._throw_dice(len(scan.pieces)),
             self._patience,
@@ -286,24 +288,12 @@ def _between(a: Pose, b: Pose) -> Pose:
 def wireframe_of(edges: Edges, publish_after: float) -> Wireframe:
     """Walls that enough scans have hit, as a wireframe; walls that share a corner share a vertex."""
     shown = np.flatnonzero((edges["alive"] == 1) & (edges["seen"] >= publish_after))
-    place = np.full(len(edges) + 1, -1)
+    walls = edges[shown]
+    place = np.full(len(edges) + 1, -1)  # one more for a link of -1
     place[shown] = np.arange(len(shown))
-    points = edges["tip"][shown].reshape(-1, 2).astype(np.float64)
-    labels = edges["label"][shown].reshape(-1).astype(np.uint8)
-    vertex = np.arange(2 * len(shown)).reshape(-1, 2)
-    following = edges["link"][shown, 1]
-    linked = np.flatnonzero((following >= 0) & (place[following] >= 0))
-    vertex[place[following[linked]], 0] = vertex[linked, 1]
-    for side in (0, 1):  # a corner whose other wall is not shown yet is an occlusion
-        partner = edges["link"][shown, side]
-        lonely = (partner >= 0) & (place[partner] < 0)
-        labels[2 * np.flatnonzero(lonely) + side] = OCCLUSION
-    used, index = np.unique(vertex, return_inverse=True)
-    likelihood = (edges["seen"][shown] + 1) / (edges["due"][shown] + 2)
-    return Wireframe(
-        points[used],
-        labels[used],
-        index.reshape(-1, 2).astype(np.int32),
-        np.clip(likelihood, 0, 1).astype(np.float32),
-        edges["own"][shown].astype(np.bool_),
-    )
+    partner = place[walls["link"]]
+    lonely = (walls["link"] >= 0) & (partner < 0)
+    labels = np.where(lonely, OCCLUSION, walls["label"]).astype(np.uint8)
+    points, labels, chains = chained(walls["tip"], labels, partner[:, 1])
+    likelihood = np.clip((walls["seen"] + 1) / (walls["due"] + 2), 0, 1)
+    return Wireframe(points, labels, chains, likelihood.astype(np.float32), walls["own"].astype(np.bool_))

@@ -260,3 +260,70 @@ def test_memory_is_counted() -> None:
     for pose in ROOM_TOUR:
         walk.see(pose)
     assert one < walk.filter.nbytes < 3 * 40 * walk.filter.edges.itemsize
+
+
+PLATE = ring((0, 0), (4, 0), (4, 3), (2.01, 3), (2.01, 2.65), (1.99, 2.65), (1.99, 3), (0, 3))
+"""A room with a plate of 2 cm that stands out 0.35 m from a wall."""
+
+
+def faces_of_the_plate(wireframe: Wireframe) -> float:
+    """Metres of map within 3 cm of the plate and along it."""
+    walls = wireframe.segments()
+    middle = (walls[:, :2] + walls[:, 2:]) / 2
+    upright = np.abs(walls[:, 0] - walls[:, 2]) < 0.03
+    near = (np.abs(middle[:, 0] - 2.0) < 0.03) & (middle[:, 1] > 2.6) & upright
+    return float(np.abs(walls[near, 3] - walls[near, 1]).sum())
+
+
+def test_a_thin_plate_stays_though_it_is_looked_at_edge_on() -> None:
+    walk = Walk(PLATE, LidarSpec())
+    for pose in round_tour((0.7, 0.7), (0.7, 2.4), (1.6, 2.2), (2.4, 2.2), (3.3, 2.4), (3.3, 0.7)):
+        walk.see(pose)
+    assert faces_of_the_plate(walk.filter.wireframe()) > 0.6
+    for k in range(80):  # two beams at most meet it, and those about it the wall behind
+        walk.see((1.9 + 0.0025 * k, 1.2, 1.6))
+    assert faces_of_the_plate(walk.filter.wireframe()) > 0.6
+
+
+SLOT = ring((0, 0), (4, 0), (4, 3), (0.7, 3), (0.7, 2.6), (0.2, 2.6), (0.2, 3), (0, 3))
+"""A room with a cabinet that leaves a slot of 0.2 m in the corner behind it."""
+
+
+def test_a_corner_prolonged_over_a_slot_is_a_guess_and_gives_way_to_what_is_seen() -> None:
+    walk = Walk(SLOT, LidarSpec())
+    for k in range(100):  # flat along the cabinet: its last hit is before the slot, the next beam meets the side wall
+        walk.see((3.3, 2.2 - 0.002 * k, 3.0))
+    for k in range(60):
+        walk.see((0.6 - 0.005 * k, 1.8, 2.0))
+    for k in range(100):
+        walk.see((3.3, 2.2 - 0.002 * k, 3.0))
+    wireframe = walk.filter.wireframe()
+    nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
+    assert np.hypot(*(nominal - (0.0, 2.6)).T).min() > 0.1
+    ends = wireframe.points
+    assert np.hypot(*(ends - (0.2, 2.6)).T).min() < 0.03
+    assert np.hypot(*(nominal - (0.0, 3.0)).T).min() < 0.03
+
+
+@pytest.mark.parametrize("shift", [(0.5, 0.0), (-0.35, 0.35), (0.0, 0.5)])
+def test_a_corner_moved_by_half_a_metre_goes_also_where_a_wall_now_lies_in_solid(shift: tuple[float, float]) -> None:
+    walk = Walk(ROOM, LidarSpec())
+    for pose in ROOM_TOUR:
+        walk.see(pose)
+    edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
+    e = next(k for k in range(n) if edges[k]["alive"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
+    f = int(edges[e]["link"][1])
+    moved = np.add((5.0, 3.0), shift)
+    for k, (a, b) in ((e, (edges[e]["tip"][0].copy(), moved)), (f, (moved, edges[f]["tip"][1].copy()))):
+        w, u = edges[k], (b - a) / np.hypot(*(b - a))
+        scatter = w["hits"] * float((b - a) @ (b - a)) / 12
+        w["x"], w["y"] = (a + b) / 2
+        w["ux"], w["uy"] = u
+        w["xx"], w["xy"], w["yy"] = scatter * u[0] ** 2, scatter * u[0] * u[1], scatter * u[1] ** 2
+        w["tip"] = a, b
+    assert farthest(walk.filter.wireframe(), ROOM) > 0.3
+    for k in range(50):
+        walk.see((3.6 + 0.015 * k, 1.2 + 0.01 * k, 0.2))
+    wireframe = walk.filter.wireframe()
+    assert farthest(wireframe, ROOM) < 0.03
+    assert np.hypot(*(wireframe.points - moved).T).min() > 0.3

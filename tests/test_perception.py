@@ -141,7 +141,7 @@ def test_a_wall_cut_by_range_is_a_frontier() -> None:
     scan = view([(-10, 1, 10, 1)], noise=0.01)
     assert len(scan.pieces) == 1
     assert scan.pieces["label"].tolist() == [[Label.FRONTIER, Label.FRONTIER]]
-    assert len(scan.open) == 1
+    assert len(scan.sight.open) == 1
 
 
 def test_a_teammate_is_a_disc_and_no_wall() -> None:

@@ -152,14 +152,22 @@ def _scans_until_gone(
             return since + 1
 
 
+SOME = 10
+"""Particles of a filter of which half can be spoiled, where the default is one hypothesis."""
+
+
 def cases(quick: bool) -> list[Case]:
-    """The default filter and one hypothesis alone."""
+    """The default filter, one hypothesis alone, and some particles."""
     if quick:
-        return [fault_case("faults/apartment/default", "apartment", 3, None, SCOPES, 120.0)]
+        return [
+            fault_case("faults/apartment/default", "apartment", 3, None, SCOPES, 120.0),
+            fault_case("faults/apartment/some", "apartment", 2, SOME, SCOPES, 120.0),
+        ]
     made = []
     for world in WORLDS:
         made.append(fault_case(f"faults/{world}/default", world, 25, None, SCOPES, 1200.0))
         made.append(fault_case(f"faults/{world}/one", world, 25, 1, SCOPES[:1], 1200.0))
+        made.append(fault_case(f"faults/{world}/some", world, 25, SOME, SCOPES, 1200.0))
     return made
 
 
@@ -203,12 +211,12 @@ def _rank(ranked: Sequence[float], share: float) -> int | None:
 
 
 def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The table of faults; one hypothesis alone beside it."""
-    default, one = (
+    """The table of faults: the default filter and some particles judged, one hypothesis alone beside them."""
+    default, some, one = (
         [found for name, found in figures.items() if name.startswith("faults/") and name.endswith(f"/{which}")]
-        for which in ("default", "one")
+        for which in ("default", "some", "one")
     )
-    judged = rows(default) if default else []
+    judged = [row for outcomes in (default, some) if outcomes for row in rows(outcomes)]
     beside = rows(one) if one else []
     aside = frozenset(range(len(judged), len(judged) + len(beside)))
     note = "Median and 90 % of the scans that saw the place until it was right again; - : more than 50."
