@@ -21,9 +21,13 @@ class Contact:
     last: int
     """Tick of the newest message."""
     pose: Pose | None = None
-    """Where the peer is, in its own frame."""
+    """Where the peer was, in its own frame."""
+    pose_tick: int = -1
+    """When it was there."""
     wireframe: Wireframe | None = None
     """Its map, in its own frame."""
+    map_tick: int = -1
+    """When its map was so; a higher one is news."""
 
 
 class Contacts:
@@ -51,6 +55,7 @@ class Contacts:
                 contact = self.present[message.sender] = Contact(message.sender, tick, tick)
                 events.append(Event(event="contact", data={"peer": message.sender}))
             contact.last, contact.pose, contact.wireframe = tick, broadcast.pose, wireframe
+            contact.pose_tick = contact.map_tick = message.tick - 1
         for peer in [c.peer for c in self.present.values() if tick - c.last > self.silence_ticks]:
             del self.present[peer]
             events.append(Event(event="lost", data={"peer": peer}))

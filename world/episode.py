@@ -144,7 +144,7 @@ class Episode:
         return Welcome(
             version=PROTOCOL_VERSION,
             robot=robot,
-            spec=self.config.spec,
+            spec=self.config.spec.model_copy(update={"radio_range_m": self.config.radio.range_m}),
             seed=int(rng.integers(2**63)),
             lockstep=True,
         )
