@@ -46,7 +46,10 @@ class Peer:
     """The newest map that it sent, in its own frame."""
     map_tick: int = -1
     news: bool = False
-    """Whether its map has not been looked at yet."""
+    """Whether this map has not been looked at yet."""
+    taken: Wireframe | None = None
+    """The map that is on trial or merged: a later one must first agree with it."""
+    taken_tick: int = -1
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be, in its own frame."""
     pose_tick: int = -1
@@ -278,10 +281,16 @@ class Cooperation:
         assert peer.wireframe is not None
         peer.transform, peer.status = np.array(transform), "proposed"
         peer.ground = Ground()
-        peer.ground.lay(peer.wireframe, self._fresh(peer.wireframe, peer.transform, own))
+        self._take(peer, self._fresh(peer.wireframe, peer.transform, own))
         peer.trial = Verification(self.config.verification, peer.transform, peer.ground, tick)
         self.queue.append(name)
         self._event("proposed", peer, transform, "aligned", figures)
+
+    def _take(self, peer: Peer, fresh: Bools | None = None) -> None:
+        """Hold own scans against the peer's newest map from now on."""
+        assert peer.wireframe is not None
+        peer.taken, peer.taken_tick = peer.wireframe, peer.map_tick
+        peer.ground.lay(peer.taken, fresh)
 
     def _fresh(self, theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:
         """(k,) pieces of a received map that lie on no own wall, so that no alignment has used them."""
@@ -312,7 +321,8 @@ class Cooperation:
                 peer.alignment = said
         elif said.reason in ("conflict", "impossible") and same:
             peer.trial.align_again(False)
-        peer.ground.lay(peer.wireframe)
+        if same and said.reason not in ("conflict", "impossible"):
+            self._take(peer)
 
     # the drive
 
@@ -337,16 +347,20 @@ class Cooperation:
         elif errand == "failed" and not self._detours:
             self._decide(tick, peer, False, "unreachable")
         elif errand:
-            place = self._elsewhere(peer, pose)
+            place = self._elsewhere(tick, peer, pose)
             if place is None or self._detours >= self.config.verification.detours:
                 self._decide(tick, peer, False, "undecided")
             else:
                 self._goal, self._detours = place, self._detours + 1
 
-    def _elsewhere(self, peer: Peer, pose: Pose) -> Floats | None:
-        """(2,) a place from which the nearest wall is seen that only the peer has."""
+    def _elsewhere(self, tick: int, peer: Peer, pose: Pose) -> Floats | None:
+        """(2,) where to look next: in turns at the peer itself, if it is still heard, and at what only it has seen."""
         assert peer.trial is not None
         unseen = peer.ground.unseen()
+        heard = tick - peer.pose_tick <= self.config.verification.still_heard_s * self.spec.lidar.rate_hz
+        if heard and (self._detours % 2 == 0 or not len(unseen)):
+            there: Floats = apply(peer.trial.transform, np.array([peer.pose[:2]]))[0]
+            return there
         if not len(unseen):
             return None
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
@@ -380,10 +394,10 @@ class Cooperation:
         self._lay(peer)
 
     def _lay(self, peer: Peer) -> None:
-        assert peer.wireframe is not None and peer.transform is not None
-        hidden = peer.ground.hidden(self.config.hidden_after, len(peer.wireframe.edges))
-        peer.layer = layer_of(peer.wireframe, peer.transform, hidden, self.config.merge_hits_per_m)
-        peer.merged_tick = peer.map_tick
+        assert peer.taken is not None and peer.transform is not None
+        hidden = peer.ground.hidden(self.config.hidden_after, len(peer.taken.edges))
+        peer.layer = layer_of(peer.taken, peer.transform, hidden, self.config.merge_hits_per_m)
+        peer.merged_tick = peer.taken_tick
         self.changed = True
 
     def _update(self, tick: int, peer: Peer, own: Wireframe) -> None:
@@ -407,7 +421,7 @@ class Cooperation:
                 self._unmerge(peer, "its later maps contradict it", figures)
             return
         peer.refused, peer.transform, peer.agreed_m = 0, new, agreed
-        peer.ground.lay(peer.wireframe)
+        self._take(peer)
         self._lay(peer)
 
     def _unmerge(self, peer: Peer, reason: str, figures: Mapping[str, object]) -> None:

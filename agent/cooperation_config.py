@@ -60,6 +60,8 @@ class VerificationConfig(Config):
     """Simulated seconds from setting out to giving up: a drive of 20 m there, and as long to look around."""
     near_m: Positive = 0.6
     """This near to the place where the teammate was, the robot has arrived."""
+    still_heard_s: Positive = 10.0
+    """A peer heard this lately is gone to itself: it drives 2.2 m in the time."""
     detours: Annotated[int, Field(ge=0)] = 4
     """Places where the maps differ that are gone to when the contact place decided nothing."""
 

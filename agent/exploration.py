@@ -439,7 +439,9 @@ class Explorer:
         return tasks
 
     def _pockets(self, roads: Roads, old: Target | None) -> list[Task]:
-        """Sweeps of what was passed by at too great a distance."""
+        """Sweeps of what was passed by at too great a distance; not while a team has frontiers left to divide."""
+        if not self.wireframe.own.all():
+            return []
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
         samples = self.sweep.passed_by(self.wireframe, np.array(self.poses), self.here, self.config.pocket_reach_m)

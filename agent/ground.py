@@ -137,12 +137,12 @@ def _look(
             continue
         ux, uy = c * walls[k, 2] - s * walls[k, 3], s * walls[k, 2] + c * walls[k, 3]
         side = dy * ux - dx * uy
-        if side < GRAZING * away:
-            continue  # seen from behind or too flat
+        if abs(side) < GRAZING * away:
+            continue  # the ray may as well pass beside it
         saw, piece = look_at(x, y, pose, raw, seen, sight, rules)
         if saw == THROUGH:
-            through[k] += 1
-        elif saw == ON and piece >= 0 and seen[piece].ux * ux + seen[piece].uy * uy > ALIKE:
+            through[k] += 1  # from behind, too: a robot is in no solid
+        elif saw == ON and side > 0 and seen[piece].ux * ux + seen[piece].uy * uy > ALIKE:
             on[k] += 1
 
 

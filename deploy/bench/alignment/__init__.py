@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from deploy.bench.alignment import cost, tables, trials
+from deploy.bench.alignment import cost, forced, hostile, live, tables, trials
 from deploy.bench.bars import report
 from deploy.bench.cases import measure_all
 
@@ -16,7 +16,9 @@ def measure(quick: bool, folder: Path, jobs: int | None) -> bool:
     """
     name = "alignment-quick" if quick else "alignment"
     trials.recorded(quick)
-    outcome = measure_all([*trials.cases(quick), *cost.cases(quick)], folder / name, jobs)
-    sections = [section for part in (tables, cost) for section in part.sections(outcome.figures) if section.rows]
+    parts = (trials, cost, live, forced, hostile)
+    outcome = measure_all([case for part in parts for case in part.cases(quick)], folder / name, jobs)
+    tables_of = (tables, cost, live, forced, hostile)
+    sections = [section for part in tables_of for section in part.sections(outcome.figures) if section.rows]
     report(name, sections, outcome.failed, folder / f"{name}.json")
     return not outcome.failed
