@@ -189,19 +189,20 @@ class Cooperation:
 
     def _hear(self, tick: int, contact: Contact, here: Pose, scan: CornerScan, discs: Floats) -> None:
         peer = self.peers.setdefault(contact.peer, Peer(contact.peer))
-        if contact.pose is not None and contact.pose_tick > peer.pose_tick:
+        pose_tick, map_tick = min(contact.pose_tick, tick), min(contact.map_tick, tick)  # nobody is ahead of time
+        if contact.pose is not None and pose_tick > peer.pose_tick:
             if peer.contact is None or contact.since >= peer.pose_tick:
                 peer.contact = here, contact.pose
                 peer.places = []
-            peer.pose, peer.pose_tick = contact.pose, contact.pose_tick
+            peer.pose, peer.pose_tick = contact.pose, pose_tick
             if len(peer.places) < self.config.places_kept:
                 peer.places.append((here, peer.pose))
             trial = peer.trial
             if trial is not None and tick - peer.pose_tick <= 2:
                 trial.hear(here, peer.pose, self._reach_m)
                 trial.look_for_disc(here, peer.pose, scan, discs, self.spec.radius_m, self.rules)
-        if contact.wireframe is not None and contact.map_tick > peer.map_tick:
-            peer.wireframe, peer.map_tick, peer.news = contact.wireframe, contact.map_tick, True
+        if contact.wireframe is not None and contact.wireframe is not peer.wireframe:
+            peer.wireframe, peer.map_tick, peer.news = contact.wireframe, map_tick, True
 
     def _look(self, tick: int, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences."""

@@ -474,15 +474,19 @@ class Explorer:
         return old.kind == new.kind and bool((old.stand == new.stand).all())
 
     def _park(self, old: Target | None) -> None:
-        """Go to the nearest own standing point that leaves room for others to pass."""
+        """Go to an own standing point that leaves room for others to pass: near, but rather roomy than in a doorway."""
         self._reason = "complete"
         poses = np.vstack((self.here[None], np.array(self.poses)))
         if old is not None and old.task.kind == "park":
             poses = np.vstack((old.task.stand, poses))
         *_, roads = self._ways()
         room = distances_to_walls(poses, roads.walls)
-        poses = poses[room >= min(self.config.park_clearance_m, float(room.max()))]
-        found = roads.nearest(poses, np.zeros(len(poses)))
+        roomy = room >= min(self.config.park_clearance_m, float(room.max()))
+        poses, room = poses[roomy], np.minimum(room[roomy], self.config.park_room_m)
+        if len(roads.nodes):  # around the jambs of doors, where the ways of others bend
+            bends = np.hypot(*(poses[:, None] - roads.nodes[None]).transpose(2, 0, 1)).min(1)
+            room = np.minimum(room, 0.5 * bends)
+        found = roads.nearest(poses, -self.config.park_gain * room)
         stand, path = (self.here, self.here[None]) if found is None else (poses[found[0]], found[2])
         self.target = Target(Task("park", stand, stand), path, self.planning.tight_clearance_m, _NEVER, _NEVER)
         self._restart_progress()
@@ -594,11 +598,18 @@ class Explorer:
     def _stuck(self, target: Target) -> None:
         """Back off, and give the target up the second time."""
         target.stuck += 1
-        self._event("stuck", place=_rounded(self.here), on_the_way_to=target.task.kind, reason="no progress")
+        gives_up = target.stuck > 1 and target.task.kind != "park"
+        self._event(
+            "stuck",
+            place=_rounded(self.here),
+            on_the_way_to=target.task.kind,
+            reason="no progress",
+            recovery="another goal" if gives_up else "back off",
+        )
         self._restart_progress()
         self._back_off_until = self.tick + math.ceil(self.config.back_off_s / self.tick_s)
         self._back_off_from = self.here
-        if target.stuck > 1 and target.task.kind != "park":
+        if gives_up:
             self._give_up("stuck on the way")
 
     def _back_off(self) -> Motion:

@@ -74,6 +74,10 @@ class ExplorationConfig(Config):
     """Random vertices visited in a row without a new goal: the policy's end."""
     park_clearance_m: Positive = 0.45
     """Distance from walls of a parked robot: another (0.21 m wide) passes on either side, and no doorway is blocked."""
+    park_room_m: Positive = 1.0
+    """More room than this is no better for parking: half the width of a corridor of the mazes."""
+    park_gain: Positive = 4.0
+    """Metres of way that a metre of room is worth: out of a doorway of 1 m into the room behind it."""
     persist_ticks: Annotated[int, Field(ge=1)] = 4
     """A goal must last this long to wake a complete robot: single scans flicker."""
     stuck_s: Positive = 4.0

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.clearance import distances_to_walls
 from agent.config import PerceptionConfig
 from agent.corner_scan import PIECE, CornerScan, Record, Sight
 from agent.discs import beams_on, find_discs, hidden_beams
@@ -164,6 +165,7 @@ def _assemble(
     sigmas: float,
     silence: int,
     min_sine: float,
+    max_slack: float,
 ) -> None:
     """Fill the pieces of a scan: lines, corners, labels. `beams` are the indices of the finite beams."""
     n, m = len(ranges), len(beams)
@@ -203,11 +205,11 @@ def _assemble(
             continue
         off_p = sigmas * noise * math.sqrt(1 / p.hits + along_p**2 / p.spread)
         off_q = sigmas * noise * math.sqrt(1 / q.hits + along_q**2 / q.spread)
-        slack_p, slack_q = math.hypot(off_q, off_p) / abs(sine), math.hypot(off_p, off_q) / abs(sine)
+        slack = min(math.hypot(off_p, off_q) / abs(sine), max_slack)
         next_p, next_q = _along(p, begins * step), _along(q, last[k] * step)
         next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
         next_q = next_q if next_q < q.end[0] else -math.inf
-        if p.end[1] - slack_p <= along_p <= next_p + slack_p and next_q - slack_q <= along_q <= q.end[0] + slack_q:
+        if p.end[1] - slack <= along_p <= next_p + slack and next_q - slack <= along_q <= q.end[0] + slack:
             p.label[1], q.label[0] = NOMINAL, NOMINAL
             p.link[1], q.link[0] = (k + 1) % count, k
             p.gap[1], q.gap[0] = max(along_p - p.end[1], 0.0), max(q.end[0] - along_q, 0.0)
@@ -263,18 +265,26 @@ def _explained(cuts: Ints, beams: Ints, n: int) -> NDArray[np.bool_]:
     return out
 
 
-def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected: Floats | None = None) -> CornerScan:
+def perceive(
+    ranges: Floats,
+    spec: LidarSpec,
+    config: PerceptionConfig,
+    expected: Floats | None = None,
+    known: Floats | None = None,
+) -> CornerScan:
     """Corner scan of a full turn.
 
     ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
     treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack
-    (agent.seen_discs). All in the robot's frame.
+    (agent.seen_discs). known: (m, 4) metres, walls of the map, in which no teammate stands. All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
     noise = max(spec.noise_m, config.noise_floor_m)
     sigmas = config.range_margin_sigmas
     reach = spec.range_max_m - sigmas * noise
     discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
+    if known is not None and len(known):
+        discs = discs[distances_to_walls(discs, known) > config.disc_in_wall_m]
     hidden = hidden_beams(len(ranges), discs, config.teammate_radius_m)
     if expected is not None and len(expected):
         slack = np.array([0.0, 0.0, config.disc_margin_m])
@@ -304,5 +314,6 @@ def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected
         sigmas,
         1 if spec.dropout == 0 else 2,  # one may have dropped out, two in a row went through
         math.sin(math.radians(config.min_corner_deg)),
+        config.corner_slack_m,
     )
     return CornerScan(pieces, Sight(opened, blind, reach), discs, noise)

@@ -139,13 +139,12 @@ def _see_end(edges: Edges, k: int, side: int, label: int, t: float, slack: float
 
 
 @njit(cache=True)
-def _ends_within(e: Record, side: int, corner: float, gap: float, rules: MergeRules) -> bool:
-    """Whether a wall is known to end, short of a corner that it was prolonged to, where the view had no hit."""
+def _corner_off(e: Record, side: int, corner: float) -> float:
+    """How far beyond the known end of a wall a corner would be, metres along it; 0 where it may well be there."""
     if e.label[side] != OCCLUSION or e.strength[side] < 1.0:
-        return False
-    out = 1.0 if side == 1 else -1.0
-    short = out * (corner - tip_at(e, side))
-    return rules.end_margin < short <= gap + rules.end_margin
+        return 0.0
+    beyond = (corner - tip_at(e, side)) * (1.0 if side == 1 else -1.0)
+    return min(beyond, 0.0) + max(beyond - e.slack[side], 0.0)
 
 
 @njit(cache=True)
@@ -166,15 +165,13 @@ def _see_corner(edges: Edges, e: int, f: int, gap_e: float, gap_f: float, rules:
             edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
         settle_corner(edges, e)
         return
-    if guess:
-        at_f = meet(edges[f], edges[e])[3]
-        if _ends_within(edges[e], 1, at_e, gap_e, rules) or _ends_within(edges[f], 0, at_f, gap_f, rules):
-            return
     free = True
-    if edges[e].link[1] >= 0 and not _outlasted(edges[e], 1, rules):
-        free = False
-    if edges[f].link[0] >= 0 and not _outlasted(edges[f], 0, rules):
-        free = False
+    for k, side, at, gap in ((e, 1, at_e, gap_e), (f, 0, meet(edges[f], edges[e])[3], gap_f)):
+        off = _corner_off(edges[k], side, at)
+        if guess and rules.end_margin < off <= gap + rules.end_margin:
+            return
+        if (edges[k].link[side] >= 0 or abs(off) > rules.end_margin) and not _outlasted(edges[k], side, rules):
+            free = False
     if not free:
         return
     for k, side in ((e, 1), (f, 0)):

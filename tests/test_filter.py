@@ -280,8 +280,10 @@ def test_a_thin_plate_stays_though_it_is_looked_at_edge_on() -> None:
     for pose in round_tour((0.7, 0.7), (0.7, 2.4), (1.6, 2.2), (2.4, 2.2), (3.3, 2.4), (3.3, 0.7)):
         walk.see(pose)
     assert faces_of_the_plate(walk.filter.wireframe()) > 0.6
-    for k in range(80):  # two beams at most meet it, and those about it the wall behind
-        walk.see((1.9 + 0.0025 * k, 1.2, 1.6))
+    for k in range(60):  # along its line and away: few beams meet it, and those about it the wall behind
+        walk.see((1.98 - 0.005 * k, 2.45 - 0.025 * k, 1.6))
+    for k in range(40):
+        walk.see((1.68, 0.95 + 0.001 * k, 1.6))
     assert faces_of_the_plate(walk.filter.wireframe()) > 0.6
 
 
@@ -291,12 +293,10 @@ SLOT = ring((0, 0), (4, 0), (4, 3), (0.7, 3), (0.7, 2.6), (0.2, 2.6), (0.2, 3), 
 
 def test_a_corner_prolonged_over_a_slot_is_a_guess_and_gives_way_to_what_is_seen() -> None:
     walk = Walk(SLOT, LidarSpec())
-    for k in range(100):  # flat along the cabinet: its last hit is before the slot, the next beam meets the side wall
-        walk.see((3.3, 2.2 - 0.002 * k, 3.0))
     for k in range(60):
         walk.see((0.6 - 0.005 * k, 1.8, 2.0))
-    for k in range(100):
-        walk.see((3.3, 2.2 - 0.002 * k, 3.0))
+    for k in range(200):  # flat along the cabinet: its last hit is before the slot, the next beam meets the side wall
+        walk.see((3.3 - 0.005 * k, 2.3 - 0.001 * k, 3.0))
     wireframe = walk.filter.wireframe()
     nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
     assert np.hypot(*(nominal - (0.0, 2.6)).T).min() > 0.1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
@@ -19,12 +20,37 @@ Watch = Callable[[Robot, Observation, Step], None]
 """Called with every step of every robot."""
 
 
+class Driven:
+    """Metres driven by each robot until its beams had hit 90 and 99 % of the visible wall; follows an episode."""
+
+    SHARES = (0.90, 0.99)
+
+    def __init__(self) -> None:
+        self.until: dict[str, dict[float, float]] = {}
+
+    def __call__(self, episode: Episode) -> None:
+        """Look at the episode after a tick."""
+        paths = None
+        for robot, coverage in episode.coverage.items():
+            reached = self.until.setdefault(robot, {})
+            for share in self.SHARES:
+                if share not in reached and coverage >= share - 1e-9:
+                    paths = paths or episode.paths
+                    reached[share] = round(paths[robot], 4)
+
+    def figures(self, robot: str = "r1") -> Figures:
+        """path_90_m and path_99_m; None where never reached."""
+        reached = self.until.get(robot, {})
+        return {f"path_{round(100 * share)}_m": reached.get(share) for share in self.SHARES}
+
+
 class Explored(NamedTuple):
     """A run that has ended."""
 
     episode: Episode
     robots: dict[str, Robot]
     summary: dict[str, Any]
+    driven: Driven
 
     def truth(self, robot: str = "r1") -> Truth:
         """What the robot could have mapped."""
@@ -45,6 +71,7 @@ class Explored(NamedTuple):
         return {
             **scored._asdict(),
             **self.summary["robots"][robot],
+            **self.driven.figures(robot),
             "ended_at": self.episode.t,
             "vertices": len(mind.wireframe.points),
         }
@@ -62,11 +89,17 @@ class _Watched:
         return step
 
 
-def explore(world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | None = None) -> Explored:
-    """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig."""
+def explore(
+    world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | None = None, out: Path | None = None
+) -> Explored:
+    """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig.
+
+    out: the run directory, None to write nothing.
+    """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
     robots: dict[str, Robot] = {}
     episodes: list[Episode] = []
+    driven = Driven()
 
     def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> inprocess.Mind:
         robots[name] = Robot(name, spec, settings, seed)
@@ -75,6 +108,7 @@ def explore(world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | N
     def keep(episode: Episode) -> None:
         if not episodes:
             episodes.append(episode)
+        driven(episode)
 
-    summary = inprocess.run(config, AgentConfig.model_validate(agent), None, keep, make)
-    return Explored(episodes[0], robots, summary)
+    summary = inprocess.run(config, AgentConfig.model_validate(agent), out, keep, make)
+    return Explored(episodes[0], robots, summary, driven)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -19,9 +18,11 @@ from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
-from protocol.codec import encode
-from protocol.messages import Heard, MapBroadcast, Observation, Pose, RobotSpec
-from protocol.wireframe import Wireframe, encode_wireframe
+from protocol.grid_map import quantise
+from protocol.map_codec import encode_map
+from protocol.messages import EVERYONE, Heard, Observation, Pose, RobotSpec
+from protocol.talk import MAX_PARTS, Beacon, Part, in_parts
+from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 
 KINDS = ("random", "mirrored", "elsewhere", "shifted", "not finite", "dangling", "huge", "off its map")
@@ -74,12 +75,15 @@ class _Besieged:
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         own = list(heard)
         if observation.tick % PERIOD_TICKS == 0 and len(self.robot.own.edges):
-            own += [self._speak(observation, name, kind) for name, kind in self.kinds.items()]
-            self.messages += len(self.kinds)
+            for name, kind in self.kinds.items():
+                said = self._speak(observation, name, kind)
+                own += said
+                self.messages += len(said)
         step = self.robot.step(observation, own)
         self.refused += sum(event.event == "refused" for event in step.action.events)
         self._judge()
-        return step
+        sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of these peers
+        return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))
 
     def _judge(self) -> None:
         """What of it became part of the robot's map."""
@@ -102,7 +106,8 @@ class _Besieged:
             "maps": len(self.kinds),
         }
 
-    def _speak(self, observation: Observation, name: str, kind: str) -> Heard:
+    def _speak(self, observation: Observation, name: str, kind: str) -> list[Heard]:
+        """A beacon and a whole map."""
         frame, pose = self.frames[name], self.robot.filter.pose
         own = self.robot.own
         told, place = moved(own, frame), self._at(frame, pose)
@@ -119,16 +124,17 @@ class _Besieged:
             told = moved(told, np.array([1.0, 0.0, 0.0]))
         elif kind == "off its map":
             place = place[0] + 500.0, place[1], place[2]
-        payload = encode_wireframe(told)
+        body = encode_map(quantise(told, 10, 0)).data
         if kind == "not finite":
-            payload = payload[:13] + struct.pack("<f", math.nan) + payload[17:]
-        elif kind == "dangling":
-            at = 13 + 9 * len(told.points)
-            payload = payload[:at] + struct.pack("<H", 65_000) + payload[at + 2 :]
-        elif kind == "huge":
-            payload = struct.pack("<4sBII", b"WSWF", 1, 100_000, 0) + bytes(9 * 100_000)
-        said = MapBroadcast(robot=name, pose=place, wireframe=payload)
-        return Heard(tick=observation.tick, sender=name, kind="map", payload=encode(said))
+            body = np.full(len(body) // 4, math.nan, "<f4").tobytes()
+        elif kind == "dangling":  # bits that lead anywhere
+            at = int(self.rng.integers(len(body)))
+            body = body[:at] + self.rng.bytes(len(body) - at)
+        parts = in_parts(observation.tick, 0, body, 1_200)
+        if kind == "huge":  # more than any map may have
+            parts = [Part(observation.tick, 0, k, MAX_PARTS, self.rng.bytes(1_150)) for k in range(MAX_PARTS)]
+        payloads = [("beacon", Beacon(observation.tick, place).encode()), *(("map", part.encode()) for part in parts)]
+        return [Heard(tick=observation.tick, sender=name, kind=what, payload=data) for what, data in payloads]
 
     def _at(self, frame: Floats, pose: Pose) -> Pose:
         x, y, theta = compose(frame, np.array(pose)).tolist()

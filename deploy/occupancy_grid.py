@@ -41,21 +41,39 @@ class Grid(NamedTuple):
         return np.where(self.log_odds > 0, 2, np.where(self.log_odds < 0, 1, 0)).astype(np.uint8)
 
 
+class GrowingGrid:
+    """A grid that takes scans as they come."""
+
+    def __init__(self, box: tuple[float, float, float, float], cell_m: float, range_max_m: float) -> None:
+        """box: x0, y0, x1, y1 in metres; what is seen beyond is not kept."""
+        x0, y0, x1, y1 = box
+        shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
+        self.grid = Grid((x0, y0), cell_m, np.zeros(shape))
+        self._range_max_m = range_max_m
+        self._marks = np.zeros(shape, np.int64)
+        self._scans = 0
+
+    def add(self, ranges: Floats, poses: Floats) -> None:
+        """Take scans (t, beams), inf: nothing within range, at poses (t, 3)."""
+        log_odds, (x0, y0), cell_m = self.grid.log_odds, self.grid.corner, self.grid.cell_m
+        _integrate(log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, x0, y0, cell_m)
+        self._scans += len(poses)
+
+
 def grid_of(
     ranges: Floats, poses: Floats, range_max_m: float, box: tuple[float, float, float, float], cell_m: float
 ) -> Grid:
     """Grid over a box (x0, y0, x1, y1) from ranges (t, beams), inf: nothing within range_max_m, at poses (t, 3)."""
-    x0, y0, x1, y1 = box
-    shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
-    log_odds = np.zeros(shape)
-    _integrate(log_odds, np.zeros(shape, np.int64), ranges, poses, range_max_m, x0, y0, cell_m)
-    return Grid((x0, y0), cell_m, log_odds)
+    grid = GrowingGrid(box, cell_m, range_max_m)
+    grid.add(ranges, poses)
+    return grid.grid
 
 
 @njit(cache=True)
 def _integrate(
     log_odds: Floats,
     mark: NDArray[np.int64],
+    first: int,
     ranges: Floats,
     poses: Floats,
     range_max: float,
@@ -63,13 +81,16 @@ def _integrate(
     y0: float,
     cell: float,
 ) -> None:
-    """Add all scans. mark: the last scan to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there."""
+    """Add all scans, of which the first is scan `first`.
+
+    mark: the last scan t to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there.
+    """
     nx, ny = log_odds.shape
     beams = ranges.shape[1]
-    for t in range(len(poses)):
-        x, y, theta = poses[t]
+    for t in range(first, first + len(poses)):
+        x, y, theta = poses[t - first]
         for b in range(beams):  # ends first: they outweigh crossings
-            r = ranges[t, b]
+            r = ranges[t - first, b]
             if not math.isfinite(r):
                 continue
             angle = theta + 2 * math.pi * b / beams
@@ -81,7 +102,7 @@ def _integrate(
         for b in range(beams):
             angle = theta + 2 * math.pi * b / beams
             c, s = math.cos(angle), math.sin(angle)
-            r = min(ranges[t, b], range_max)
+            r = min(ranges[t - first, b], range_max)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)
             step_i, step_j = (1 if c > 0 else -1), (1 if s > 0 else -1)
             # range at which the beam leaves the cell, and how much farther each next cell is

@@ -1,0 +1,356 @@
+"""The dense way beside ours: nearest frontier (Yamauchi 1997) on an occupancy grid of 5 cm.
+
+Same lidar, same body, same drive control, exact odometry as for ours. A frontier is a group of free cells beside
+unknown ones; the nearest by path over free cells, inflated by the robot's body, is driven to, and chosen anew every
+second, as explore_lite does. Groups that stay though the robot stood before them are given up. It ends when no
+frontier is left.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import time
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.config import AgentConfig
+from agent.driving import Driver, moved
+from agent.perception import perceive
+from agent.robot import Step
+from deploy import inprocess
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.exploration.runs import grouped, median, seeds, settings, worlds
+from deploy.bench.explored import Driven
+from deploy.bench.layouts import path_of
+from deploy.occupancy_grid import GrowingGrid
+from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
+from protocol.wireframe import Wireframe, encode_wireframe
+from world.config import WorldConfig
+from world.worldfile import load
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+CELL_M = 0.05
+ROOMY_M, TIGHT_M = 0.2, 0.15
+"""Cells nearer than this to an occupied one are not driven through: the clearances of our paths and half a cell, with
+room and, where there is no other way, tight. Nearer ones are no frontiers either, as in explore_lite's costmap."""
+LEAST_CELLS = 4
+"""Smaller groups are no frontiers: slivers between beams; a doorway of 0.5 m shows four cells."""
+GIVEN_UP_M = 0.6
+"""What is given up of a frontier: cells this near to where it was to be reached."""
+REPLAN_TICKS = 5
+PATIENCE_TICKS = 25
+"""Neither nearer nor anything new for so long: the frontier is given up."""
+NEWS_CELLS = 10
+"""Cells that count as anything new."""
+BLIND_M = 0.2
+"""Silent beams beside a return nearer than this are too near to a wall, not free: the lidar is blind below 0.12 m."""
+MOST_RATIO = 1.1
+"""Our path to 99 % over the dense one's."""
+
+
+@njit(cache=True)
+def _frontiers(log_odds: Floats, candidates: Bools, least: int) -> Bools:
+    """Those of the candidates that lie beside unknown cells, in 8-connected groups of at least so many."""
+    nx, ny = log_odds.shape
+    edge = np.zeros((nx, ny), np.bool_)
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            if candidates[i, j]:
+                edge[i, j] = (
+                    log_odds[i - 1, j] == 0.0
+                    or log_odds[i + 1, j] == 0.0
+                    or log_odds[i, j - 1] == 0.0
+                    or log_odds[i, j + 1] == 0.0
+                )
+    out = np.zeros((nx, ny), np.bool_)
+    group = np.empty((nx * ny, 2), np.int64)
+    for i0 in range(nx):
+        for j0 in range(ny):
+            if not edge[i0, j0]:
+                continue
+            edge[i0, j0] = False
+            group[0, 0], group[0, 1] = i0, j0
+            n, k = 1, 0
+            while k < n:
+                i, j = group[k]
+                for a in range(i - 1, i + 2):
+                    for b in range(j - 1, j + 2):
+                        if 0 <= a < nx and 0 <= b < ny and edge[a, b]:
+                            edge[a, b] = False
+                            group[n, 0], group[n, 1] = a, b
+                            n += 1
+                k += 1
+            if n >= least:
+                for k in range(n):
+                    out[group[k, 0], group[k, 1]] = True
+    return out
+
+
+@njit(cache=True)
+def _grown(cells: Bools, radius: float) -> Bools:
+    """All cells whose middle is nearer than the radius (in cells) to that of a given one."""
+    nx, ny = cells.shape
+    out = np.zeros((nx, ny), np.bool_)
+    r = math.ceil(radius)
+    for i in range(nx):
+        for j in range(ny):
+            if not cells[i, j]:
+                continue
+            for a in range(max(0, i - r), min(nx, i + r + 1)):
+                for b in range(max(0, j - r), min(ny, j + r + 1)):
+                    if (a - i) ** 2 + (b - j) ** 2 < radius * radius:
+                        out[a, b] = True
+    return out
+
+
+@njit(cache=True)
+def _heard(ranges: Floats, blind: float) -> Floats:
+    """Ranges (beams,), 0 where silence may come of a wall too near to be seen."""
+    n = len(ranges)
+    out = ranges.copy()
+    for b in range(n):
+        if math.isfinite(ranges[b]):
+            continue
+        for step in (-1, 1):
+            k = 1
+            while k < n and not math.isfinite(ranges[(b + step * k) % n]):
+                k += 1
+            if ranges[(b + step * k) % n] < blind:
+                out[b] = 0.0
+    return out
+
+
+@njit(cache=True)
+def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
+    """Cells (k, 2) of the shortest way over free cells to the nearest goal (Dijkstra, 8 neighbours); empty if none.
+
+    Cells within `leave` of the start may be driven over though they are not free, at ten times the cost.
+    """
+    nx, ny = free.shape
+    cost = np.full((nx, ny), math.inf)
+    before = np.full((nx, ny), -1)
+    cost[i0, j0] = 0.0
+    queue = [(0.0, i0, j0)]
+    while len(queue):
+        d, i, j = heapq.heappop(queue)
+        if d > cost[i, j]:
+            continue
+        if goals[i, j] and free[i, j]:
+            way = [(i, j)]
+            while before[i, j] >= 0:
+                at = before[i, j]
+                i, j = at // ny, at % ny
+                way.append((i, j))
+            out = np.empty((len(way), 2), np.int64)
+            for k in range(len(way)):
+                out[k, 0], out[k, 1] = way[len(way) - 1 - k]
+            return out
+        for a in range(max(0, i - 1), min(nx, i + 2)):
+            for b in range(max(0, j - 1), min(ny, j + 2)):
+                if a == i and b == j:
+                    continue
+                step = math.sqrt(float((a - i) ** 2 + (b - j) ** 2))
+                if not free[a, b]:
+                    if (a - i0) ** 2 + (b - j0) ** 2 > leave * leave:
+                        continue
+                    step *= 10.0
+                if d + step < cost[a, b]:
+                    cost[a, b] = d + step
+                    before[a, b] = i * ny + j
+                    heapq.heappush(queue, (d + step, a, b))
+    return np.empty((0, 2), np.int64)
+
+
+@njit(cache=True)
+def _straight(free: Bools, i: int, j: int, a: int, b: int) -> bool:
+    """Whether the straight way between two cells is free, looked at every third of a cell."""
+    n = 3 * max(abs(a - i), abs(b - j), 1)
+    for k in range(n + 1):
+        if not free[round(i + (a - i) * k / n), round(j + (b - j) * k / n)]:
+            return False
+    return True
+
+
+def _pulled(free: Bools, way: Ints) -> Ints:
+    """The way without waypoints that can be passed straight."""
+    kept = [0]
+    while kept[-1] < len(way) - 1:
+        k = len(way) - 1
+        while k > kept[-1] + 1 and not _straight(free, *way[kept[-1]], *way[k]):
+            k -= 1
+        kept.append(k)
+    return way[kept]
+
+
+class DenseRobot:
+    """A mind for `deploy.inprocess.run`."""
+
+    def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int, reach_m: float) -> None:
+        """reach_m: the grid's half width around the start."""
+        self.spec, self.config = spec, config
+        self.driver = Driver(config.driving, spec)
+        n = 2 * math.ceil(reach_m / CELL_M)
+        self.corner = -CELL_M * n / 2
+        self.grid = GrowingGrid((self.corner, self.corner, -self.corner, -self.corner), CELL_M, spec.lidar.range_max_m)
+        self.log_odds = self.grid.grid.log_odds
+        self.given_up = np.zeros(self.log_odds.shape, np.bool_)
+        self.path: Floats | None = None
+        self.complete = False
+        self.clearance = self.driver.wall_limit
+        self._known_cells, self._steps, self._vain = 0, 0, 0
+
+    def _cell(self, x: float, y: float) -> tuple[int, int]:
+        return math.floor((x - self.corner) / CELL_M), math.floor((y - self.corner) / CELL_M)
+
+    def _known(self) -> tuple[slice, slice]:
+        """The box of cells that are known, and one around it."""
+        rows, columns = (np.flatnonzero((self.log_odds != 0).any(axis)) for axis in (1, 0))
+        n = len(self.log_odds)
+        return (
+            slice(max(0, int(rows[0]) - 1), min(n, int(rows[-1]) + 2)),
+            slice(max(0, int(columns[0]) - 1), min(n, int(columns[-1]) + 2)),
+        )
+
+    def grid_bytes(self) -> tuple[int, int]:
+        """Bytes of the known box at one byte a cell, and of its three states after zlib."""
+        part = self.log_odds[self._known()]
+        states = np.sign(part).astype(np.int8)
+        return states.size, len(zlib.compress(states.tobytes(), 9))
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
+        """Map, plan, drive."""
+        started = time.perf_counter()
+        pose, ranges = observation.odometry, observation.scan()
+        self.grid.add(_heard(ranges, BLIND_M)[None], np.array(pose)[None])
+        if not self.complete and observation.tick % REPLAN_TICKS == 0:
+            self._plan(pose)
+        scan = perceive(ranges, self.spec.lidar, self.config.perception).wireframe()
+        walls = np.ascontiguousarray(moved(scan.points, pose)[scan.edges].reshape(-1, 4))
+        speed = turn = 0.0
+        if self.path is not None:
+            motion = self.driver.follow(self.path, pose, walls, np.zeros((0, 2)), self.clearance)
+            speed, turn = motion.speed_mps, motion.turn_rps
+        action = Action(
+            tick=observation.tick, speed_mps=speed, turn_rps=turn, sent=0, complete=self.complete,
+            step_ms=1e3 * (time.perf_counter() - started),
+        )  # fmt: skip
+        empty = ScanReport(tick=observation.tick, wireframe=encode_wireframe(Wireframe()))
+        return Step(action, [], empty, PoseReport(tick=observation.tick, pose=pose), None)
+
+    def _plan(self, pose: tuple[float, float, float]) -> None:
+        box = self._known()
+        log_odds = np.ascontiguousarray(self.log_odds[box])
+        i, j = self._cell(pose[0], pose[1])
+        i, j = i - box[0].start, j - box[1].start
+        while True:
+            roomy, tight = (
+                (log_odds < 0) & ~_grown(log_odds > 0, inflate_m / CELL_M) for inflate_m in (ROOMY_M, TIGHT_M)
+            )
+            frontiers = _frontiers(log_odds, tight & ~self.given_up[box], LEAST_CELLS)
+            for free, inflate_m in ((roomy, ROOMY_M), (tight, TIGHT_M)):
+                way = _way(free, frontiers, i, j, 0.3 / CELL_M)
+                if len(way):
+                    break
+            else:  # none left, or none can be reached
+                self.complete, self.path = True, None
+                return
+            self.clearance = max(inflate_m - CELL_M, self.driver.wall_limit)
+            cells = int(np.count_nonzero(log_odds))
+            if cells >= self._known_cells + NEWS_CELLS or len(way) < self._steps:
+                self._known_cells, self._steps, self._vain = cells, len(way), 0
+            self._vain += REPLAN_TICKS
+            if self._vain <= PATIENCE_TICKS:
+                break
+            self._steps, self._vain = log_odds.size, 0
+            end = np.zeros(log_odds.shape, np.bool_)
+            end[way[-1][0], way[-1][1]] = True
+            self.given_up[box] |= frontiers & _grown(end, GIVEN_UP_M / CELL_M)
+        free[i, j] = True
+        cells = _pulled(free, way)
+        origin = self.corner + CELL_M * np.array((box[0].start + 0.5, box[1].start + 0.5))
+        path = origin + CELL_M * cells
+        path[0] = pose[:2]
+        self.path = path if len(path) > 1 else np.vstack((path, path))
+
+
+def measure_dense(world: Mapping[str, Any]) -> Figures:
+    """One run of the dense robot."""
+    config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
+    x0, y0, x1, y1 = load(config.world).solid.bounds
+    reach_m = math.hypot(x1 - x0, y1 - y0) + config.spec.lidar.range_max_m
+    minds: list[DenseRobot] = []
+
+    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> inprocess.Mind:
+        minds.append(DenseRobot(name, spec, settings, seed, reach_m))
+        return minds[-1]
+
+    driven = Driven()
+    summary = inprocess.run(config, AgentConfig(), None, driven, make)
+    raw, packed = minds[0].grid_bytes()
+    return summary["robots"]["r1"] | driven.figures() | {"grid_bytes": raw, "grid_zlib_bytes": packed}
+
+
+def cases(quick: bool) -> list[Case]:
+    """The dense robot from the same starts as ours in `runs`."""
+    return [
+        Case(f"dense/{world}/{seed}", measure_dense, {"world": settings(world, seed)})
+        for world in worlds(quick)
+        for seed in seeds(quick)
+    ]
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """Ours and the dense one, medians over the starts."""
+    ours = grouped(figures, "runs")
+    rows: list[dict[str, Any]] = []
+    for world, theirs in grouped(figures, "dense").items():
+        mine = ours.get(world, [])
+        if len(mine) != len(theirs):
+            continue
+        both = [(a["path_99_m"], b["path_99_m"]) for a, b in zip(mine, theirs, strict=True)]
+        reached = [(a, b) for a, b in both if a is not None and b is not None]
+        rows.append(
+            {
+                "world": world,
+                "path": float(np.median([a for a, _ in reached])) if reached else None,
+                "dense_path": float(np.median([b for _, b in reached])) if reached else None,
+                "ratio": sum(a for a, _ in reached) / sum(b for _, b in reached) if reached else None,
+                "reached": f"{sum(a is not None for a, _ in both)} / {sum(b is not None for _, b in both)}",
+                "path_90": median(mine, "path_90_m"),
+                "dense_path_90": median(theirs, "path_90_m"),
+                "map_bytes": median(mine, "map_bytes"),
+                "filter_bytes": median(mine, "filter_bytes"),
+                "grid_bytes": median(theirs, "grid_bytes"),
+                "grid_zlib_bytes": median(theirs, "grid_zlib_bytes"),
+                "dense_contacts": max(run["wall_contacts"] for run in theirs),
+            }
+        )
+    columns = [
+        Column("world", "world"),
+        Column("path_90", "m to 90 %", digits=1),
+        Column("dense_path_90", "dense", digits=1),
+        Column("path", "m to 99 %", digits=1),
+        Column("dense_path", "dense", digits=1),
+        Column("ratio", "ours / dense", at_most=MOST_RATIO, digits=2),
+        Column("reached", "99 % reached"),
+        Column("map_bytes", "map B", digits=0),
+        Column("filter_bytes", "filter B", digits=0),
+        Column("grid_bytes", "grid B", digits=0),
+        Column("grid_zlib_bytes", "grid zlib B", digits=0),
+        Column("dense_contacts", "dense wall contacts"),
+    ]
+    note = (
+        "Medians of paths over starts where both reached 99 %; the ratio is that of their sums. Reached: ours / dense. "
+        "Grid: one byte a cell of the box that is known."
+    )
+    return [Section("dense", "Ours and nearest frontier on a grid of 5 cm", columns, rows, note=note)]

@@ -1,0 +1,283 @@
+"""The shortest tour that sees all visible wall, from below: what no explorer can beat, however much it knows.
+
+Why it is a bound. To see a place p on a wall, a robot's centre must come into V(p): where it can be at all, within
+range of p and with a free line of sight to it. A path that sees places p1 ... pk enters each V(pi) for the first time
+at some point; between two of these it drives at least the distance of the two sets. So its length is at least that
+of the shortest open tour of the sets from the start (a relaxation of the travelling salesman problem with
+neighbourhoods), and the Held-Karp bound is at most that: the weight of a least 1-tree stays below that of the best
+tour whatever prices are put on the places. Every choice of places gives such a bound, so the greatest found
+counts.
+
+Each step errs downwards only:
+- V(p) is made larger: the circle of the range by a polygon around it, and its rim moved outwards by a millimetre;
+- it is sampled on a lattice, with all lattice points within half a cell's diagonal of it, and both ends of a leg are
+  credited with that distance. The way between a point and its sample is free, as the body's disc around it is;
+- the way between two samples is that of a point, which needs no room, around the true corners.
+
+It bounds the path that sees those places, and so all of the visible wall, not 99 % of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import shapely
+from numba import njit
+from numpy.typing import NDArray
+
+from agent.clearance import keeps_clear
+from agent.exploration_config import PlanningConfig
+from agent.planning import Roads
+from agent.visibility import visible_ring
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.exploration.runs import grouped, seeds, settings, worlds
+from deploy.bench.layouts import path_of
+from protocol.wireframe import Wireframe
+from world.config import WorldConfig
+from world.coverage import visible_wall
+from world.episode import generator
+from world.worldfile import World, load
+
+Floats = NDArray[np.float64]
+
+LATTICE_M = 0.1
+"""Cells whose half diagonal, 7 cm, is less than the body's radius."""
+OFF_M = 1e-3
+"""A place on a wall is looked at from this far off it; ways keep this from walls."""
+BEND_M = 0.01
+"""What the ways around corners at that distance may be too long on a leg; three bends cost less."""
+APART_M = 0.7
+"""Least distance between the places that are tried; those seen from the least area come first."""
+MOST = 40
+"""Places that are tried."""
+RAYS = 180
+
+
+@njit(cache=True)
+def _to_nodes(points: Floats, nodes: Floats, walls: Floats) -> Floats:
+    """(n,) distance from the nearest of points (k, 2) in line of sight to each of nodes (n, 2); inf where none is."""
+    out = np.full(nodes.shape[0], math.inf)
+    for i in range(nodes.shape[0]):
+        d = np.hypot(points[:, 0] - nodes[i, 0], points[:, 1] - nodes[i, 1])
+        for k in np.argsort(d):
+            if keeps_clear(nodes[i, 0], nodes[i, 1], points[k, 0], points[k, 1], walls, 0.5 * OFF_M):
+                out[i] = d[k]
+                break
+    return out
+
+
+@njit(cache=True)
+def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
+    """Distance between points (k, 2) and (m, 2) in line of sight if below best, else best."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[0]):
+            d = math.hypot(a[i, 0] - b[j, 0], a[i, 1] - b[j, 1])
+            if d < best and keeps_clear(a[i, 0], a[i, 1], b[j, 0], b[j, 1], walls, 0.5 * OFF_M):
+                best = d
+    return best
+
+
+def outline_of(world: World) -> Wireframe:
+    """The true outline as a map."""
+    points, edges, first = [], [], 0
+    for ring in world.rings:
+        n = len(ring) - 1
+        points.append(ring[:-1])
+        edges.append(first + np.stack((np.arange(n), (np.arange(n) + 1) % n), 1))
+        first += n
+    m = sum(map(len, edges))
+    return Wireframe(
+        np.vstack(points), np.zeros(first, np.uint8), np.vstack(edges).astype(np.int32),
+        np.ones(m, np.float32), np.ones(m, np.bool_),
+    )  # fmt: skip
+
+
+class _Sets:
+    """V(p) of many places of one region: polygons, their lattice points, and their distances along point ways."""
+
+    def __init__(self, world: World, start: Floats, radius_m: float, reach_m: float, config: WorldConfig) -> None:
+        regions = world.regions(radius_m)
+        home = min(range(len(regions)), key=lambda k: regions[k].distance(shapely.Point(start[:2])))
+        wall = visible_wall(world, home, radius_m, reach_m, config.coverage)
+        ends = wall.ends[wall.visible]
+        along = ends[:, 2:] - ends[:, :2]
+        unit = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+        self.places = 0.5 * (ends[:, :2] + ends[:, 2:]) + OFF_M * np.stack((-unit[:, 1], unit[:, 0]), 1)
+        self.region, self.walls = regions[home], np.ascontiguousarray(world.segments)
+        x0, y0, x1, y1 = self.region.bounds
+        grid = np.meshgrid(np.arange(x0, x1 + LATTICE_M, LATTICE_M), np.arange(y0, y1 + LATTICE_M, LATTICE_M))
+        self.lattice = np.stack(grid, -1).reshape(-1, 2)
+        self.slack = LATTICE_M / math.sqrt(2)
+        self.lattice = self.lattice[shapely.dwithin(self.region, shapely.points(self.lattice), self.slack)]
+        circle = reach_m / math.cos(math.pi / RAYS)
+        self.views = [self._view(x, y, circle) for x, y in self.places.tolist()]
+        self._roads = Roads(
+            PlanningConfig(node_offset_m=1e-4), outline_of(world), np.asarray(start[:2], np.float64), OFF_M
+        )
+        self.nodes = self._roads.nodes
+        self.ways: Floats = np.zeros((0, 0))
+
+    def _view(self, x: float, y: float, circle: float) -> shapely.Geometry:
+        ring = visible_ring(x, y, self.walls, circle, RAYS)
+        view = shapely.make_valid(shapely.Polygon(ring)).buffer(OFF_M)
+        return shapely.intersection(view, self.region)
+
+    def hardest(self) -> list[int]:
+        """Places seen from the least area, spread over the walls."""
+        out: list[int] = []
+        for k in sorted(range(len(self.views)), key=lambda k: self.views[k].area):
+            d = np.hypot(*(self.places[out] - self.places[k]).T)
+            if not self.views[k].is_empty and d.min(initial=np.inf) >= APART_M:
+                out.append(k)
+        return out[:MOST]
+
+    def distances(self, starts: Floats, chosen: list[int]) -> Floats:
+        """(s + k, s + k): least way between starts (s, 2) and sets, and between sets; zero between starts."""
+        if not len(self.ways):
+            self.ways = np.array([self._roads.starting_at(node).cost for node in self.nodes])
+        samples = [start[None] for start in starts]
+        for k in chosen:
+            near = shapely.dwithin(self.views[k], shapely.points(self.lattice), self.slack)
+            samples.append(np.ascontiguousarray(self.lattice[near]))
+        views = [shapely.Point(start) for start in starts] + [self.views[k] for k in chosen]
+        s, n = len(starts), len(samples)
+        to_nodes = np.array([_to_nodes(points, self.nodes, self.walls) for points in samples])
+        out = np.zeros((n, n))
+        for i in range(n):
+            by = (to_nodes[i][:, None] + self.ways).min(0)  # to every node
+            for j in range(max(i + 1, s), n):
+                way = float((by + to_nodes[j]).min())
+                if shapely.distance(views[i], views[j]) < way:
+                    way = _between(samples[i], samples[j], self.walls, way)
+                slack = self.slack * (2 if i >= s else 1) + BEND_M
+                out[i, j] = out[j, i] = max(0.0, way - slack)
+        return out
+
+
+@njit(cache=True)
+def held_karp(cost: Floats, rounds: int = 200) -> float:
+    """Lower bound of the shortest open tour through all rows of cost (n, n) from row 0 (Held and Karp 1970, 1971).
+
+    The open end is closed by a place that is next to row 0 and as near to every other. Prices on the places are moved
+    towards two neighbours each (subgradient), and the best bound on the way counts.
+    """
+    n = cost.shape[0]
+    if n < 3:
+        return cost.sum() / 2
+    price = np.zeros(n)
+    best, step = 0.0, cost.sum() / (n * (n - 1)) / 4
+    for _ in range(rounds):
+        # least spanning tree (Prim) and the degree of each place
+        degree = np.zeros(n, np.int64)
+        inside = np.zeros(n, np.bool_)
+        near, by = np.full(n, math.inf), np.zeros(n, np.int64)
+        at, weight = 0, 0.0
+        inside[0] = True
+        for _ in range(n - 1):
+            for j in range(n):
+                d = cost[at, j] + price[at] + price[j]
+                if not inside[j] and d < near[j]:
+                    near[j], by[j] = d, at
+            at = -1
+            for j in range(n):
+                if not inside[j] and (at < 0 or near[j] < near[at]):
+                    at = j
+            weight += near[at]
+            degree[at] += 1
+            degree[by[at]] += 1
+            inside[at] = True
+        # the closing place joins row 0 and the cheapest other one: its price is zero, its ways cost nothing
+        last = 1 + np.argmin(price[1:])
+        degree[0] += 1
+        degree[last] += 1
+        best = max(best, weight + price[0] + price[last] - 2.0 * price.sum())
+        if (degree == 2).all():
+            break
+        price += step * (degree - 2)
+        step *= 0.97
+    return best
+
+
+@njit(cache=True)
+def best_bound(cost: Floats) -> tuple[float, int]:
+    """Greatest bound over subsets of the rows of cost (n, n) with row 0, and their number but for it.
+
+    Rows are added and removed one by one, the one that gains most first, while one gains a centimetre: sets between
+    two others may be crossed at no cost, so more of them are not always better.
+    """
+    n = cost.shape[0]
+    used = np.zeros(n, np.bool_)
+    used[0] = True
+    best = 0.0
+    while True:
+        top, which = best + 0.01, -1
+        for k in range(1, n):
+            used[k] = not used[k]
+            rows = np.flatnonzero(used)
+            used[k] = not used[k]
+            part = np.empty((len(rows), len(rows)))
+            for i in range(len(rows)):
+                for j in range(len(rows)):
+                    part[i, j] = cost[rows[i], rows[j]]
+            bound = held_karp(part, 60)
+            if bound > top:
+                top, which = bound, k
+        if which < 0:
+            return best, int(used.sum()) - 1
+        best = top
+        used[which] = not used[which]
+
+
+def measure_bound(world: str, seeds: list[int]) -> Figures:
+    """Lower bounds in metres for the starts of these seeds, of a robot alone."""
+    file = path_of(world)
+    configs = [WorldConfig.model_validate({**settings(world, seed), "world": file}) for seed in seeds]
+    true, spec = load(file), configs[0].spec
+    starts = np.vstack(
+        [true.starts(1, spec.radius_m, generator(config.seed, "starts"), drawn=True)[:, :2] for config in configs]
+    )
+    sets = _Sets(true, starts[0], spec.radius_m, spec.lidar.range_max_m, configs[0])
+    cost = sets.distances(starts, sets.hardest())
+    s = len(starts)
+    found = [best_bound(cost[np.ix_(rows, rows)]) for k in range(s) if (rows := [k, *range(s, len(cost))])]
+    return {"bound_m": [round(bound, 2) for bound, _ in found], "places": [places for _, places in found]}
+
+
+def cases(quick: bool) -> list[Case]:
+    """One for each layout."""
+    return [
+        Case(f"tours/{world}/all", measure_bound, {"world": world, "seeds": list(seeds(quick))})
+        for world in worlds(quick)
+    ]
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """Paths over the bound."""
+    runs, dense = grouped(figures, "runs"), grouped(figures, "dense")
+    rows: list[dict[str, Any]] = []
+    for world, (found,) in grouped(figures, "tours").items():
+        bound = np.array(found["bound_m"])
+        row = {"world": world, "places": int(np.median(found["places"])), "bound": float(np.median(bound))}
+        for key, group, field in (
+            ("to_99", runs, "path_99_m"),
+            ("whole", runs, "path_m"),
+            ("dense_99", dense, "path_99_m"),
+        ):
+            paths = [run[field] for run in group.get(world, [])]
+            ratios = [path / b for path, b in zip(paths, bound, strict=False) if path is not None]
+            row[key] = float(np.median(ratios)) if len(ratios) == len(bound) else None
+        rows.append(row)
+    columns = [
+        Column("world", "world"),
+        Column("places", "places"),
+        Column("bound", "bound m", digits=1),
+        Column("to_99", "path to 99 % / bound", digits=2),
+        Column("whole", "whole path / bound", digits=2),
+        Column("dense_99", "dense to 99 % / bound", digits=2),
+    ]
+    note = "No path that sees all visible wall is shorter than the bound. Medians over the starts."
+    return [Section("tours", "Paths over a lower bound of the shortest tour", columns, rows, note=note)]

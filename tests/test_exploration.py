@@ -1,0 +1,310 @@
+"""Exploration as a whole, on the maps of an oracle: it sees everything, touches nothing, and ends."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from agent.exploration import Configs, Explorer
+from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
+from agent.goals import GoalMemory, open_ends, same_wall, stands_of
+from agent.teammates import Teammates
+from agent.visibility import all_seen
+from protocol.messages import RobotSpec
+from protocol.wireframe import Label, Wireframe
+from tests.oracle import OracleMapper, configs, explore
+from tests.test_planning import chain
+from world.maze import generate
+from world.worldfile import World, from_document, load
+
+LAYOUTS = Path(__file__).resolve().parents[2] / "shared" / "worlds"
+SPEC = RobotSpec()
+NOBODY = np.zeros((0, 2))
+
+
+def drawn(*polylines: list[tuple[float, float]], spawn: tuple[float, float, float]) -> World:
+    walls = [[*a, *b] for line in polylines for a, b in pairwise(line)]
+    return from_document({"name": "drawn", "units": "m", "walls": walls, "spawns": [list(spawn)]})
+
+
+def pillar(x: float, y: float, side: float) -> list[tuple[float, float]]:
+    h = side / 2
+    return [(x - h, y - h), (x + h, y - h), (x + h, y + h), (x - h, y + h), (x - h, y - h)]
+
+
+MAZE = drawn(
+    [(0, 0), (6, 0), (6, 5), (0, 5), (0, 0)],
+    [(2, 0), (2, 3.5)],
+    [(2, 2), (3.4, 2)],
+    [(4, 5), (4, 1.5), (4.9, 1.5)],
+    [(4, 3.2), (5.4, 3.2)],
+    [(0, 4.4), (1.4, 4.4)],  # a doorway of 0.6 m into a closet
+    spawn=(1.0, 1.0, 0.3),
+)
+"""Two dead ends, a closet, doors of 0.6 m."""
+
+CORRIDOR = [(-5, -1.5), (-2, -1.5), (-2, -0.3), (2, -0.3), (2, -1.5), (5, -1.5), (5, 1.5), (2, 1.5), (2, 0.3)]
+CORRIDOR_WORLD = drawn([*CORRIDOR, (-2, 0.3), (-2, 1.5), (-5, 1.5), (-5, -1.5)], spawn=(-3.5, 0, 0))
+"""Two rooms joined by a corridor of 4 m x 0.6 m."""
+
+
+def assert_well_explored(trial, coverage=0.995):
+    assert trial.complete_s is not None, "never complete"
+    assert trial.coverage > coverage
+    assert trial.least_clearance_m > SPEC.radius_m
+    assert trial.contacts == 0
+
+
+def test_a_maze_is_seen_whole_and_the_robot_parks_out_of_the_way():
+    trial = explore(MAZE, 600)[0]
+    assert_well_explored(trial)
+    assert trial.stuck == 0
+    assert trial.unreachable == 0
+    assert trial.complete_s < 250
+    assert trial.step_ms < 3.0  # 0.4 ms on an idle machine
+    names = [event.event for _, event in trial.events]
+    assert names.count("complete") == 1
+    assert trial.events[-1][1].data["reason"]
+    chosen = [event.data["place"] for _, event in trial.events if event.event == "frontier"]
+    assert len(chosen) < 40
+
+
+def test_after_complete_it_parks_away_from_doors_and_stays_there():
+    trial = explore(MAZE, 330, until_complete=False)[0]
+    assert trial.complete_s is not None
+    x, y, _ = trial.trajectory[-1]
+    assert np.hypot(*(np.array(trial.trajectory[-25:])[:, :2] - (x, y)).T).max() < 0.01
+    doors = np.array([(2, 4.25), (5.45, 1.5), (3.7, 2), (5.7, 3.2), (1.4, 4.7)])
+    assert np.hypot(*(doors - (x, y)).T).min() > 0.5
+
+
+def test_the_sweep_finds_posts_that_no_wall_following_sees():
+    hall = drawn(
+        [(0, 0), (11, 0), (11, 10), (0, 10), (0, 0)],
+        pillar(5.4, 5.1, 0.1), pillar(4.2, 6.3, 0.1), pillar(6.8, 4.4, 0.1),
+        spawn=(1.0, 1.0, 0.0),
+    )  # fmt: skip
+    swept = explore(hall, 900)[0]
+    assert_well_explored(swept)
+    walls_only = explore(hall, 900, config=configs(default_state="least-likely", pockets=False))[0]
+    assert walls_only.complete_s is not None
+    assert walls_only.path_m < swept.path_m
+
+
+@pytest.mark.parametrize("state", ["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"])
+def test_every_default_state_ends_with_its_reason(state):
+    trial = explore(MAZE, 900, config=configs(default_state=state))[0]
+    assert_well_explored(trial, 0.98)
+    reason = trial.events[-1][1].data["reason"]
+    assert reason.startswith("no frontier left")
+
+
+def test_two_robots_that_meet_in_a_narrow_corridor_both_get_on():
+    for seed in range(2):
+        starts = np.array([[-2.6, 0.1 * seed, 0.0], [2.6, -0.05, math.pi]])
+        for trial in explore(CORRIDOR_WORLD, 400, robots=2, seed=seed, starts=starts):
+            assert_well_explored(trial)
+
+
+def test_the_same_seed_gives_the_same_run():
+    one, two = (explore(MAZE, 60, robots=2, seed=3, starts=np.array([[1, 1, 0], [3, 4, 0.0]])) for _ in range(2))
+    for a, b in zip(one, two, strict=True):
+        assert np.array_equal(a.trajectory, b.trajectory)
+        assert a.events == b.events
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_generated_mazes(seed):
+    rng = np.random.default_rng(seed)
+    side = 8.0 + 2.0 * rng.random()
+    world = from_document(generate(side, side, rng))
+    trial = explore(world, 900, seed=seed)[0]
+    assert_well_explored(trial)
+    assert trial.complete_s < 5.5 * side**2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seed", range(100, 125))
+def test_many_generated_mazes(seed):
+    rng = np.random.default_rng(seed)
+    world = from_document(generate(*rng.uniform(8.0, 20.0, 2), rng))
+    trial = explore(world, 3000, seed=seed)[0]
+    assert_well_explored(trial)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("path", sorted(LAYOUTS.glob("*.yaml")) if LAYOUTS.is_dir() else [], ids=lambda path: path.stem)
+def test_real_layouts(path):
+    trial = explore(load(path), 4000)[0]
+    assert_well_explored(trial, 0.99)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_maze_15_in_ten_minutes_in_the_median():
+    world = load("maze-15")
+    times = []
+    for seed in range(5):
+        starts = world.starts(1, SPEC.radius_m, np.random.default_rng(seed), drawn=True)
+        trial = explore(world, 1500, seed=seed, starts=starts)[0]
+        assert_well_explored(trial)
+        times.append(trial.complete_s)
+    assert np.median(times) <= 600
+
+
+# one step at a time
+
+
+def explorer(**exploration) -> Explorer:
+    return Explorer(configs(**exploration), SPEC, np.random.default_rng(0))
+
+
+def at(wireframe: Wireframe, explorer: Explorer, ticks: range, pose=(0.0, 0.0, 0.0), version=1):
+    return [explorer.step(tick, wireframe, version, pose, Wireframe(), NOBODY) for tick in ticks]
+
+
+def test_with_an_empty_map_it_drives_forward_until_a_wall_is_seen():
+    world = drawn([(0, 0), (24, 0), (24, 24), (0, 24), (0, 0)], spawn=(12, 12, 0.7))
+    trial = explore(world, 60)[0]  # the first wall is 12 m away, and the lidar sees 3.5
+    assert trial.map is not None
+    first = next(k for k, reason in enumerate(trial.reasons) if reason != "drive until a wall is seen")
+    way = np.array(trial.trajectory)[: first + 1, :2]
+    assert math.hypot(*(way[-1] - way[0])) == pytest.approx(0.22 * 0.2 * first, abs=0.05)
+    assert first > 100
+
+
+def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reason():
+    """A map that never changes, robots that do not move: bounded trying, then complete all the same."""
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
+    robot = explorer(pockets=False, default_state="least-likely")
+    ticks = 0
+    events = []
+    pose = np.zeros(3)
+    while ticks < 5000 and not robot.complete:
+        command = robot.step(ticks, wall, 1 + ticks // 50, tuple(pose), Wireframe(), NOBODY)
+        pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        pose[2] += 0.2 * command.turn_rps
+        events += command.events
+        ticks += 1
+    assert robot.complete
+    given_up = [event.data for event in events if event.data.get("what") in ("abandoned", "unreachable")]
+    assert [data["what"] for data in given_up].count("unreachable") == 2
+    assert len(given_up) == 4
+    assert all(data["reason"] for data in given_up)
+    assert events[-1].event == "complete"
+    assert events[-1].data["unreachable"] == 2
+
+
+def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
+    closed = chain([(-2, -2), (2, -2), (2, 2), (-2, 2), (-2, -2)])
+    opened = chain([(-2, -2), (2, -2), (2, 2), (0.5, 2)], labels=Label.FRONTIER)
+    robot = explorer(default_state="least-likely", pockets=False)
+    assert at(closed, robot, range(3))[-1].complete
+    assert all(command.complete for command in at(opened, robot, range(3, 5), version=2))
+    assert all(command.complete for command in at(closed, robot, range(5, 10), version=3))
+    commands = at(opened, robot, range(10, 30), version=4)
+    assert not commands[-1].complete
+    assert next(event.event for command in commands for event in command.events) == "resumed"
+
+
+@pytest.mark.parametrize("pockets", [False, True])
+def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
+    commands = at(wall, explorer(pockets=pockets), range(200))
+    events = [event for command in commands for event in command.events]
+    recoveries = [event.data["recovery"] for event in events if event.event == "stuck"]
+    assert recoveries[:2] == ["back off", "another goal"]
+    assert len({command.target for command in commands}) > 1
+    if not pockets:  # else sweeps come first
+        assert any(event.data.get("reason") == "stuck on the way" for event in events)
+
+
+def test_ends_point_along_their_wall_and_have_free_space_on_the_left():
+    ends = open_ends(chain([(0, 0), (2, 0)], [(5, 5), (5, 3)], labels=Label.OCCLUSION))
+    order = np.lexsort(ends.points.T[::-1])
+    assert ends.points[order].tolist() == [[0, 0], [2, 0], [5, 3], [5, 5]]
+    assert ends.along[order].tolist() == [[-1, 0], [1, 0], [0, -1], [0, 1]]
+    assert np.allclose(ends.free[order], [[0, 1], [0, 1], [1, 0], [1, 0]])
+    assert not ends.frontier.any()
+    assert not len(open_ends(chain([(0, 0), (2, 0)])).points)  # nominal
+
+
+def test_two_frontiers_that_face_each_other_in_one_wall_count_once():
+    wireframe = chain([(0, 0), (2, 0)], [(3, 0.02), (5, 0.02)], [(9, 5), (9, 3)], labels=Label.FRONTIER)
+    ends = open_ends(wireframe)
+    one = same_wall(ends, 7.0, 0.2)
+    facing = [int(np.hypot(*(ends.points - p).T).argmin()) for p in ((2, 0), (3, 0.02))]
+    assert one[facing[0]] == one[facing[1]]
+    assert len(np.unique(one)) == len(one) - 1
+
+
+def outline_beyond(world: World, point, along, free) -> np.ndarray:
+    """The place 5 cm farther on the true outline, and a hair off it: the next bit of wall, whatever way it turns."""
+    for ring in world.rings:
+        line = shapely.LinearRing(ring)
+        if line.distance(shapely.Point(point)) < 1e-6:
+            forth = along[0] * free[1] - along[1] * free[0] > 0  # free space lies on the left of the ring
+            place = (line.project(shapely.Point(point)) + (0.05 if forth else -0.05)) % line.length
+            spot, around = (np.array(line.interpolate((place + d) % line.length).coords[0]) for d in (0.0, 1e-3))
+            unit = (around - spot) / math.hypot(*(around - spot))
+            return spot + 1e-3 * np.array((-unit[1], unit[0]))
+    raise AssertionError("no ring holds the end")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_from_standing_points_the_hidden_wall_is_in_view(seed):
+    """In a true maze with only part of it seen: the first bit of wall beyond most ends is in view from their stands."""
+    rng = np.random.default_rng(seed)
+    world = from_document(generate(8.0, 8.0, rng))
+    mapper = OracleMapper(world, np.zeros(3))
+    for wall in range(len(mapper.length)):
+        if rng.random() < 0.7:
+            a, b = np.sort(rng.uniform(-0.3, 1.3, 2).clip(0, 1)) * mapper.length[wall]
+            if b - a > 0.1:
+                mapper.seen[wall] = [[float(a), float(b)]]
+    ends = open_ends(mapper.wireframe())
+    stands = stands_of(ends, np.arange(len(ends.points)), 0.35)
+    beyond = np.array([outline_beyond(world, *end) for end in zip(ends.points, ends.along, ends.free, strict=True)])
+    seen = all_seen(stands.points, np.ascontiguousarray(beyond[stands.goal]), world.segments)
+    shown = [seen[stands.goal == goal].any() for goal in range(len(ends.points))]
+    assert np.mean(shown) > 0.9
+
+
+def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
+    memory = GoalMemory(ExplorationConfig(remembered=10))
+    east, north = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    memory.note(np.array([1.0, 1.0]), east).attempts = 1
+    points, along = np.array([[1.1, 1.0], [1.1, 1.0], [1.5, 1.0]]), np.array([east, north, east])
+    assert memory.find(points, along).tolist() == [0, -1, -1]
+    for k in range(12):
+        memory.note(np.array([5.0 + k, 0.0]), east)
+    assert len(memory.tried) == 10
+    assert memory.find(points, along).tolist() == [-1, -1, -1]
+
+
+def test_what_stands_in_a_wall_is_no_teammate():
+    mates = Teammates(ExplorationConfig(), SPEC.radius_m, 0.2)
+    walls = np.array([[0.0, 0.0, 5.0, 0.0]])
+    assert mates.update(0, np.array([[2.0, -0.05], [3.0, 0.5]]), walls).tolist() == [[3.0, 0.5]]
+    assert not mates.in_the_way(1)
+    for tick in range(1, 15):
+        mates.update(tick, np.array([[3.0, 0.5]]), walls)
+    assert mates.in_the_way(15)
+    assert len(mates.obstacles(15, 0.18)[0]) == 8
+    mates.update(60, NOBODY, walls)
+    assert not mates.in_the_way(60)
+
+
+def test_configurations_are_checked():
+    with pytest.raises(ValueError, match="default_state"):
+        ExplorationConfig(default_state="sleep")
+    with pytest.raises(ValueError, match="extra"):
+        ExplorationConfig(lookahead=1)
+    assert Configs(ExplorationConfig(), PlanningConfig(), DrivingConfig()).driving.tick_s == 1 / SPEC.lidar.rate_hz
