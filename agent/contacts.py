@@ -19,11 +19,11 @@ class Contact:
     """Tick of the newest message."""
     pose: Pose | None = None
     """Where the peer was, in its own frame."""
-    pose_tick: int = -1
+    pose_tick: int = 0
     """When it was there."""
     wireframe: Wireframe | None = None
     """Its map, in its own frame."""
-    map_tick: int = -1
+    map_tick: int = 0
     """When its map was so; a higher one is news."""
 
 

@@ -65,7 +65,7 @@ class _Besieged:
         self.robot, self.rng = robot, rng
         self.kinds = {f"x{k}": kind for k, kind in enumerate(kinds)}
         self.frames = {name: random_pose(rng) for name in self.kinds}
-        self.elsewhere = [whole_map(world) for world in ("office", "hall", "symmetric")]
+        self.elsewhere = [_travels(whole_map(world)) for world in ("office", "hall", "symmetric")]
         self.messages = 0
         self.merged: set[str] = set()
         self.refused = 0
@@ -147,6 +147,14 @@ class _Besieged:
         points = self.rng.uniform(-6.0, 6.0, (n, 2))
         labels = self.rng.integers(0, 3, n).astype(np.uint8)
         return Wireframe(points, labels, edges, np.ones(m, np.float32), np.ones(m, np.bool_))
+
+
+def _travels(wireframe: Wireframe) -> Wireframe:
+    """A map without walls that are shorter than the radio tells apart."""
+    segments = wireframe.segments()
+    keep = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]) > 0.05
+    kept = {name: getattr(wireframe, name)[keep] for name in ("edges", "likelihood", "own")}
+    return replace(wireframe, **kept)
 
 
 def sections(figures: Mapping[str, Figures]) -> list[Section]:
