@@ -12,7 +12,7 @@ from agent.tour import open_tour
 
 Floats = NDArray[np.float64]
 
-Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "retreat", "park"]
+Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "park"]
 
 _FAR_M = 1e6
 """Stands for no way, as a tour cannot add up infinities."""

@@ -6,7 +6,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agent.alignment.config import AlignmentConfig
 from agent.base_config import Config, Positive
+from agent.cooperation_config import CooperationConfig
 from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
 
 
@@ -172,3 +174,5 @@ class AgentConfig(Config):
     planning: PlanningConfig = PlanningConfig()
     driving: DrivingConfig = DrivingConfig()
     radio: TalkConfig = TalkConfig()
+    alignment: AlignmentConfig = AlignmentConfig()
+    cooperation: CooperationConfig = CooperationConfig()

@@ -36,6 +36,8 @@ _NEAR_M = 1.5
 _WAYPOINT_M = 0.03
 """A waypoint this near is passed."""
 _NEVER = 2**62
+_AROUND = 8
+"""Directions in which a standing point near an errand's place is looked for."""
 _TEAMMATE = "a teammate is in the way"
 
 
@@ -58,6 +60,8 @@ class Command(NamedTuple):
     events: list[Event]
     target: tuple[float, float] | None
     """Where it is going, frame of the map."""
+    errand: str = ""
+    """What became of the errand: `arrived`, `failed`, or empty while it is under way or there is none."""
 
 
 @dataclass(slots=True)
@@ -102,6 +106,11 @@ class Explorer:
         self.ends: Ends = open_ends(Wireframe())
         self._tried = np.zeros(0, np.int64)
         """Per open end its record in the memory, or -1."""
+        self.errand: Floats | None = None
+        """(2,) where the robot is sent, before all exploring."""
+        self.rivals = np.zeros((0, 3))
+        """(k, 3) teammates' places, and metres by which they must be nearer to a frontier to have it."""
+        self._errand_ended = ""
         self._events: list[Event] = []
         self._reason = ""
         self._version = self._decided_version = -1
@@ -117,19 +126,31 @@ class Explorer:
         return 16 * len(self.poses) + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
 
     def step(
-        self, tick: int, wireframe: Wireframe, version: int, pose: PoseXYT, scan: Wireframe, discs: Floats
+        self,
+        tick: int,
+        wireframe: Wireframe,
+        version: int,
+        pose: PoseXYT,
+        scan: Wireframe,
+        discs: Floats,
+        errand: Floats | None = None,
+        rivals: Floats | None = None,
     ) -> Command:
         """Decide and drive for one tick.
 
         wireframe: the robot's map, and pose (x, y, theta): both in the robot's own frame; version: greater whenever
         the map changed structurally. scan: corners and walls seen now, discs (k, 2): centres of teammates seen now,
-        both in the frame of the robot. Metres, radians.
+        both in the frame of the robot. errand: (2,) a place to be gone to first; rivals: (k, 3) teammates that share
+        the frontiers, and the metres by which they must be nearer to have one; both in the frame of the map.
+        Metres, radians.
         """
         self.tick, self.wireframe, self.version, self.pose = tick, wireframe, version, pose
         self._xy = float(pose[0]), float(pose[1])
         self.here = np.array(self._xy)
         self._sense(scan, np.asarray(discs, np.float64).reshape(-1, 2))
         self._events = []
+        self._take_errand(errand)
+        self.rivals = self.rivals[:0] if rivals is None else rivals
         kept = self._keep_pose(self.config.pose_spacing_m)
         if not len(wireframe.edges):
             self._reason = "drive until a wall is seen"
@@ -139,6 +160,14 @@ class Explorer:
         if self.target is None or self._reconsiders():
             self._decide()
         return self._command(self._drive())
+
+    def _take_errand(self, errand: Floats | None) -> None:
+        """A new errand, or the end of one, is a reason to decide anew."""
+        self._errand_ended = ""
+        if (errand is None) != (self.errand is None) or (errand is not None and (errand != self.errand).any()):
+            self.errand = errand
+            if errand is not None or (self.target is not None and self.target.task.kind == "errand"):
+                self.target = None
 
     # what is there
 
@@ -245,6 +274,8 @@ class Explorer:
         if not is_end(target.task):
             if target.task.kind == "sweep":
                 self._keep_pose(0.0)
+            if target.task.kind == "errand":
+                self._end_errand("arrived")
             self.states.done(target.task)
             self.target = None
             return
@@ -268,6 +299,8 @@ class Explorer:
         assert target is not None
         if is_end(target.task):
             self._abandon(target.task.place, target.task.along, reason)
+        elif target.task.kind == "errand":
+            self._end_errand("failed")
         else:
             self.states.done(target.task)
 
@@ -294,7 +327,7 @@ class Explorer:
             return False
         if not still_clear(target.path, self.wireframe.segments(), target.clearance - self.planning.give_m):
             return True
-        if target.task.kind in ("retreat", "park") or target.looks > 0:
+        if target.task.kind in ("errand", "retreat", "park") or target.looks > 0:
             return False
         if not is_end(target.task) and not self.config.pockets:
             return len(self._fresh()) > 0
@@ -311,6 +344,8 @@ class Explorer:
         """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
         self._decided_tick, self._decided_version = self.tick, self.version
         old, self.target = self.target, None
+        if self.errand is not None and not self._errand_ended and self._run_errand(old):
+            return
         if self.complete:
             self._park(old)
             return
@@ -319,6 +354,7 @@ class Explorer:
             for roads in self._ways() if len(goals) else ():
                 tasks = self._end_tasks(goals, roads, old)
                 if tasks:
+                    tasks = self._left_to_teammates(tasks, roads)
                     tasks += self._pockets(roads, old)
                     self._pursue(first_of_tour(tasks, roads, self.config.tour, self.config.pocket_detour_m), roads, old)
                     return
@@ -339,6 +375,36 @@ class Explorer:
         self.complete = True
         self._event("complete", reason=self.states.ended(), unreachable=int(np.count_nonzero(self._tried >= 0)))
         self._park(None)
+
+    def _run_errand(self, old: Target | None) -> bool:
+        """Go where the robot is sent, or as near as it can stand; false if there is no way."""
+        assert self.errand is not None
+        angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
+        ring = np.stack((np.cos(angles), np.sin(angles)), 1)
+        points = np.vstack((self.errand, self.errand + 0.3 * ring, self.errand + 0.6 * ring))
+        away = np.hypot(*(points - self.errand).T)
+        for roads in self._ways():
+            good = roads.standable(points) & all_seen(points, np.repeat(self.errand[None], len(points), 0), roads.walls)
+            found = roads.nearest(points[good], 2.0 * away[good])
+            if found is not None:
+                stand = points[good][found[0]]
+                self._pursue(Task("errand", self.errand, stand), roads, None)
+                return True
+        self._end_errand("failed")
+        return False
+
+    def _end_errand(self, how: str) -> None:
+        self._errand_ended = how
+
+    def _left_to_teammates(self, tasks: list[Task], roads: Roads) -> list[Task]:
+        """Tasks that no teammate is nearer to; all of them where that leaves none, so that nobody idles."""
+        if not len(self.rivals) or not tasks:
+            return tasks
+        stands = np.array([task.stand for task in tasks])
+        mine, kept = roads.costs(stands), np.ones(len(tasks), np.bool_)
+        for x, y, ahead in self.rivals:
+            kept &= mine <= roads.starting_at(np.array([x, y])).costs(stands) + ahead
+        return [task for task, keep in zip(tasks, kept, strict=True) if keep] or tasks
 
     def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None) -> list[Task]:
         """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
@@ -373,7 +439,9 @@ class Explorer:
         return tasks
 
     def _pockets(self, roads: Roads, old: Target | None) -> list[Task]:
-        """Sweeps of what was passed by at too great a distance."""
+        """Sweeps of what was passed by at too great a distance; not while a team has frontiers left to divide."""
+        if not self.wireframe.own.all():
+            return []
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
         samples = self.sweep.passed_by(self.wireframe, np.array(self.poses), self.here, self.config.pocket_reach_m)
@@ -568,7 +636,9 @@ class Explorer:
         if self.target is not None:
             x, y = self.target.task.stand
             place = float(x), float(y)
-        return Command(motion.speed_mps, motion.turn_rps, self.complete, self._reason, self._events, place)
+        complete = self.complete and self.errand is None
+        events, ended = self._events, self._errand_ended
+        return Command(motion.speed_mps, motion.turn_rps, complete, self._reason, events, place, ended)
 
 
 def _length(path: Floats) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.contacts import Contacts
+from agent.cooperation import Cooperation
 from agent.exchange import Exchange
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
@@ -34,6 +35,9 @@ from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
 """A corner that moved less is where it was: the size of a quantised position on the radio."""
+
+LAY_TICKS = 3
+"""Merged maps are laid over the own one every third tick at most; what is just seen is in the scan anyway."""
 
 
 class Step(NamedTuple):
@@ -69,8 +73,20 @@ class Robot:
         self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
         self.exchange = Exchange(self.contacts, config.radio, spec.lidar.rate_hz)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
+        self.cooperation = Cooperation(
+            config.cooperation,
+            config.alignment,
+            spec,
+            self.filter.view_rules(config.cooperation.verification.wall_margin_m),
+            self._random(seed, "align"),
+        )
+        self.own = Wireframe()
+        """The map of own scans alone."""
         self.wireframe = Wireframe()
+        """The map: the same with merged ones laid over it."""
         self.version = 0
+        self._laid_tick = -LAY_TICKS
+        self._errand = ""
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -78,11 +94,7 @@ class Robot:
         return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """Take one tick: the paper's Algorithm 1, with mapping before it.
-
-        Alignment, verification and merging have their place between hearing and exploring: C is `contacts`;
-        Z and T come with them.
-        """
+        """Take one tick: the paper's Algorithm 1, with mapping before it. C is `contacts`, Z and T `cooperation`."""
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
@@ -91,23 +103,27 @@ class Robot:
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
-        changed = self._read_map()
+        own_changed = self._read_own()
         events = self.exchange.hear(tick, heard)
+        events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand)
+        changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
-        command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs)
+        errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
+        command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals)
+        self._errand = command.errand
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version)
         map_bytes = encode_wireframe(self.wireframe)
         return Step(
             self._act(tick, command, events, len(sends), len(map_bytes), started),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
-            PoseReport(tick=tick, pose=pose),
+            PoseReport(tick=tick, pose=pose, teammates=self.cooperation.teammates(tick)),
             MapReport(tick=tick, wireframe=map_bytes) if changed else None,
         )
 
     def _known_walls(self, pose: Pose) -> NDArray[np.float64]:
-        """(m, 4) walls of the map that are too long to be a teammate's front, in the robot's frame."""
-        walls = self.wireframe.segments()
+        """(m, 4) walls of the own map that are too long to be a teammate's front, in the robot's frame."""
+        walls = self.own.segments()
         walls = walls[
             np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
         ]
@@ -117,18 +133,29 @@ class Robot:
         out[:, 0::2], out[:, 1::2] = c * x + s * y, c * y - s * x
         return out
 
-    def _read_map(self) -> bool:
-        """Take the filter's best map; true, and a new version, where it differs from the last one."""
-        new, old = self.filter.wireframe(), self.wireframe
-        alike = (
-            np.array_equal(new.labels, old.labels)
-            and np.array_equal(new.edges, old.edges)
-            and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
-        )
-        if not alike:
-            self.wireframe = new
-            self.version += 1
-        return not alike
+    def _read_own(self) -> bool:
+        """Take the filter's best map; true where it differs from the last one."""
+        new = self.filter.wireframe()
+        if _alike(new, self.own):
+            return False
+        self.own = new
+        return True
+
+    def _read_map(self, tick: int, own_changed: bool) -> bool:
+        """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
+        layers = self.cooperation.layers
+        new = self.own
+        if layers:
+            due = own_changed and tick - self._laid_tick >= LAY_TICKS
+            if not due and not self.cooperation.changed:
+                return False
+            self._laid_tick = tick
+            new = self.filter.wireframe_with(layers, self.config.cooperation.merge_offset_m)
+        if new is self.wireframe or _alike(new, self.wireframe):
+            return False
+        self.wireframe = new
+        self.version += 1
+        return True
 
     def _act(
         self, tick: int, command: Command, events: list[Event], sent: int, map_bytes: int, started: float
@@ -143,4 +170,14 @@ class Robot:
             map_bytes=map_bytes,
             filter_bytes=self.filter.nbytes + self.explorer.nbytes,
             step_ms=(time.perf_counter() - started) * 1e3,
+            merged=self.cooperation.merged_ticks,
         )
+
+
+def _alike(new: Wireframe, old: Wireframe) -> bool:
+    """Whether two maps have the same walls in the same places."""
+    return (
+        np.array_equal(new.labels, old.labels)
+        and np.array_equal(new.edges, old.edges)
+        and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
+    )

@@ -302,8 +302,11 @@ def merge_scan(
     dice: NDArray[np.float64],
     gates: Gates,
     rules: MergeRules,
+    own: int,
 ) -> int:
     """Merge pieces (map frame), each associated with a wall or with -1, into a particle; returns the new count.
+
+    own: 1 where the robot saw the pieces itself, 0 where a peer did.
 
     `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed. dice: (k,) in [0, 1),
     a new piece becomes a wall if its die is below its probability; 0.5 takes the likelier side.
@@ -321,7 +324,7 @@ def merge_scan(
                 continue
             walls[k] = e
             n = edges[e]
-            n.alive, n.own, n.probation = 1, 1, 1
+            n.alive, n.own, n.probation = 1, own, 1
             n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
             n.xx, n.xy, n.yy = scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy
             n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
@@ -344,7 +347,7 @@ def merge_scan(
                         walls[j] = e
         w = edges[e]
         add_hits(w, p.hits, p.x, p.y, scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy)
-        w.own = 1
+        w.own = max(w.own, own)
     for k in range(len(pieces)):
         p, e = pieces[k], walls[k]
         if e < 0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from agent.corner_scan import CornerScan, Sight
 from agent.edges import EDGE, OCCLUSION, Edges
 from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
+from agent.merging import Layer, merge_gates, merged
 from agent.pose_correction import correct_pose, motion_covariance, moved
 from agent.scan_merge import MergeRules, main_axis, merge_scan, patient_merge, to_map_frame
 from protocol.messages import OdometrySpec
@@ -86,7 +88,7 @@ def update_particles(
         walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
         scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, sight, gates, views, odds)
         own_rules, own_views = patient_merge(rules, patience[p]), patient_view(views, patience[p])
-        counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules)
+        counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules, 1)
         counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, sight, own_views)
     return scores
 
@@ -279,6 +281,16 @@ class WireframeFilter:
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
         return wireframe_of(self.edges[self.best, : self.counts[self.best]], self.config.publish_after)
+
+    def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
+        """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
+        own, gates = self.edges[self.best, : self.counts[self.best]], merge_gates(self._gates, offset_m)
+        publish_after = self.config.publish_after
+        return wireframe_of(merged(own, layers, gates, self._rules, publish_after), publish_after)
+
+    def view_rules(self, margin_m: float) -> ViewRules:
+        """How scans are held against walls that are known to this precision, metres."""
+        return self._views._replace(margin=margin_m)
 
 
 def _between(a: Pose, b: Pose) -> Pose:

@@ -224,6 +224,15 @@ def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("re
 
 
 @bench.command()
+def alignment(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours."""
+    from deploy.bench.alignment import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
+
+
+@bench.command()
 def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
     """Whole runs of one robot and of teams, generated mazes, against the shortest tour and a dense grid; takes hours."""
     from deploy.bench.exploration import measure

@@ -15,6 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from deploy.pairs import fates
 from protocol.messages import Progress
 
 LINE_S = 10.0
@@ -99,10 +100,38 @@ def print_summary(out: Path) -> None:
     table.add_row("team", "", f"{team['coverage']:.1%}", _seconds(team["t_90"]), _seconds(team["t_99"]))
     console = Console()
     console.print(table)
+    _print_pairs(out, console)
     factor = summary["real_time_factor"]
     if factor is not None:
         late = f", {summary['late_ticks']} late ticks" if summary["late_ticks"] else ""
         console.print(f"{factor:g} times real time{late}", highlight=False)
+
+
+def _print_pairs(out: Path, console: Console) -> None:
+    """Who met whom, and what became of their maps."""
+    try:
+        pairs = fates(out)
+    except (OSError, ValueError, KeyError):
+        return
+    if not pairs:
+        return
+    table = Table(box=None, pad_edge=False)
+    for heading in (
+        "robot",
+        "peer",
+        "contacts",
+        "attempts",
+        "proposed",
+        "merged s",
+        "peer's frame x, y, theta",
+        "last",
+    ):
+        table.add_column(heading, justify="right" if heading in ("contacts", "attempts", "proposed") else "left")
+    for pair in pairs:
+        frame = "-" if pair.transform is None else ", ".join(f"{value:.2f}" for value in pair.transform)
+        counts = (str(pair.contacts), str(pair.attempts), str(pair.proposed))
+        table.add_row(pair.robot, pair.peer, *counts, _seconds(pair.merged_at), frame, pair.last)
+    console.print(table)
 
 
 def _seconds(value: float | None) -> str:

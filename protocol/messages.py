@@ -123,6 +123,8 @@ class RobotSpec(Message):
     max_turn_rps: Annotated[Finite, Field(gt=0, le=20)] = 2.84
     lidar: LidarSpec = LidarSpec()
     odometry: OdometrySpec = OdometrySpec()
+    radio_range_m: Annotated[Finite, Field(gt=0)] | None = None
+    """Distance beyond which no message arrives; None where the radio has no such bound."""
 
 
 class Join(Message):
@@ -214,6 +216,8 @@ class Action(Message):
     filter_bytes: Count = 0
     step_ms: Annotated[Finite, Field(ge=0)] = 0.0
     """Wall-clock time of the step; reported, never used."""
+    merged: dict[RobotId, Tick] = {}
+    """Peers whose maps are part of the robot's, and the tick at which each of these maps was so."""
 
 
 class ScanReport(Message):
@@ -230,11 +234,26 @@ class MapReport(Message):
     wireframe: Annotated[bytes, Field(max_length=2**20)]
 
 
+class TeammatePose(Message):
+    """Where a peer is, as far as a robot knows."""
+
+    robot: RobotId
+    tick: Tick
+    """When it was there."""
+    pose: Pose
+    """In the frame of the robot that knows it."""
+    covariance: Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite], Strict(False)]
+    """3 x 3 of x, y, theta, row by row: m2, m rad, rad2; grows while the peer is not heard."""
+    status: Annotated[str, StringConstraints(pattern=r"^(proposed|merged)$")]
+    """On trial, or merged."""
+
+
 class PoseReport(Message):
-    """Telemetry on robots/ID/out/pose: the robot's pose in its own frame."""
+    """Telemetry on robots/ID/out/pose: the robot's pose in its own frame, and what it knows of teammates."""
 
     tick: Tick
     pose: Pose
+    teammates: list[TeammatePose] = []
 
 
 class Clock(Message):

@@ -55,7 +55,7 @@ def test_visible_wall_is_the_scorers(scorer: ModuleType, name: str) -> None:
 
 def look(world: World, coverage: Coverage, poses: np.ndarray, robots: np.ndarray, t: float) -> None:  # type: ignore[type-arg]
     ranges, met = Lidar(world.segments, LidarSpec(beams=2000)).trace(poses)
-    coverage.update(t, robots, poses, ranges, met)
+    coverage.update(t, round(5 * t), robots, poses, ranges, met)
 
 
 def test_a_look_covers_what_is_in_view_and_all_looks_cover_all() -> None:
@@ -100,6 +100,32 @@ def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> No
     world = worldfile.from_document({"boxes": boxes, "spawns": [[-2, 2, 0], [3, 2, 0]]})
     coverage = Coverage(world, world.spawns, RADIUS, 10.0, CONFIG)
     ranges, met = Lidar(world.segments, LidarSpec(beams=2000, range_max_m=10)).trace(world.spawns)
-    coverage.update(0.0, np.arange(2), world.spawns, ranges, met)
+    coverage.update(0.0, 0, np.arange(2), world.spawns, ranges, met)
     assert coverage.own == pytest.approx([1.0, 1.0])
     assert coverage.team == pytest.approx(1.0)
+
+
+def test_a_merged_map_covers_what_its_sender_had_covered_then_and_undoing_takes_it_back() -> None:
+    world = worldfile.load("symmetric")
+    starts = world.starts(3, RADIUS, np.random.default_rng(0))
+    coverage = Coverage(world, starts, RADIUS, REACH, CONFIG)
+    look(world, coverage, starts, np.arange(3), 0.0)
+    before = coverage.own.copy()
+    look(world, coverage, np.array([[8.0, 5.0, 0.0]]), np.array([1]), 2.0)  # the second robot in the corridor
+    look(world, coverage, starts[:1], np.array([0]), 2.2)
+    assert coverage.covered[1] == coverage.own[1] > before[1]
+
+    def covered_by(merged: dict[int, int], robot: int = 0) -> float:
+        coverage.merge(12, robot, merged)
+        look(world, coverage, starts[:1], np.array([0]), 2.4)
+        return float(coverage.covered[robot])
+
+    early, late = covered_by({1: 5}), covered_by({1: 10})
+    assert early == pytest.approx(coverage.own[0] + before[1], abs=0.02)
+    assert late == pytest.approx(early + coverage.own[1] - before[1], abs=0.02)
+    assert coverage.own[0] == before[0] and coverage.team < late + coverage.own[2]
+    through_a_third = covered_by({0: 12}, robot=2)  # who has it from the second
+    assert through_a_third == pytest.approx(coverage.own[2] + late, abs=0.02)
+    assert covered_by({1: 10, 2: 11}) > late
+    assert covered_by({2: 3}) == pytest.approx(coverage.own[0] + coverage.own[2], abs=0.02)
+    assert covered_by({}) == pytest.approx(coverage.own[0])

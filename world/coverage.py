@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -111,7 +112,11 @@ class _Lookup(NamedTuple):
 
 
 class Coverage:
-    """Which pieces of wall each robot's own beams have hit so far, and when that made 90 and 99 %."""
+    """Which pieces of wall each robot has covered so far, and when that made 90 and 99 %.
+
+    Covered is what its own beams have hit, or what a peer had covered when it sent a map that the robot has merged
+    (contracts.md). The team's is the union of all own beams.
+    """
 
     MILESTONES = (0.90, 0.99)
 
@@ -136,8 +141,17 @@ class Coverage:
         self._total = np.array([walls[h].lengths[walls[h].visible].sum() for h in homes])
         self._team_total = float(self._weight.sum())
         self._hit = np.zeros((robots, pieces), np.bool_)
+        """Hit by own beams."""
+        self._since = np.full((robots, pieces), np.iinfo(np.int64).max)
+        """Tick since which a piece has been covered."""
+        self._hit_since = self._since.copy()
+        """Tick of the first own beam."""
+        self._merged: list[dict[int, int]] = [{} for _ in range(robots)]
+        """For each robot: merged peers, and when their maps were so."""
         self._team_hit = np.zeros(pieces, np.bool_)
         self._length = np.zeros(robots)
+        self._covered_length = np.zeros(robots)
+        self._blocks = {home: (int(low), int(low) + len(walls[home].ends)) for home, low in blocks.items()}
         self._team_length = 0.0
         self._start = world.segments[:, :2]
         along = world.segments[:, 2:] - self._start
@@ -146,7 +160,9 @@ class Coverage:
         self._lookups = {home: self._keys(world, walls[home].ends, blocks[home]) for home in walls}
         self._homes = np.array(homes)
         self.own = np.zeros(robots)
-        """(k,) share of the visible wall of its region that each robot has hit."""
+        """(k,) share of the visible wall of its region that own beams of each robot have hit."""
+        self.covered = np.zeros(robots)
+        """(k,) the same with what merged maps cover."""
         self.team = 0.0
         """Share of the visible wall of all robots' regions that any robot has hit."""
         self.reached: list[dict[float, float]] = [{} for _ in range(robots)]
@@ -163,9 +179,34 @@ class Coverage:
         order = np.argsort(key, kind="stable")
         return _Lookup(key[order], segment[order], piece[order] + block)
 
+    def merge(self, tick: int, robot: int, merged: Mapping[int, int]) -> None:
+        """Take in whose maps a robot has merged, and at which tick each of these maps was so; all others are undone."""
+        before = self._merged[robot]
+        if merged == before:
+            return
+        if any(peer not in merged for peer in before):
+            self._since[robot] = self._hit_since[robot]
+        for peer, then in merged.items():
+            known = self._since[peer] <= then
+            self._since[robot, known] = np.minimum(self._since[robot, known], tick)
+        self._merged[robot] = dict(merged)
+        self._sum(robot)
+
+    def _sum(self, robot: int) -> None:
+        covered = self._since[robot] < np.iinfo(np.int64).max
+        self._covered_length[robot] = self._weight[covered & self._in_home(robot)].sum()
+
+    def _in_home(self, robot: int) -> NDArray[np.bool_]:
+        """(pieces,) those of the region that the robot is in; a peer's may be another."""
+        low = self._blocks[self._homes[robot]]
+        out = np.zeros(len(self._weight), np.bool_)
+        out[low[0] : low[1]] = True
+        return out
+
     def update(
         self,
         t: float,
+        tick: int,
         robots: NDArray[np.intp],
         poses: NDArray[np.float64],
         ranges: NDArray[np.float64],
@@ -173,8 +214,8 @@ class Coverage:
     ) -> None:
         """Count the beams of one tick.
 
-        `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met walls (r, beams) as from
-        `Lidar.trace`, with met < 0 for beams that are not to count.
+        t: simulated seconds at that tick. `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met
+        walls (r, beams) as from `Lidar.trace`, with met < 0 for beams that are not to count.
         """
         ray = np.flatnonzero(met.reshape(-1) >= 0)
         row, beam = np.divmod(ray, met.shape[1])
@@ -188,17 +229,19 @@ class Coverage:
         robot = robots[row]
         for home, lookup in self._lookups.items():
             mine = self._homes[robot] == home if len(self._lookups) > 1 else slice(None)
-            self._count(robot[mine], wall[mine], place[mine], lookup)
+            self._count(tick, robot[mine], wall[mine], place[mine], lookup)
         self.own = self._length / np.maximum(self._total, 1e-9)
+        self.covered = self._covered_length / np.maximum(self._total, 1e-9)
         self.team = self._team_length / max(self._team_total, 1e-9)
         for share in self.MILESTONES:
-            for i in np.flatnonzero(self.own >= share - 1e-9).tolist():
+            for i in np.flatnonzero(self.covered >= share - 1e-9).tolist():
                 self.reached[i].setdefault(share, t)
             if self.team >= share - 1e-9:
                 self.team_reached.setdefault(share, t)
 
     def _count(
         self,
+        tick: int,
         robot: NDArray[np.intp],
         wall: NDArray[np.intp],
         place: NDArray[np.float64],
@@ -213,6 +256,10 @@ class Coverage:
         robot, piece = np.unique(np.stack([robot[fresh], piece[fresh]]), axis=1)
         self._hit[robot, piece] = True
         np.add.at(self._length, robot, self._weight[piece])
+        first = self._since[robot, piece] > tick
+        np.add.at(self._covered_length, robot[first], self._weight[piece[first]])
+        self._hit_since[robot, piece] = tick
+        self._since[robot, piece] = np.minimum(self._since[robot, piece], tick)
         new = np.unique(piece[~self._team_hit[piece]])
         self._team_hit[new] = True
         self._team_length += float(self._weight[new].sum())

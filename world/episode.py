@@ -135,8 +135,8 @@ class Episode:
 
     @property
     def coverage(self) -> dict[str, float]:
-        """Share of the visible wall that each robot's own beams have hit."""
-        return dict(zip(self.robots, self._coverage.own.tolist(), strict=True))
+        """Share of the visible wall that each robot has covered, by own beams or merged maps (contracts.md)."""
+        return dict(zip(self.robots, self._coverage.covered.tolist(), strict=True))
 
     @property
     def paths(self) -> dict[str, float]:
@@ -159,7 +159,7 @@ class Episode:
         return Welcome(
             version=PROTOCOL_VERSION,
             robot=robot,
-            spec=self.config.spec,
+            spec=self.config.spec.model_copy(update={"radio_range_m": self.config.radio.range_m}),
             seed=int(rng.integers(2**63)),
             lockstep=True,
         )
@@ -178,7 +178,7 @@ class Episode:
         ranges, met = self._lidar.trace(poses, np.hstack([self.poses[:, :2], radius]))
         measured = self._lidar.measured(ranges, [self._scanning[row] for row in rows]) if len(rows) else ranges
         met[np.isinf(measured)] = -1  # a beam that returned nothing covers nothing
-        self._coverage.update(self.t, rows, poses, ranges, met)
+        self._coverage.update(self.t, self.tick, rows, poses, ranges, met)
         if self._recorder:
             self._recorder.radio(passages)
             for robot, pose in zip(self.robots, self.poses.tolist(), strict=True):
@@ -213,6 +213,9 @@ class Episode:
             commands[self._rows[robot]] = action.speed_mps, action.turn_rps
             self.complete[robot] = action.complete
             self._last[robot] = action
+            self._coverage.merge(
+                self.tick, self._rows[robot], {self._rows[peer]: tick for peer, tick in action.merged.items()}
+            )
             self._step_ms[robot].append(action.step_ms)
             if wireframe is not None:
                 self._maps[robot] = wireframe
@@ -257,6 +260,9 @@ class Episode:
             raise BadOutputsError(robot, f"says it sent {action.sent} messages, but {len(outputs.sends)} came")
         if not (math.isfinite(action.speed_mps) and math.isfinite(action.turn_rps)):
             raise BadOutputsError(robot, "a drive command is not finite")
+        for peer, tick in action.merged.items():
+            if peer == robot or peer not in self._rows or tick > self.tick:
+                raise BadOutputsError(robot, f"cannot have merged a map of {peer} at tick {tick}")
         try:
             self._radio.check(robot, outputs.sends)
             return decode_wireframe(outputs.map.wireframe) if outputs.map is not None else None
@@ -309,7 +315,7 @@ class Episode:
             last = self._last.get(robot)
             steps = self._step_ms[robot]
             robots[robot] = {
-                "coverage": round(float(cover.own[row]), 6),
+                "coverage": round(float(cover.covered[row]), 6),
                 **_milestones(cover.reached[row]),
                 "path_m": round(float(self._path[row]), 4),
                 "wall_contacts": int(self._physics.wall_contacts[row]),
@@ -353,7 +359,7 @@ class Episode:
             self._recorder.metrics(
                 self.t,
                 robot,
-                float(cover.own[row]),
+                float(cover.covered[row]),
                 float(self._path[row]),
                 vertices,
                 books.sent[robot],

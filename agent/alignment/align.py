@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from agent.alignment.feature import Corners, corners
 from agent.alignment.icp import icp
 from agent.alignment.meeting import Meeting, Place, place_of
 from agent.alignment.ranked import Candidates, ranked
-from agent.alignment.repetition import patterns, rival_score
+from agent.alignment.repetition import rival_score
 from agent.alignment.transform import Floats, apart
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
@@ -41,11 +41,9 @@ class Alignment:
     transform: Pose | None
     """The peer's frame in mine, x, y, theta; None where the maps do not tell."""
     reason: str
-    """`aligned`, or why not: small, large, unlike, impossible, weak, conflict, ambiguous."""
+    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (ruled out by the contact)."""
     candidates: int = 0
     """Distinct transforms held against all walls."""
-    impossible: int = 0
-    """Candidates that the contact ruled out."""
     inliers: int = 0
     """Corners that match under the best."""
     residual: float = 0.0
@@ -65,7 +63,7 @@ class Alignment:
 
     def figures(self) -> dict[str, object]:
         """For an event."""
-        names = ("candidates", "impossible", "inliers", "residual", "margin", "agreement", "conflict", "overlap")
+        names = ("candidates", "inliers", "residual", "margin", "agreement", "conflict", "overlap")
         return {name: getattr(self, name) for name in names}
 
 
@@ -126,18 +124,18 @@ def align_prepared(
         return Alignment(None, "large")
     if min(mine.true_corners, theirs.true_corners) < config.min_corners or mine.walls is None or theirs.walls is None:
         return Alignment(None, "small")
-    meeting = _meeting(mine, theirs, config, contact)
-    found = candidates(mine, theirs, config, rng, meeting)
+    found = candidates(mine, theirs, config, rng)
     if not len(found.transforms):
-        return Alignment(None, "impossible" if found.impossible else "unlike", impossible=found.impossible)
-    return _judge(found, mine, theirs, config, rng, meeting)
+        return Alignment(None, "unlike")
+    judged = _judge(found, mine, theirs, config, rng)
+    if judged.transform is None or contact is None:
+        return judged
+    possible = meeting_of(mine, theirs, config, contact).possible(np.array(judged.transform))[0]
+    return judged if possible else replace(judged, transform=None, reason="impossible")
 
 
-def _meeting(
-    mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, contact: Contact | None
-) -> Meeting | None:
-    if contact is None:
-        return None
+def meeting_of(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, contact: Contact) -> Meeting:
+    """What the contact says about any transform."""
     clearance = max(contact.radius_m - config.body_slack_m, 0.0)
     reach = contact.range_m + config.range_slack_m
     return Meeting(contact.mine, contact.theirs, reach, clearance, mine.place, theirs.place)
@@ -148,12 +146,11 @@ def candidates(
     theirs: PreparedMap,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None = None,
 ) -> Candidates:
     """Distinct transforms of the configured method, best first. Both maps must have walls."""
     assert mine.walls is not None and theirs.walls is not None
     method = {"features": ranked, "4pcs": congruent_sets, "icp": icp}[config.method]
-    return method(mine.corners, theirs.corners, mine.walls, theirs.walls, config, rng, meeting)
+    return method(mine.corners, theirs.corners, mine.walls, theirs.walls, config, rng)
 
 
 def _judge(
@@ -162,7 +159,6 @@ def _judge(
     theirs: PreparedMap,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None,
 ) -> Alignment:
     """The best candidate, if it is good enough and no other is nearly as good."""
     centre, turn = theirs.corners.centre, math.radians(config.distinct_deg)
@@ -176,8 +172,8 @@ def _judge(
     agreed, conflict, inliers = float(found.agreement[0]), float(found.conflict[0]), int(found.inliers[0])
     if config.repetition and config.method == "features" and score > 0.0:
         assert mine.walls is not None and theirs.walls is not None
-        repeated = [(one.walls, patterns(one.corners, config, rng)) for one in (mine, theirs) if one.walls is not None]
-        second = max(second, rival_score(best, agreed, repeated[0], repeated[1], config, meeting))
+        one, two = (mine.corners, mine.walls), (theirs.corners, theirs.walls)
+        second = max(second, rival_score(best, agreed, one, two, config, rng))
     margin = 1.0 - second / score if score > 0.0 else 0.0
     reason = "aligned"
     if config.method != "features":  # the baselines' own rule
@@ -193,7 +189,6 @@ def _judge(
         pose if reason == "aligned" else None,
         reason,
         len(found.transforms),
-        found.impossible,
         inliers,
         float(found.residuals[0]),
         margin,

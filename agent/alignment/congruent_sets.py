@@ -18,7 +18,6 @@ from numba import njit
 from agent.alignment.agreement import Walls
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, Floats, Ints
-from agent.alignment.meeting import Meeting
 from agent.alignment.ranked import Candidates, by_corners
 from agent.alignment.transform import fit
 
@@ -33,11 +32,10 @@ def congruent_sets(
     their_walls: Walls,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None = None,
 ) -> Candidates:
     """Transforms that bring most of their corners onto mine; scores are the numbers of corners."""
     transforms = matched_clouds(theirs.points[theirs.true], mine.points[mine.true], config, rng)
-    return by_corners(transforms, mine, theirs, my_walls, their_walls, config, meeting)
+    return by_corners(transforms, mine, theirs, my_walls, their_walls, config)
 
 
 def matched_clouds(source: Floats, target: Floats, config: AlignmentConfig, rng: np.random.Generator) -> Floats:

@@ -46,6 +46,8 @@ class Corners:
     """(m, 4) x1, y1, x2, y2, free space on the left."""
     juts: Bools
     """(m, 2) whether a wall's first and last end are corners that stick out into free space."""
+    ways: Floats
+    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
     values: Floats
     """(n, 7) features: four lengths in metres, three turns in radians."""
     kinds: Ints
@@ -77,7 +79,17 @@ def corners(wireframe: Wireframe, config: AlignmentConfig) -> Corners:
     sd = np.where(labels == Label.NOMINAL, config.corner_sd_m, config.occlusion_sd_m)
     values, kinds, sds = _features(points, true, sd, parent, child, math.radians(config.angle_sd_deg))
     juts = true & (kinds[:, TURN] == EXACT) & (values[:, TURN] < 0.0)
-    return Corners(points, true, parent, child, points[ends].reshape(-1, 4), juts[ends], values, kinds, sds)
+    walls, ways = points[ends].reshape(-1, 4), _directions(points, parent, child)
+    return Corners(points, true, parent, child, walls, juts[ends], ways, values, kinds, sds)
+
+
+def _directions(points: Floats, parent: Ints, child: Ints) -> Floats:
+    out = np.zeros((len(points), 2, 2))
+    into, out_of = np.flatnonzero(parent >= 0), np.flatnonzero(child >= 0)
+    out[into, 0] = points[into] - points[parent[into]]
+    out[out_of, 1] = points[child[out_of]] - points[out_of]
+    unit: Floats = out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
+    return unit
 
 
 @njit(cache=True)

@@ -10,7 +10,6 @@ from numba import njit
 from agent.alignment.agreement import Walls
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, Floats
-from agent.alignment.meeting import Meeting
 from agent.alignment.ranked import Candidates, by_corners
 from agent.alignment.transform import fit, move
 
@@ -22,13 +21,12 @@ def icp(
     their_walls: Walls,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None = None,
 ) -> Candidates:
     """Transforms from the centres laid on each other at evenly spread turns; scores are the numbers of corners."""
     source, target = theirs.points[theirs.true], mine.points[mine.true]
     turns = np.linspace(0.0, 2.0 * math.pi, config.icp_starts, endpoint=False)
     found = _closest(source, target, turns, config.icp_gate_m, config.icp_rounds)
-    return by_corners(found, mine, theirs, my_walls, their_walls, config, meeting)
+    return by_corners(found, mine, theirs, my_walls, their_walls, config)
 
 
 @njit(cache=True)

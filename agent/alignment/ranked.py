@@ -15,7 +15,6 @@ from numba import njit
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Bools, Corners, Floats, Ints, likeness
-from agent.alignment.meeting import Meeting
 from agent.alignment.transform import apart, fit, move
 
 
@@ -34,8 +33,6 @@ class Candidates(NamedTuple):
     """(c,) metres of wall."""
     scores: Floats
     """(c,) agreement less weighted conflict, metres."""
-    impossible: int
-    """Transforms that the meeting of the robots rules out."""
 
 
 def ranked(
@@ -45,11 +42,10 @@ def ranked(
     their_walls: Walls,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None = None,
 ) -> Candidates:
     """Transforms from pairs of like corners, refined, with walls held against each other. rng: only if drawn."""
     first = like_transforms(mine, theirs, config, rng)
-    refined = refine(first, mine, theirs, config, meeting)
+    refined = refine(first, mine, theirs, config)
     keep = slice(0, config.max_scored)
     walls = np.array([agreement(my_walls, their_walls, t, config) for t in refined.transforms[keep]]).reshape(-1, 2)
     scores = walls[:, 0] - config.conflict_weight * walls[:, 1]
@@ -61,7 +57,6 @@ def ranked(
         walls[order, 0],
         walls[order, 1],
         scores[order],
-        refined.impossible,
     )
 
 
@@ -106,13 +101,12 @@ def by_corners(
     my_walls: Walls,
     their_walls: Walls,
     config: AlignmentConfig,
-    meeting: Meeting | None,
 ) -> Candidates:
     """The candidates of a method that knows corners only, from transforms (k, 3), most promising first.
 
     Scores are the numbers of matched corners. Walls are held against each other for the record alone.
     """
-    refined = refine(first, mine, theirs, config, meeting, by_walls=False)
+    refined = refine(first, mine, theirs, config, by_walls=False)
     walls = np.array([agreement(my_walls, their_walls, t, config) for t in refined.transforms[:1]]).reshape(-1, 2)
     agreed = np.zeros((len(refined.transforms), 2))
     agreed[:1] = walls
@@ -123,7 +117,6 @@ def by_corners(
         agreed[:, 0],
         agreed[:, 1],
         refined.inliers.astype(np.float64),
-        refined.impossible,
     )
 
 
@@ -133,7 +126,6 @@ class Refined(NamedTuple):
     transforms: Floats
     inliers: Ints
     residuals: Floats
-    impossible: int
 
 
 def refine(
@@ -141,20 +133,17 @@ def refine(
     mine: Corners,
     theirs: Corners,
     config: AlignmentConfig,
-    meeting: Meeting | None = None,
     by_walls: bool = True,
 ) -> Refined:
     """Fit transforms (k, 3), first come first, to the corners that they match; by_walls: of like walls only."""
-    possible = meeting.possible(first) if meeting is not None else np.ones(len(first), np.bool_)
-    impossible = int((~possible).sum())
     transforms, inliers, residuals = _refine(
-        first[possible][: config.max_candidates],
+        first[: config.max_candidates],
         mine.points,
         mine.true,
-        _directions(mine),
+        mine.ways,
         theirs.points,
         theirs.true,
-        _directions(theirs),
+        theirs.ways,
         np.array([config.coarse_m, config.fine_m, config.fine_m]),
         math.cos(math.radians(config.alike_deg)),
         by_walls,
@@ -162,17 +151,7 @@ def refine(
     order = np.lexsort((residuals, -inliers))
     order = order[inliers[order] >= 2]
     order = order[_distinct(transforms[order], theirs.centre, config.like_m, math.radians(config.like_deg))]
-    return Refined(transforms[order], inliers[order], residuals[order], impossible)
-
-
-def _directions(one: Corners) -> Floats:
-    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
-    out = np.zeros((len(one.points), 2, 2))
-    into, out_of = np.flatnonzero(one.parent >= 0), np.flatnonzero(one.child >= 0)
-    out[into, 0] = one.points[into] - one.points[one.parent[into]]
-    out[out_of, 1] = one.points[one.child[out_of]] - one.points[out_of]
-    unit: Floats = out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
-    return unit
+    return Refined(transforms[order], inliers[order], residuals[order])
 
 
 @njit(cache=True)

@@ -2,8 +2,9 @@
 
 Where rooms are alike, the best transform may lay a room on its twin while the true one, with less overlap, scores
 worse. No second candidate is near then. But if what agrees is found again elsewhere in the same map, it may be found
-again beyond that map's end, too: the transform moved on by the pattern is as good as the share of the agreeing wall
-that repeats, unless the maps contradict it there.
+again beyond that map's end, too: the transform moved on by the pattern is as good as the share of the matched corners
+that repeats, unless the maps contradict it there. Corners are counted and not walls: along a corridor walls repeat
+at every step, and mean nothing.
 """
 
 from __future__ import annotations
@@ -11,13 +12,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
-from agent.alignment.agreement import AGREES, LENGTH, Walls, agreement, verdicts
+from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners, Floats
-from agent.alignment.meeting import Meeting
+from agent.alignment.feature import Bools, Corners, Floats
 from agent.alignment.ranked import like_transforms, refine
-from agent.alignment.transform import apart, compose, inverse
+from agent.alignment.transform import apart, compose, inverse, move
 
 
 def patterns(one: Corners, config: AlignmentConfig, rng: np.random.Generator) -> Floats:
@@ -31,32 +32,79 @@ def patterns(one: Corners, config: AlignmentConfig, rng: np.random.Generator) ->
 def rival_score(
     best: Floats,
     agreed_m: float,
-    mine: tuple[Walls, Floats],
-    theirs: tuple[Walls, Floats],
+    mine: tuple[Corners, Walls],
+    theirs: tuple[Corners, Walls],
     config: AlignmentConfig,
-    meeting: Meeting | None,
+    rng: np.random.Generator,
 ) -> float:
     """Score in metres of the best rival of the transform `best` (3,), under which so much wall agrees; 0 without.
 
-    mine and theirs: walls and patterns of each map.
+    The meeting of the robots rules no rival out: that of two partial maps which is true may be none of those found.
     """
     strongest = 0.0
-    for which, (walls, shifts), (others, there) in (
-        ("mine", mine, (theirs[0], inverse(best))),
-        ("theirs", theirs, (mine[0], best)),
+    for which, one, other, there in (
+        ("mine", mine[0], theirs[0], inverse(best)),
+        ("theirs", theirs[0], mine[0], best),
     ):
-        shared = walls.samples[verdicts(walls.samples, there, others, config) == AGREES]
-        length = float(shared[:, LENGTH].sum())
-        if length <= 0.0:
+        matched = same_corners(one, there, other, config)
+        if not matched.any():
             continue
-        for shift in shifts:
-            again = verdicts(shared, shift, walls, config) == AGREES
-            share = float(shared[again, LENGTH].sum()) / length
-            if share * agreed_m <= strongest:
-                continue
-            rival = compose(shift, best) if which == "mine" else compose(best, inverse(shift))
-            if meeting is not None and not meeting.possible(rival)[0]:
-                continue
-            conflict = agreement(mine[0], theirs[0], rival, config)[1]
-            strongest = max(strongest, share * agreed_m - config.conflict_weight * conflict)
+        shifts = patterns(one, config, rng)
+        shares = np.array([same_corners(one, shift, one, config)[matched].mean() for shift in shifts])
+        for k in np.argsort(-shares, kind="stable"):
+            if shares[k] * agreed_m <= strongest:
+                break
+            rival = compose(shifts[k], best) if which == "mine" else compose(best, inverse(shifts[k]))
+            conflict = agreement(mine[1], theirs[1], rival, config)[1]
+            strongest = max(strongest, float(shares[k]) * agreed_m - config.rival_conflict_weight * conflict)
     return strongest
+
+
+def same_corners(one: Corners, transform: Floats, other: Corners, config: AlignmentConfig) -> Bools:
+    """(n,) which true corners of a map fall on one of another's with like walls, moved by a transform (3,)."""
+    return _same(
+        one.points,
+        one.true,
+        one.ways,
+        np.asarray(transform, np.float64),
+        other.points,
+        other.true,
+        other.ways,
+        config.fine_m,
+        math.cos(math.radians(config.alike_deg)),
+    )
+
+
+@njit(cache=True)
+def _same(
+    a: Floats,
+    a_true: Bools,
+    a_ways: Floats,
+    t: Floats,
+    b: Floats,
+    b_true: Bools,
+    b_ways: Floats,
+    gate: float,
+    alike: float,
+) -> Bools:
+    out = np.zeros(a.shape[0], np.bool_)
+    c, s = math.cos(t[2]), math.sin(t[2])
+    for i in range(a.shape[0]):
+        if not a_true[i]:
+            continue
+        x, y = move(t, a[i, 0], a[i, 1])
+        for j in range(b.shape[0]):
+            if not b_true[j] or (b[j, 0] - x) ** 2 + (b[j, 1] - y) ** 2 > gate * gate:
+                continue
+            shared, fits = False, True
+            for way in range(2):
+                ax, ay, bx, by = a_ways[i, way, 0], a_ways[i, way, 1], b_ways[j, way, 0], b_ways[j, way, 1]
+                if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
+                    continue
+                shared = True
+                if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < alike:
+                    fits = False
+            if shared and fits:
+                out[i] = True
+                break
+    return out

@@ -143,7 +143,7 @@ def record(world: str, seed: int, limit_s: float) -> Figures:
                 "t": t,
                 "pose": list(pose),
                 "wireframe": b64encode(zlib.compress(encode_wireframe(wireframe))).decode(),
-                "mapped": b64encode(zlib.compress(np.packbits(_mapped(wireframe, frame, truth)).tobytes())).decode(),
+                "mapped": b64encode(zlib.compress(np.packbits(mapped(wireframe, frame, truth)).tobytes())).decode(),
                 "corners": _true_corners(wireframe, frame, truth),
             }
         )
@@ -200,7 +200,7 @@ def whole_map(world: str) -> Wireframe:
     return Wireframe(points, np.zeros(n, np.uint8), edges, np.ones(m, np.float32), np.ones(m, np.bool_))
 
 
-def _mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
+def mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
     """(p,) which pieces of the visible true wall are in the map."""
     segments = to_world(wireframe.points, frame)[wireframe.edges].reshape(-1, 4)
     near: Bools = distance_to(truth.seen_points, truth.seen_directions, segments) < NEAR_M

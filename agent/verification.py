@@ -1,0 +1,108 @@
+"""A proposal on trial: a hypothesis with a weight that new scans and messages update (paper IV; the rule is ours).
+
+A sequential test on evidence that the alignment did not use. Its weight is the log-odds, in nats, that the transform
+is right; at either bound it decides, before the robot arrives where it wanted to look.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agent.alignment.transform import Floats, apply
+from agent.contradiction import ViewRules
+from agent.cooperation_config import VerificationConfig
+from agent.corner_scan import CornerScan
+from agent.ground import Ground, sees_place
+from agent.scan_merge import to_map_frame
+from protocol.messages import Pose
+
+KINDS = ("ground", "discs", "heard", "later_maps")
+
+
+@dataclass
+class Verification:
+    """The evidence on one transform (3,), which takes the peer's frame into the robot's own."""
+
+    config: VerificationConfig
+    transform: Floats
+    ground: Ground
+    begun: int
+    """Tick of the proposal."""
+    nats: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 0.0))
+    """Weight of each kind of evidence."""
+    discs_seen: int = 0
+    discs_missed: int = 0
+    agreed_again: int = 0
+    """Later alignments that gave the same transform."""
+    _looked_from: Floats | None = None
+
+    @property
+    def weight(self) -> float:
+        """Log-odds of right against wrong."""
+        return sum(self.nats[kind] for kind in KINDS if getattr(self.config, kind))
+
+    @property
+    def verdict(self) -> bool | None:
+        """Accepted, rejected, or not decided yet."""
+        if self.weight >= self.config.accept:
+            return True
+        return False if self.weight <= -self.config.reject else None
+
+    def walk(self) -> None:
+        """Weigh the ground that was looked at."""
+        confirmed, against = self.ground.said(self.config.fresh_looks)
+        gain = min(self.config.ground_nats_per_m * confirmed, self.config.ground_most)
+        self.nats["ground"] = gain - self.config.ground_against_per_m * against
+
+    def hear(self, here: Pose, theirs: Pose, reach_m: float) -> None:
+        """A message was heard here from a peer that says where it is, in its own frame; both must fit the radio."""
+        x, y = apply(self.transform, np.array([theirs[:2]]))[0]
+        if math.hypot(x - here[0], y - here[1]) > reach_m:
+            self.nats["heard"] -= self.config.heard_against
+
+    def look_for_disc(
+        self, here: Pose, theirs: Pose, scan: CornerScan, discs: Floats, radius_m: float, rules: ViewRules
+    ) -> None:
+        """Is the peer where the transform puts it? discs (d, 2): seen in this scan, robot's own frame, metres.
+
+        A look counts once either robot has moved on since the last one that did, so that looks are independent.
+        """
+        x, y = apply(self.transform, np.array([theirs[:2]]))[0].tolist()
+        away = math.hypot(x - here[0], y - here[1])
+        if not 2.0 * radius_m <= away <= self.config.disc_far_m:
+            return
+        places = np.array([x, y, here[0], here[1]])
+        if self._looked_from is not None and np.abs(places - self._looked_from).max() < self.config.disc_moved_m:
+            return
+        if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= self.config.disc_gate_m:
+            self.discs_seen += 1
+            self.nats["discs"] += self.config.disc_nats
+        elif sees_place(x, y, radius_m, here, scan.pieces, to_map_frame(scan.pieces, here), scan.sight, rules):
+            self.discs_missed += 1
+            self.nats["discs"] -= self.config.disc_against
+        else:
+            return
+        self._looked_from = places
+
+    def align_again(self, same: bool | None) -> None:
+        """Later maps were aligned: the same transform, another one, or none (None)."""
+        if same is None:
+            return
+        self.agreed_again += int(same)
+        self.nats["later_maps"] += self.config.later_nats if same else -self.config.later_against
+
+    def figures(self) -> dict[str, object]:
+        """For an event."""
+        confirmed, against = self.ground.said(self.config.fresh_looks)
+        return {
+            "weight": round(self.weight, 2),
+            "evidence": {kind: round(nats, 2) for kind, nats in self.nats.items()},
+            "ground_confirmed_m": round(confirmed, 2),
+            "ground_against_m": round(against, 2),
+            "discs_seen": self.discs_seen,
+            "discs_missed": self.discs_missed,
+            "agreed_again": self.agreed_again,
+        }

@@ -1,0 +1,67 @@
+"""Time of one alignment of two whole maps of at least 150 vertices."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+
+from agent.alignment import AlignmentConfig, align
+from deploy.bench.alignment.pairs import moved, random_pose
+from deploy.bench.alignment.recordings import whole_map
+from deploy.bench.alignment.trials import METHODS
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+
+VERTICES = 150
+NOISE_M = 0.005
+"""Of the corners; that of the filter's maps."""
+MAZE = "generated-18x18-9"
+REPEATS = 15
+
+
+def cases(quick: bool) -> list[Case]:
+    """One case a method."""
+    repeats = 3 if quick else REPEATS
+    return [Case(f"cost/{method}", measure, {"method": method, "repeats": repeats}, alone=True) for method in METHODS]
+
+
+def measure(method: str, repeats: int) -> Figures:
+    """Milliseconds of each of some alignments, making both maps ready included."""
+    rng = np.random.default_rng(0)
+    whole = whole_map(MAZE)
+    keep = whole.edges[(whole.edges < VERTICES).all(1)]
+    n, m = VERTICES, len(keep)
+    part = replace(
+        whole, points=whole.points[:n], labels=whole.labels[:n], edges=keep, likelihood=whole.likelihood[:m],
+        own=whole.own[:m],
+    )  # fmt: skip
+    config = AlignmentConfig.model_validate({"method": method})
+    times = []
+    for _ in range(repeats + 1):
+        noisy = [replace(part, points=part.points + rng.normal(0.0, NOISE_M, part.points.shape)) for _ in range(2)]
+        theirs = moved(noisy[1], random_pose(rng))
+        begin = time.perf_counter()
+        align(noisy[0], theirs, config, rng)
+        times.append((time.perf_counter() - begin) * 1e3)
+    return {"ms": times[1:], "vertices": n}  # the first one compiles
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """One table."""
+    rows = [
+        {"method": method, "vertices": found["vertices"], "ms": median(found["ms"]), "most": max(found["ms"])}
+        for method in METHODS
+        if (found := figures.get(f"cost/{method}"))
+    ]
+    columns = [
+        Column("method", "method"),
+        Column("vertices", "vertices each"),
+        Column("ms", "ms median", at_most=50.0, digits=1),
+        Column("most", "ms at most", digits=1),
+    ]
+    beside = frozenset(number for number, row in enumerate(rows) if row["method"] != "features")
+    return [Section("cost", "Time of one alignment", columns, rows, beside)]

@@ -1,0 +1,207 @@
+"""Wrong proposals forced into the queue of live robots: twins, near misses, quarter turns, the best wrong candidate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from agent.alignment import prepare
+from agent.alignment.align import candidates, pose_of
+from agent.alignment.transform import Floats, apply, compose, inverse
+from agent.cooperation import Peer
+from agent.robot import Robot, Step
+from deploy.bench.alignment.live import errors, right, true_transform
+from deploy.bench.bars import Column, Section
+from deploy.bench.cases import Case, Figures
+from deploy.bench.explored import explore
+from deploy.bench.layouts import path_of
+from protocol.messages import Observation, RobotSpec
+from protocol.wireframe import Wireframe
+from world.episode import generator
+from world.worldfile import load
+
+KINDS = ("twin", "near", "turned", "rival")
+"""A symmetry of the building, 0.3 to 1.5 m off, a quarter or half turn about the meeting, the best wrong candidate."""
+RUNS = {"symmetric": 6, "hall": 3, "maze-15": 3, "office": 3, "apartment": 3}
+LIMIT_S = 600.0
+LEAST_WALLS = 8
+"""A proposal is forced once both maps have so many walls."""
+ROWS: dict[str, Mapping[str, Any]] = {
+    "all evidence": {},
+    "without ground": {"ground": False},
+    "without discs": {"discs": False},
+    "without range": {"heard": False},
+    "without later maps": {"later_maps": False},
+    "the drive alone (paper)": {"discs": False, "heard": False, "later_maps": False, "accept": 2.5},
+}
+"""What each kind of evidence is worth; the last needs a bound that the drive can reach."""
+
+
+def cases(quick: bool) -> list[Case]:
+    """Runs with all evidence over all worlds, and two a row with less."""
+    if quick:
+        return [Case("forced/all evidence/apartment/0", measure, _arguments("apartment", 0, {}, 60.0))]
+    made = []
+    for row, evidence in ROWS.items():
+        for world, runs in RUNS.items():
+            for seed in range(runs if row == "all evidence" else 1):
+                name = f"forced/{row}/{world}/{seed}"
+                made.append(Case(name, measure, _arguments(world, 100 + seed, evidence, LIMIT_S)))
+    return made
+
+
+def _arguments(world: str, seed: int, evidence: Mapping[str, Any], limit_s: float) -> dict[str, Any]:
+    return {"world": world, "seed": seed, "evidence": evidence, "limit_s": limit_s}
+
+
+def measure(world: str, seed: int, evidence: Mapping[str, Any], limit_s: float) -> Figures:
+    """One run."""
+    return ForcedRun(world, seed, limit_s, evidence).figures()
+
+
+class ForcedRun:
+    """A run of three robots whose proposals are all forced, and nearly all of them wrong."""
+
+    def __init__(self, world: str, seed: int, limit_s: float, evidence: Mapping[str, Any] | None = None) -> None:
+        place, spec = load(path_of(world)), RobotSpec()
+        starts = place.starts(3, spec.radius_m, generator(seed, "starts"), drawn=True)
+        self.frames = {f"r{k + 1}": start for k, start in enumerate(starts)}
+        low, high = place.segments.reshape(-1, 2).min(0), place.segments.reshape(-1, 2).max(0)
+        self.centre = 0.5 * (low + high)
+        self.rng = np.random.default_rng(seed)
+        self.forced: list[dict[str, Any]] = []
+        self._open: dict[tuple[str, str], dict[str, Any]] = {}
+        settings = {"world": world, "robots": 3, "seed": seed, "starts": "random", "max_time_s": limit_s}
+        explore(settings, {"cooperation": {"verification": evidence or {}}}, self._watch)
+
+    def figures(self) -> Figures:
+        """All proposals that were decided, and how."""
+        return {"forced": self.forced, "open": len(self._open)}
+
+    def _watch(self, robot: Robot, observation: Observation, step: Step) -> None:
+        cooperation = robot.cooperation
+        if observation.tick == 0:
+            natural = cooperation._align_if_grown
+
+            def only_again(tick: int, peer: Peer, own: Wireframe, pose: Any) -> bool:
+                """Nothing but what is on trial is aligned."""
+                return peer.status == "proposed" and natural(tick, peer, own, pose)
+
+            cooperation._align_if_grown = only_again  # type: ignore[method-assign]
+        for event in step.action.events:
+            if event.event in ("accepted", "rejected"):
+                self._close(robot.robot, event.event, event.data)
+        for name, peer in list(cooperation.peers.items()):
+            if event_free(peer) and (robot.robot, name) not in self._open and peer.wireframe is not None:
+                if min(len(peer.wireframe.edges), len(robot.own.edges)) >= LEAST_WALLS:
+                    self._force(robot, peer, observation.tick)
+            elif peer.status == "merged":  # a near miss that later maps put right, or a failure: go on
+                cooperation._unmerge(peer, "made free for the next", {})
+
+    def _force(self, robot: Robot, peer: Peer, tick: int) -> None:
+        kind = KINDS[len(self.forced) % len(KINDS)]
+        truth = true_transform(self.frames[robot.robot], self.frames[peer.name])
+        wrong = self._wrong(kind, robot, peer, truth)
+        assert peer.wireframe is not None and peer.contact is not None
+        robot.cooperation.propose(tick, peer.name, pose_of(wrong), robot.own, {"forced": True})
+        peer.corners, peer.alignment = (len(robot.own.edges), len(peer.wireframe.edges)), None
+        self._open[robot.robot, peer.name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
+
+    def _wrong(self, kind: str, robot: Robot, peer: Peer, truth: Floats) -> Floats:
+        """(3,) a transform of that kind that is wrong."""
+        assert peer.wireframe is not None and peer.contact is not None
+        mine = self.frames[robot.robot]
+        if kind == "twin":
+            half = np.array([*(2.0 * self.centre), math.pi])  # the half turn about the building's centre
+            step = np.array([self.rng.choice([-4.0, 4.0]), 0.0, 0.0])  # or the next room of `symmetric`
+            world = half if self.rng.random() < 0.5 else step
+            return compose(compose(compose(inverse(mine), world), mine), truth)
+        if kind == "near":
+            angle, away = self.rng.uniform(0.0, 2.0 * math.pi), self.rng.uniform(0.3, 1.5)
+            return compose(np.array([away * math.cos(angle), away * math.sin(angle), 0.0]), truth)
+        if kind == "rival":
+            config = robot.config.alignment
+            one, two = prepare(robot.own, config), prepare(peer.wireframe, config)
+            if one is not None and two is not None and one.walls is not None and two.walls is not None:
+                found: Floats
+                for found in candidates(one, two, config, self.rng).transforms:
+                    if not right(*self._errors(found, robot, peer)):
+                        return found
+        # a turn about where the peer was at the contact, which stays within range
+        spot = apply(truth, np.array([peer.contact[1][:2]]))[0]
+        turn = float(self.rng.choice([0.5, 1.0, 1.5])) * math.pi
+        about = compose(np.array([spot[0], spot[1], turn]), np.array([-spot[0], -spot[1], 0.0]))
+        return compose(about, truth)
+
+    def _errors(self, transform: Floats, robot: Robot, peer: Peer) -> tuple[float, float]:
+        assert peer.wireframe is not None
+        centre = peer.wireframe.points.mean(0)
+        return errors(transform.tolist(), self.frames[robot.robot], self.frames[peer.name], centre)
+
+    def _close(self, one: str, event: str, data: Mapping[str, Any]) -> None:
+        opened = self._open.pop((one, data["peer"]), None)
+        if opened is None:
+            return
+        off = errors(data["transform"], self.frames[one], self.frames[data["peer"]], np.zeros(2))
+        self.forced.append(
+            {
+                **opened,
+                "accepted": event == "accepted",
+                "wrong": not right(*off),
+                "error_m": off[0],
+                "error_deg": off[1],
+                "reason": data["reason"],
+                "weight": data["weight"],
+                "evidence": data["evidence"],
+            }
+        )
+
+
+def event_free(peer: Peer) -> bool:
+    """Whether a peer has been heard and nothing is proposed of it."""
+    return peer.status == "heard" and peer.contact is not None
+
+
+def sections(figures: Mapping[str, Figures]) -> list[Section]:
+    """Accepted by kind, and what each kind of evidence is worth."""
+    rows, kinds = [], []
+    for row in ROWS:
+        forced = [
+            one for name, found in figures.items() if name.startswith(f"forced/{row}/") for one in found["forced"]
+        ]
+        if not forced:
+            continue
+        wrong = [one for one in forced if not one["accepted"] or one["wrong"]]
+        accepted = [one for one in wrong if one["accepted"]]
+        by_evidence = sum(one["reason"] == "the evidence decides" and not one["accepted"] for one in wrong)
+        rows.append(
+            {
+                "evidence": row,
+                "forced": len(forced),
+                "accepted": len(accepted),
+                "righted": len(forced) - len(wrong),
+                "by_evidence": by_evidence,
+                "given_up": len(wrong) - by_evidence - len(accepted),
+            }
+        )
+        if row == "all evidence":
+            for kind in KINDS:
+                some = [one for one in wrong if one["kind"] == kind]
+                kinds.append({"kind": kind, "forced": len(some), "accepted": sum(one["accepted"] for one in some)})
+    columns = [
+        Column("evidence", "evidence"),
+        Column("forced", "forced"),
+        Column("accepted", "wrong accepted", at_most=0),
+        Column("righted", "put right by later maps"),
+        Column("by_evidence", "rejected by evidence"),
+        Column("given_up", "unreachable, time or undecided"),
+    ]
+    beside = frozenset(range(1, len(rows)))
+    by_kind = [Column("kind", "kind"), Column("forced", "forced"), Column("accepted", "accepted", at_most=0)]
+    return [
+        Section("forced", "Wrong proposals forced into the queue", columns, rows, beside),
+        Section("forced_kinds", "The same by kind, all evidence", by_kind, kinds),
+    ]

@@ -1,0 +1,53 @@
+"""What became of each pair of robots, read from a run directory's events: for the table at the end of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
+
+
+class PairFate(NamedTuple):
+    """One robot's dealings with one peer."""
+
+    robot: str
+    peer: str
+    contacts: int
+    attempts: int
+    """Alignments that came to no proposal."""
+    proposed: int
+    merged_at: float | None
+    """Simulated seconds of the acceptance that still holds; None without."""
+    transform: list[float] | None
+    """The peer's frame in the robot's own, of that acceptance."""
+    last: str
+    """The last word: event and reason."""
+
+
+def fates(out: Path) -> list[PairFate]:
+    """One a pair that met, in order of name. Raises OSError or ValueError where there is no events.jsonl to read."""
+    pairs: dict[tuple[str, str], dict[str, Any]] = {}
+    for line in (out / "events.jsonl").read_text(encoding="utf-8").splitlines():
+        event = json.loads(line)
+        what = event["event"]
+        if what != "contact" and what not in EVENTS:
+            continue
+        fate = pairs.setdefault(
+            (event["robot"], event["peer"]),
+            {"contacts": 0, "attempts": 0, "proposed": 0, "merged_at": None, "transform": None, "last": "contact"},
+        )
+        if what == "contact":
+            fate["contacts"] += 1
+            continue
+        fate["last"] = f"{what}: {event['reason']}"
+        if what == "attempt":
+            fate["attempts"] += 1
+        elif what == "proposed":
+            fate["proposed"] += 1
+        elif what == "accepted":
+            fate["merged_at"], fate["transform"] = event["t"], event["transform"]
+        elif what == "unmerged":
+            fate["merged_at"] = fate["transform"] = None
+    return [PairFate(robot, peer, **fate) for (robot, peer), fate in sorted(pairs.items())]
