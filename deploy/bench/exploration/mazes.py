@@ -52,7 +52,9 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
     rows = [{"mazes": name.removeprefix("mazes/"), **_row([found])} for name, found in runs.items()]
     bad = [row for row in rows if any(column.met(row.get(column.key)) is False for column in columns)]
     total = [{"mazes": f"all {len(runs)}", **_row(list(runs.values()))}] if runs else []
-    return [Section("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", columns, total + bad)]
+    return [
+        Section("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", columns, total + bad)
+    ]
 
 
 def _row(runs: list[Figures]) -> Figures:
