@@ -37,6 +37,10 @@ class PerceptionConfig(Config):
     """A beam this near to where a teammate was a moment ago is on it: 5 sigma of range."""
     disc_memory_scans: Annotated[int, Field(ge=1, le=100)] = 4
     """Scans for which a disc is remembered: one of ten is missed, so four in a row almost never are."""
+    disc_in_wall_m: Positive = 0.08
+    """A disc with its centre this near to a known wall is that wall's end: a teammate's is its radius away."""
+    known_wall_m: Positive = 0.3
+    """Walls shorter than this are no reason: one may be a teammate's own front."""
     teammate_radius_m: Positive = 0.105
     """Radius of teammates, all of one kind."""
 
@@ -134,10 +138,28 @@ class FilterConfig(Config):
 class TalkConfig(Config):
     """What a robot says, and when it counts a peer as met or lost."""
 
-    map_period_s: Positive = 1.0
-    """A changed map is broadcast at most this often."""
+    beacon_s: Positive = 5.0
+    """Between two beacons: two robots that pass at full speed are within 4 m of each other for 18 s."""
+    map_period_s: Positive = 5.0
+    """A peer is told of a changed map at most this often: walls of some seconds cost little more than one."""
     silence_s: Positive = 5.0
     """A peer unheard for longer is lost; the next message from it is a new contact (contracts)."""
+    retry_s: Positive = 3.0
+    """Before what was not acknowledged is sent again, doubling: more than there and back at 1 s of latency."""
+    reassembly_s: Positive = 30.0
+    """Parts of a map wait this long for the others: three retries."""
+    mtu_bytes: Annotated[int, Field(ge=64, le=65_536)] = 1200
+    """The longest message: what the radio takes (world.radio_config)."""
+    cell_mm: Annotated[int, Field(ge=1, le=1000)] = 10
+    """Of the grid that maps travel on: the noise of a range, a fifth of the scorer's 5 cm."""
+    slack_cells: Annotated[float, Field(ge=0, le=10)] = 1.5
+    """A corner that moved less is not news: most corners of a map still shift by some millimetres a minute."""
+    level_slack: Annotated[int, Field(ge=0, le=7)] = 2
+    """As slack_cells, for an edge's likelihood, in sevenths."""
+    likelihoods: bool = True
+    """Whether edge likelihoods travel: 0.14 bytes a vertex."""
+    axis_slack_deg: Positive = 1.0
+    """The grid is turned anew where the map's axis is off by more: 2 cells on a wall of 1.2 m, 3 bits each."""
 
 
 class AgentConfig(Config):

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from protocol.codec import decode
-from protocol.errors import ProtocolError
-from protocol.messages import Event, Heard, MapBroadcast, Pose
-from protocol.wireframe import Wireframe, decode_wireframe
+from protocol.messages import Event, Pose
+from protocol.wireframe import Wireframe
 
 
 @dataclass(slots=True)
@@ -21,9 +18,13 @@ class Contact:
     last: int
     """Tick of the newest message."""
     pose: Pose | None = None
-    """Where the peer is, in its own frame."""
+    """Where the peer was, in its own frame."""
+    pose_tick: int = 0
+    """When it was there."""
     wireframe: Wireframe | None = None
     """Its map, in its own frame."""
+    map_tick: int = 0
+    """When its map was so; a higher one is news."""
 
 
 class Contacts:
@@ -34,24 +35,18 @@ class Contacts:
         self.silence_ticks = silence_ticks
         self.present: dict[str, Contact] = {}
 
-    def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
-        """Take a tick's messages; returns `contact`, `lost` and `refused` events. A bad message changes nothing."""
-        events = []
-        for message in heard:
-            try:
-                broadcast = decode(MapBroadcast, message.payload)
-                if broadcast.robot != message.sender:
-                    raise ProtocolError(f"{message.sender} speaks as {broadcast.robot}")
-                wireframe = decode_wireframe(broadcast.wireframe)
-            except ProtocolError as error:
-                events.append(Event(event="refused", data={"peer": message.sender, "reason": str(error)}))
-                continue
-            contact = self.present.get(message.sender)
-            if contact is None:
-                contact = self.present[message.sender] = Contact(message.sender, tick, tick)
-                events.append(Event(event="contact", data={"peer": message.sender}))
-            contact.last, contact.pose, contact.wireframe = tick, broadcast.pose, wireframe
-        for peer in [c.peer for c in self.present.values() if tick - c.last > self.silence_ticks]:
+    def hear(self, tick: int, peer: str) -> list[Event]:
+        """Count a peer as heard; a `contact` event where it was silent before."""
+        contact = self.present.get(peer)
+        if contact is not None:
+            contact.last = tick
+            return []
+        self.present[peer] = Contact(peer, tick, tick)
+        return [Event(event="contact", data={"peer": peer})]
+
+    def forget(self, tick: int) -> list[Event]:
+        """Drop peers that have been silent for too long, with a `lost` event each."""
+        silent = [c.peer for c in self.present.values() if tick - c.last > self.silence_ticks]
+        for peer in silent:
             del self.present[peer]
-            events.append(Event(event="lost", data={"peer": peer}))
-        return events
+        return [Event(event="lost", data={"peer": peer}) for peer in silent]

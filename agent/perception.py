@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.clearance import distances_to_walls
 from agent.config import PerceptionConfig
 from agent.corner_scan import PIECE, CornerScan, Record, Sight
 from agent.discs import beams_on, find_discs, hidden_beams
@@ -264,18 +265,26 @@ def _explained(cuts: Ints, beams: Ints, n: int) -> NDArray[np.bool_]:
     return out
 
 
-def perceive(ranges: Floats, spec: LidarSpec, config: PerceptionConfig, expected: Floats | None = None) -> CornerScan:
+def perceive(
+    ranges: Floats,
+    spec: LidarSpec,
+    config: PerceptionConfig,
+    expected: Floats | None = None,
+    known: Floats | None = None,
+) -> CornerScan:
     """Corner scan of a full turn.
 
     ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
     treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack
-    (agent.seen_discs). All in the robot's frame.
+    (agent.seen_discs). known: (m, 4) metres, walls of the map, in which no teammate stands. All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
     noise = max(spec.noise_m, config.noise_floor_m)
     sigmas = config.range_margin_sigmas
     reach = spec.range_max_m - sigmas * noise
     discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
+    if known is not None and len(known):
+        discs = discs[distances_to_walls(discs, known) > config.disc_in_wall_m]
     hidden = hidden_beams(len(ranges), discs, config.teammate_radius_m)
     if expected is not None and len(expected):
         slack = np.array([0.0, 0.0, config.disc_margin_m])

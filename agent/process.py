@@ -75,6 +75,7 @@ def run_agent(
     connect: str,
     config: AgentConfig,
     *,
+    secret: str | None = None,
     reconnect_s: float = RECONNECT_S,
     join_timeout_s: float = JOIN_TIMEOUT_S,
     robot_factory: RobotFactory | None = None,
@@ -82,6 +83,7 @@ def run_agent(
 ) -> str:
     """Live as `robot` in the world at the endpoint `connect` until its run ends.
 
+    secret: of this robot, where the world asks for one.
     Returns why it ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
     Raises LinkError where no world is found, or it is gone for reconnect_s seconds; RefusedError where it does
     not let the robot in; ProtocolError where what it says makes no sense.
@@ -91,7 +93,7 @@ def run_agent(
 
         robot_factory = Robot
     inbox = inbox or Inbox()
-    with open_client(connect, join_timeout_s) as session:
+    with open_client(connect, join_timeout_s, robot, secret) as session:
         # history: the end of a token that was not reported is not reported either
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         ended = None
@@ -110,7 +112,7 @@ def join(session: zenoh.Session, robot: str, inbox: Inbox, timeout_s: float) -> 
 
     Raises RefusedError where the world says no, LinkError where it says nothing.
     """
-    question = encode(Join(version=PROTOCOL_VERSION, robot=robot))
+    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(session.info.zid())))
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         if inbox.stopped:

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import time
 import zlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.contacts import Contacts
+from agent.exchange import Exchange
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
 from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter
-from protocol.codec import encode
 from protocol.messages import (
-    EVERYONE,
     Action,
     Event,
     Heard,
-    MapBroadcast,
     MapReport,
     Observation,
     Pose,
@@ -67,11 +67,10 @@ class Robot:
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
         self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
+        self.exchange = Exchange(self.contacts, config.radio, spec.lidar.rate_hz)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.wireframe = Wireframe()
         self.version = 0
-        self._said_version = 0
-        self._talk_ticks = max(1, round(config.radio.map_period_s * spec.lidar.rate_hz))
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -87,15 +86,16 @@ class Robot:
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before)
+        known = self._known_walls(self.filter.predicted(observation.odometry))
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known)
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
         changed = self._read_map()
-        events = self.contacts.hear(tick, heard)
+        events = self.exchange.hear(tick, heard)
         seen = scan.wireframe()
         command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs)
-        sends = self._talk(tick, pose)
+        sends = self.exchange.talk(tick, pose, self.wireframe, self.version)
         map_bytes = encode_wireframe(self.wireframe)
         return Step(
             self._act(tick, command, events, len(sends), len(map_bytes), started),
@@ -104,6 +104,18 @@ class Robot:
             PoseReport(tick=tick, pose=pose),
             MapReport(tick=tick, wireframe=map_bytes) if changed else None,
         )
+
+    def _known_walls(self, pose: Pose) -> NDArray[np.float64]:
+        """(m, 4) walls of the map that are too long to be a teammate's front, in the robot's frame."""
+        walls = self.wireframe.segments()
+        walls = walls[
+            np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
+        ]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        x, y = walls[:, 0::2] - pose[0], walls[:, 1::2] - pose[1]
+        out = np.empty_like(walls)
+        out[:, 0::2], out[:, 1::2] = c * x + s * y, c * y - s * x
+        return out
 
     def _read_map(self) -> bool:
         """Take the filter's best map; true, and a new version, where it differs from the last one."""
@@ -117,14 +129,6 @@ class Robot:
             self.wireframe = new
             self.version += 1
         return not alike
-
-    def _talk(self, tick: int, pose: Pose) -> list[Send]:
-        """Broadcast id, maximum-likelihood wireframe and position (paper III), if the map changed."""
-        if tick % self._talk_ticks or self.version == self._said_version:
-            return []
-        self._said_version = self.version
-        said = MapBroadcast(robot=self.robot, pose=pose, wireframe=encode_wireframe(self.wireframe))
-        return [Send(tick=tick, to=EVERYONE, kind="map", payload=encode(said))]
 
     def _act(
         self, tick: int, command: Command, events: list[Event], sent: int, map_bytes: int, started: float

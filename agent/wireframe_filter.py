@@ -267,6 +267,10 @@ class WireframeFilter:
         x, y, theta = self.poses[self.best].tolist()
         return x, y, theta
 
+    def predicted(self, odometry: Pose) -> Pose:
+        """Where the best particle would be at this odometry, before a scan corrects it."""
+        return moved(self.pose, _between(self._odometry, odometry)) if self._odometry is not None else odometry
+
     @property
     def nbytes(self) -> int:
         """Bytes that the particles need."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -9,16 +10,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deploy.status import ENDINGS, Status
 
+if TYPE_CHECKING:
+    from deploy.config import RunConfig
+
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")  # small arrays: threads would only wait for each other
 
-EXTRAS = {"pymunk": "world", "matplotlib": "deploy", "psutil": "deploy", "rich": "deploy"}
+EXTRAS = {"pymunk": "world", "matplotlib": "deploy", "PIL": "deploy", "psutil": "deploy", "rich": "deploy"}
 """Which extra brings a package that the base install may lack."""
 
 app = typer.Typer(
@@ -88,7 +92,7 @@ def run(
     settings = load(config, flags, set_ or ())
     _check_world(settings.world)
     directory = run_directory(out, settings.world, settings.seed)
-    with Display(settings.world, quiet) as display:
+    with Display(settings.world, str(settings.radio), quiet) as display:
         result = launch(settings, directory, command_line=sys.argv, show=display.show)
     for error in result.errors:
         _say(error)
@@ -99,9 +103,23 @@ def run(
         page = write_report(directory)
     except Exception as error:  # the run itself is written and must not be lost with its picture
         _say(f"no report: {type(error).__name__}: {error}")
+    try:
+        _measure_bandwidth(directory, settings)
+    except Exception as error:
+        _say(f"no bandwidth measurement: {type(error).__name__}: {error}")
     print_summary(directory)
     print(page or directory)
     raise typer.Exit(result.status)
+
+
+def _measure_bandwidth(directory: Path, settings: RunConfig) -> None:
+    """What other forms of the maps would have cost, added to bandwidth.json, and its plots."""
+    from deploy.bandwidth.plots import draw
+    from deploy.bandwidth.representations import measure, write
+
+    measurement = measure(directory, settings)
+    write(directory, measurement)
+    draw(directory, measurement)
 
 
 @app.command("world")
@@ -115,29 +133,67 @@ def world_(
     max_time: MaxTime = None,
     real_time: RealTime = None,
     listen: Annotated[str | None, typer.Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    secrets: Annotated[
+        Path | None, typer.Option(help="File of secrets, without which nobody gets in; made where there is none.")
+    ] = None,
     config: ConfigFile = None,
     set_: Set = None,
 ) -> None:
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
     from deploy.config import load
     from deploy.launcher import run_directory
+    from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
     from world.server import Inbox, serve
 
     flags = _flags(world, robots, seed, range_m, until, max_time, real_time) | {"server.listen": listen}
     settings = load(config, flags, set_ or ())
     _check_world(settings.world)
+    names = [*(f"r{number + 1}" for number in range(settings.robots)), VIEWER]
+    if secrets is not None and not secrets.exists():
+        write_secrets(secrets, new_secrets(names[:-1]))
+    known = None if secrets is None else read_secrets(secrets, names)
     directory = run_directory(out, settings.world, settings.seed)
     inbox = Inbox()
     _stop_on_signals(inbox.stop)
+
+    def listening(endpoint: str) -> None:
+        print(f"listening on {endpoint}", flush=True)
+        print(f"radio: {settings.radio}", file=sys.stderr)
+
     ended = serve(
         settings,
         settings.server,
         directory,
+        secrets=known,
         inbox=inbox,
-        listening=lambda endpoint: print(f"listening on {endpoint}", flush=True),
+        listening=listening,
     )
     print(f"ended: {ended}; {directory}")
     raise typer.Exit(ENDINGS.get(ended, Status.INTERRUPTED))
+
+
+@app.command()
+def bandwidth(
+    runs: Annotated[list[Path], typer.Argument(help="Run directories.", metavar="DIR...")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Measure what finished runs sent, and what their maps would have cost in other forms."""
+    from deploy.bandwidth.books import read_books
+    from deploy.bandwidth.plots import draw
+    from deploy.bandwidth.representations import measure, write
+    from deploy.bandwidth.tables import document, print_tables
+
+    documents = []
+    for run in runs:
+        books = read_books(run)
+        measurement = measure(run)
+        write(run, measurement)
+        draw(run, measurement)
+        documents.append(document(run, books, measurement))
+        if not as_json:
+            print_tables(documents[-1])
+    if as_json:
+        print(json.dumps(documents, indent=1))
 
 
 @bench.command()
@@ -176,10 +232,20 @@ def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path
         raise typer.Exit(Status.FAILURE)
 
 
+@bench.command("radio")
+def radio_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+    """Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour."""
+    from deploy.bench.radio import measure
+
+    if not measure(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
+
+
 @app.command()
 def agent(
     id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],
     connect: Annotated[str, typer.Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
+    secrets: Annotated[Path | None, typer.Option(help="File of secrets with this robot's line.")] = None,
     reconnect: Annotated[
         float | None, typer.Option(help="Seconds to wait for a world that is gone.", show_default="2")
     ] = None,
@@ -189,14 +255,17 @@ def agent(
     """Run one robot."""
     from agent.process import Inbox, run_agent
     from deploy.config import load
+    from protocol.access import read_secrets
 
     settings = load(config, {"reconnect_s": reconnect}, set_ or ())
+    secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
     inbox = Inbox()
     _stop_on_signals(inbox.stop)
     ended = run_agent(
         id_,
         connect,
         settings.agent,
+        secret=secret,
         reconnect_s=settings.reconnect_s,
         join_timeout_s=settings.join_timeout_s,
         inbox=inbox,
@@ -251,6 +320,7 @@ def _say(sentence: str) -> None:
 @contextmanager
 def _one_sentence() -> Iterator[None]:
     """Turn what a user can act on into one sentence and an exit status."""
+    from deploy.bandwidth.books import NoRunError
     from deploy.config import ConfigError
     from protocol.errors import LinkError, ProtocolError, RefusedError
     from world.worldfile import WorldFileError
@@ -263,7 +333,7 @@ def _one_sentence() -> Iterator[None]:
             raise
         _say(f"this command needs {error.name}: install it with `pip install 'wireswarm[{extra}]'`")
         sys.exit(Status.USAGE)
-    except (ConfigError, WorldFileError, RefusedError) as error:
+    except (ConfigError, NoRunError, WorldFileError, RefusedError) as error:
         _say(str(error))
         sys.exit(Status.USAGE)
     except (LinkError, ProtocolError, OSError) as error:

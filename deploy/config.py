@@ -11,7 +11,8 @@ import yaml
 from pydantic import ValidationError
 
 from agent.config import AgentConfig
-from world.config import NotNegative, Positive, ServerConfig, WorldConfig
+from world.config import ServerConfig, WorldConfig
+from world.radio_config import NotNegative, Positive
 
 
 class ConfigError(ValueError):

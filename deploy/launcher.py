@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from deploy.config import ConfigError, RunConfig
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, agent_process, world_process
 from deploy.status import ENDINGS, Status
+from protocol.access import new_secrets
 from protocol.messages import Progress
 from world.worldfile import load
 
@@ -105,6 +106,8 @@ class Run:
     ) -> None:
         self._config, self._out, self._show, self._factory = config, out, show, factory
         self._context = mp.get_context("forkserver")
+        self._secrets = new_secrets(self._robots) if config.server.access_control else None
+        """Of this run alone; they reach the children by their pipes, and are written nowhere else."""
         self._children: list[Child] = []
         self._talking: dict[Any, Child] = {}
         """Children whose pipe is open, by our end of it."""
@@ -113,7 +116,7 @@ class Run:
         self._errors: list[str] = []
         self._last_words: set[str] = set()
         """Children that said how they ended."""
-        self._refused = self._interrupted = False
+        self._refused = self._interrupted = self._stillborn = False
 
     def __enter__(self) -> Self:
         """Start the world; its robots follow when it listens."""
@@ -123,7 +126,7 @@ class Run:
             forkserver.ensure_running()
         finally:
             signal.signal(signal.SIGINT, ctrl_c)
-        self._start("world", world_process, self._config, self._out)
+        self._start("world", world_process, self._config, self._out, self._secrets)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -152,6 +155,10 @@ class Run:
                 signal.signal(number, handler)
         return Result(self._status(), self._ended or "failed", self._errors)
 
+    @property
+    def _robots(self) -> list[str]:
+        return [f"r{number + 1}" for number in range(self._config.robots)]
+
     def _start(self, name: str, target: Callable[..., None], *arguments: Any) -> None:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=target, args=(theirs, *arguments), name=name, daemon=True)
@@ -171,11 +178,12 @@ class Run:
             if child.name not in self._last_words:
                 child.process.join(1.0)
                 self._errors.append(f"{child.name}: its process died ({_exit_of(child.process.exitcode)})")
+                self._end_unless_begun(child)
             return
         if what == LISTENING:
-            for number in range(self._config.robots):
-                robot = f"r{number + 1}"
-                self._start(robot, agent_process, robot, value, self._config, self._factory)
+            for robot in self._robots:
+                secret = self._secrets and self._secrets[robot]
+                self._start(robot, agent_process, robot, value, secret, self._config, self._factory)
             return
         if what == PROGRESS:
             self._progress = value
@@ -187,6 +195,13 @@ class Run:
         elif what in (REFUSED, FAILED) or value not in ENDINGS:
             self._refused |= what == REFUSED
             self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
+            self._end_unless_begun(child)
+
+    def _end_unless_begun(self, child: Child) -> None:
+        """End a run that waits for a robot that will never join."""
+        if self._progress is None and child.name != "world":
+            self._stillborn = True
+            self._tell_all()
 
     def _stop(self, number: int, frame: object) -> None:
         if self._interrupted:
@@ -202,10 +217,12 @@ class Run:
                 child.pipe.send("stop")
 
     def _status(self) -> Status:
-        if self._interrupted or self._ended == "interrupted":
+        if self._interrupted or (self._ended == "interrupted" and not self._stillborn):
             return Status.INTERRUPTED
         if self._refused:
             return Status.USAGE
+        if self._stillborn:
+            return Status.FAILURE
         if self._ended is None or self._progress is None:
             return Status.FAILURE
         states = set(self._progress.clock.status.values())

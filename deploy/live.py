@@ -24,8 +24,9 @@ LINE_S = 10.0
 class Display:
     """Live progress on stderr: a table on a terminal, else a line now and then, or nothing."""
 
-    def __init__(self, world: str, quiet: bool) -> None:
-        self._world, self._quiet = world, quiet
+    def __init__(self, world: str, radio: str, quiet: bool) -> None:
+        """radio: its configuration in words, printed when the run begins."""
+        self._world, self._radio, self._quiet = world, radio, quiet
         self._console = Console(stderr=True)
         self._began: float | None = None
         self._line = 0.0
@@ -50,6 +51,8 @@ class Display:
         clock = progress.clock
         if self._began is None:
             self._began = now
+            if not self._quiet:
+                self._console.print(f"radio: {self._radio}", highlight=False, soft_wrap=True)
         speed = clock.t / (now - self._began) if now > self._began else 0.0
         alive = sum(status != "dead" for status in clock.status.values())
         late = f", {progress.late_ticks} late ticks" if progress.late_ticks else ""

@@ -31,7 +31,7 @@ class Stoppable(Protocol):
         ...
 
 
-def world_process(launcher: Connection, config: RunConfig, out: Path) -> None:
+def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None) -> None:
     """Run the world; tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why."""
     from protocol.errors import LinkError
     from world.server import Inbox, serve
@@ -44,6 +44,7 @@ def world_process(launcher: Connection, config: RunConfig, out: Path) -> None:
             config,
             config.server,
             out,
+            secrets=secrets,
             inbox=inbox,
             listening=lambda endpoint: _tell(launcher, LISTENING, endpoint),
             progress=lambda progress: _tell(launcher, PROGRESS, progress),
@@ -60,7 +61,12 @@ def world_process(launcher: Connection, config: RunConfig, out: Path) -> None:
 
 
 def agent_process(
-    launcher: Connection, robot: str, endpoint: str, config: RunConfig, robot_factory: RobotFactory | None
+    launcher: Connection,
+    robot: str,
+    endpoint: str,
+    secret: str | None,
+    config: RunConfig,
+    robot_factory: RobotFactory | None,
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
     from agent.process import Inbox, run_agent
@@ -73,6 +79,7 @@ def agent_process(
             robot,
             endpoint,
             config.agent,
+            secret=secret,
             reconnect_s=config.reconnect_s,
             join_timeout_s=config.join_timeout_s,
             robot_factory=robot_factory,

@@ -26,11 +26,15 @@ ALL_OUT = "robots/*/out/**"
 """The world's one subscriber: one ordered thread for what all robots say."""
 ALL_ALIVE = "robots/*/alive"
 ALL_SRV = "robots/*/srv/**"
+ALL_PUBLIC = "world/pub/**"
+ALL_TRUTH = "world/truth/**"
 
 WORLD_ALIVE = "world/pub/alive"
 """Liveliness token of the world; its end tells robots apart a dead world from a slow one."""
 CLOCK = "world/pub/clock"
 """Tick and status of the robots, for anybody."""
+LINKS = "world/pub/links"
+"""Who hears whom, without positions, for anybody."""
 PROGRESS = "world/truth/progress"
 """Coverage, which is judged against the truth and so is no robot's to read."""
 
@@ -38,6 +42,11 @@ PROGRESS = "world/truth/progress"
 def all_in(robot: str) -> str:
     """What a robot hears of the world: its one subscriber, so that the order of a tick is kept."""
     return f"robots/{robot}/in/**"
+
+
+def all_out(robot: str) -> str:
+    """All that a robot says."""
+    return f"robots/{robot}/out/**"
 
 
 def to_robot(robot: str, channel: str) -> str:

@@ -130,6 +130,8 @@ class Join(Message):
 
     version: int
     robot: RobotId
+    session: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{0,32}$")] = ""
+    """The robot's Zenoh ID, by which the world knows its link: for counting bytes only."""
 
 
 class Welcome(Message):
@@ -235,15 +237,6 @@ class PoseReport(Message):
     pose: Pose
 
 
-class MapBroadcast(Message):
-    """Robot to robot, the payload of kind "map": what the paper's robots send (section III)."""
-
-    robot: RobotId
-    pose: Pose
-    """Where the sender is, in its own frame."""
-    wireframe: Annotated[bytes, Field(max_length=2**20)]
-
-
 class Clock(Message):
     """World to anybody, some times a second: how far the run is; tells nothing of the walls."""
 
@@ -254,6 +247,24 @@ class Clock(Message):
     """Per robot: `exploring`, `complete` or `dead`."""
     ended: Text | None = None
     """How the run ended: `complete`, `time`, `dead`, `interrupted`; None while it goes on."""
+
+
+class LinkReport(Message):
+    """One directed link on which something was heard lately."""
+
+    sender: RobotId
+    receiver: RobotId
+    loss: Annotated[Finite, Field(ge=0, le=1)]
+    """Share of the last seconds' messages that did not arrive."""
+    bytes: Count
+    """Delivered since the start."""
+
+
+class LinkTable(Message):
+    """World to anybody, with the clock: who hears whom; tells nothing of places."""
+
+    tick: Tick
+    links: Annotated[list[LinkReport], Field(max_length=250_000)]
 
 
 class Progress(Message):

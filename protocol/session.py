@@ -8,12 +8,15 @@ from __future__ import annotations
 import json
 import re
 import socket
+import tempfile
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import zenoh
 
+from protocol.access import VIEWER, Secrets, access_control, write_secrets
 from protocol.codec import MAX_FRAME_BYTES
 from protocol.errors import LinkError
 
@@ -69,10 +72,11 @@ def _free_endpoint() -> str:
 
 
 @contextmanager
-def open_router(listen: str | None = None) -> Iterator[tuple[zenoh.Session, str]]:
+def open_router(listen: str | None = None, secrets: Secrets | None = None) -> Iterator[tuple[zenoh.Session, str]]:
     """Open the world's session, an embedded router, and yield it with its endpoint.
 
-    listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1.
+    listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1. secrets: of all that may
+    connect, each to what is its own (protocol.access); None lets everybody in, to everything.
     Raises LinkError where the endpoint cannot be listened on.
     """
     if listen:
@@ -81,7 +85,8 @@ def open_router(listen: str | None = None) -> Iterator[tuple[zenoh.Session, str]
     for left in reversed(range(tries)):
         endpoint = listen or _free_endpoint()
         try:
-            session = zenoh.open(_config("router", {"listen/endpoints": [endpoint]}))
+            with _guarded(secrets) as guard:
+                session = zenoh.open(_config("router", {"listen/endpoints": [endpoint], **guard}))
         except zenoh.ZError as error:
             if left:
                 continue
@@ -92,10 +97,28 @@ def open_router(listen: str | None = None) -> Iterator[tuple[zenoh.Session, str]
 
 
 @contextmanager
-def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session]:
+def _guarded(secrets: Secrets | None) -> Iterator[dict[str, object]]:
+    """Settings of a router that knows these secrets, valid while it is opened."""
+    if secrets is None:
+        yield {}
+        return
+    with tempfile.TemporaryDirectory() as folder:  # which is its owner's alone
+        dictionary = Path(folder, "secrets")
+        write_secrets(dictionary, secrets)
+        yield {
+            "transport/auth/usrpwd/dictionary_file": str(dictionary),
+            "access_control": access_control(name for name in secrets if name != VIEWER),
+        }
+
+
+@contextmanager
+def open_client(
+    connect: str, timeout_s: float = 10.0, name: str | None = None, secret: str | None = None
+) -> Iterator[zenoh.Session]:
     """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
 
-    Raises LinkError when no world answers within timeout_s seconds (0: tried once).
+    name and secret: of this robot or viewer, where the world asks for them. Raises LinkError when no world answers
+    within timeout_s seconds (0: tried once), which is also what a wrong secret looks like.
     """
     check_endpoint(connect)
     settings: dict[str, object] = {
@@ -108,6 +131,8 @@ def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session
             "period_increase_factor": 2,
         },
     }
+    if secret is not None:
+        settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
     try:
         session = zenoh.open(_config("client", settings))
     except zenoh.ZError as error:
@@ -115,7 +140,7 @@ def open_client(connect: str, timeout_s: float = 10.0) -> Iterator[zenoh.Session
             raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
         raise LinkError(
             f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that the address and "
-            "port are right and that no firewall is between"
+            "port are right, that no firewall is between, and that the secret is the world's"
         ) from None
     with session:
         yield session

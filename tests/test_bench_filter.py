@@ -16,12 +16,12 @@ from deploy.bench.bars import Column, Section
 from deploy.bench.filter import PARTS
 from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
-from deploy.bench.filter.grid import grid_of
 from deploy.bench.filter.recording import HERE, Recording, record
 from deploy.bench.filter.runs import worst
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
 from deploy.metrics import score
+from deploy.occupancy_grid import grid_of
 from protocol.messages import LidarSpec
 from world import worldfile
 from world.lidar import Lidar

@@ -55,7 +55,7 @@ def test_the_same_run_gives_the_same_bytes_in_another_process(tmp_path: Path) ->
     )
     here, there = files(tmp_path / "here"), files(tmp_path / "there")
     assert here == there
-    assert len(here) == 7 + 3 * 4
+    assert len(here) == 8 + 3 * 4
     assert run(QUICK.model_copy(update={"seed": 1}), None) != run(QUICK, None)
 
 

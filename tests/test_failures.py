@@ -171,6 +171,20 @@ def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path)
     assert [event["robot"] for event in events if event["event"] == "dead"] == ["r2", "r3", "r4"]
 
 
+def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.launch_tiny", str(tmp_path), "stillborn", '{"robots": 2, "until": 10.0}'],
+        cwd=REPO,
+        capture_output=True,
+        text=True,
+        timeout=30,  # the world alone would wait 60 s for them
+        check=False,
+    )
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["status"] == 1
+    assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
+
+
 def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path) -> None:
     (tmp_path / "tiny.yaml").write_text(ROOM)
     with open_router() as (_, endpoint):

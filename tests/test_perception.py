@@ -173,3 +173,28 @@ def test_dropouts_do_not_open_walls() -> None:
     scan = perceive(ranges, LidarSpec(dropout=0.05), PerceptionConfig())
     assert (np.abs(scan.pieces["y"] - 1) < 1e-6).all()
     assert (scan.pieces["label"] == Label.FRONTIER).all()
+
+
+def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_one() -> None:
+    spec = LidarSpec()
+    wall = [(1.0, -0.075, 1.0, 0.075), (1.0, 0.075, 3.0, 0.075), (3.0, -0.075, 1.0, -0.075)]
+    walls = np.array([w[2:] + w[:2] for w in wall])
+    sides = np.array(wall[1:])
+    hidden_without, seen_with = 0, 0
+    for seed in range(20):
+        lidar = Lidar(walls, spec)
+        rng = np.random.default_rng(seed)
+        pose = np.array([[-0.3, 0.05 * (seed % 3 - 1), 0.0]])
+        ranges = np.asarray(lidar.measured(lidar.cast(pose), [rng])[0], np.float64)
+        known = sides - np.tile(pose[0, :2], 2)
+        hidden_without += len(perceive(ranges, spec, PerceptionConfig()).discs)
+        scan = perceive(ranges, spec, PerceptionConfig(), None, known)
+        assert len(scan.discs) == 0
+        seen_with += len(scan.pieces) > 0
+        beside = np.array([[2.0, 0.075 + 0.2, 0.105]])
+        pose = np.array([[1.2, 0.9, 0.0]])
+        ranges = np.asarray(lidar.measured(lidar.cast(pose, beside), [rng])[0], np.float64)
+        scan = perceive(ranges, spec, PerceptionConfig(), None, sides - np.tile(pose[0, :2], 2))
+        assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
+    assert hidden_without > 0
+    assert seen_with == 20

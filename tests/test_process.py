@@ -34,7 +34,8 @@ JOIN_S = 20.0
 class World:
     """A world server in a thread; robots join it from this process or others."""
 
-    def __init__(self, config: RunConfig, out: Path) -> None:
+    def __init__(self, config: RunConfig, out: Path, secrets: dict[str, str] | None = None) -> None:
+        self.secrets = secrets
         self.inbox = Inbox()
         self.endpoint: Future[str] = Future()
         self.ended: Future[str] = Future()
@@ -44,7 +45,8 @@ class World:
     def _serve(self, config: RunConfig, out: Path) -> None:
         try:
             listening = self.endpoint.set_result
-            self.ended.set_result(serve(config, config.server, out, inbox=self.inbox, listening=listening))
+            ended = serve(config, config.server, out, secrets=self.secrets, inbox=self.inbox, listening=listening)
+            self.ended.set_result(ended)
         except BaseException as error:
             self.ended.set_exception(error)
 

@@ -24,7 +24,6 @@ from protocol.messages import (
     Event,
     Heard,
     Join,
-    MapBroadcast,
     MapReport,
     Message,
     Observation,
@@ -39,7 +38,7 @@ from protocol.messages import (
 from protocol.wireframe import MAX_VERTICES, Label, Wireframe, decode_wireframe, encode_wireframe
 
 KINDS: list[type[Message]] = [
-    Action, Clock, End, Heard, Join, MapBroadcast, MapReport, Observation,
+    Action, Clock, End, Heard, Join, MapReport, Observation,
     PoseReport, Progress, Refused, ScanReport, Send, Welcome,
 ]  # fmt: skip
 
@@ -94,7 +93,6 @@ messages = st.one_of(
     st.builds(ScanReport, tick=ticks, wireframe=st.binary(max_size=500)),
     st.builds(MapReport, tick=ticks, wireframe=st.binary(max_size=500)),
     st.builds(PoseReport, tick=ticks, pose=poses),
-    st.builds(MapBroadcast, robot=ids, pose=poses, wireframe=st.binary(max_size=500)),
     clocks,
     st.builds(Progress, clock=clocks, coverage=st.dictionaries(ids, finite, max_size=5), team=finite),
 )

@@ -7,8 +7,8 @@ import pytest
 
 from protocol.errors import ProtocolError
 from protocol.messages import Send
-from world.config import RadioConfig
 from world.radio import Passage, Radio
+from world.radio_config import RadioConfig
 
 NAMES = ["r1", "r2", "r3"]
 LINE = np.array([[0.0, 0.0], [3.9, 0.0], [8.0, 0.0]])  # r2 is within 4 m of r1, r3 of nobody
@@ -74,7 +74,7 @@ def test_the_dead_hear_nothing_and_the_end_is_no_delivery() -> None:
 @pytest.mark.parametrize("to", ["r1", "r9"])
 def test_messages_to_oneself_or_nobody_are_refused(to: str) -> None:
     with pytest.raises(ProtocolError, match=f"r1 sends to {to}"):
-        Radio(NAMES, RadioConfig()).check("r1", send(0, b"", to=to))
+        Radio(NAMES, RadioConfig()).check("r1", [send(0, b"", to=to)])
 
 
 def test_the_books_balance() -> None:

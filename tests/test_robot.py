@@ -7,9 +7,11 @@ import pytest
 
 from agent.config import AgentConfig
 from agent.robot import Robot
-from protocol.codec import decode, encode
-from protocol.messages import EVERYONE, Heard, MapBroadcast, Observation, RobotSpec
-from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
+from protocol.grid_map import quantise
+from protocol.map_codec import decode_map, encode_map
+from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
+from protocol.talk import Beacon, Part
+from protocol.wireframe import Wireframe
 from world.lidar import Lidar
 
 SPEC = RobotSpec()
@@ -29,9 +31,13 @@ def observation(tick: int, heard: int = 0, seed: int = 0) -> Observation:
     return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0), heard=heard)
 
 
-def heard(tick: int, sender: str = "r2", **changes: object) -> Heard:
-    said = MapBroadcast(robot=sender, pose=(0.5, 0.5, 0.0), wireframe=encode_wireframe(SQUARE))
-    return Heard(tick=tick, sender=sender, kind="map", payload=encode(said.model_copy(update=changes)))
+def beacon(tick: int, sender: str = "r2") -> Heard:
+    return Heard(tick=tick, sender=sender, kind="beacon", payload=Beacon(tick, (0.5, 0.5, 0.0)).encode())
+
+
+def map_of(tick: int, sender: str = "r2", body: bytes | None = None) -> Heard:
+    body = encode_map(quantise(SQUARE, 10, 0)).data if body is None else body
+    return Heard(tick=tick, sender=sender, kind="map", payload=Part(tick, 0, 0, 1, body).encode())
 
 
 def robot() -> Robot:
@@ -48,38 +54,52 @@ def test_a_step_answers_its_tick_and_counts_its_messages() -> None:
         assert abs(step.action.turn_rps) <= SPEC.max_turn_rps
 
 
-def test_a_changed_map_is_broadcast_once_a_second() -> None:
+def test_a_robot_alone_sends_beacons_only() -> None:
     mind = robot()
-    sent = [(tick, send) for tick in range(25) for send in mind.step(observation(tick), []).sends]
-    assert sent
-    assert all(tick % 5 == 0 and send.to == EVERYONE and send.kind == "map" for tick, send in sent)
-    said = decode(MapBroadcast, sent[-1][1].payload)
-    assert said.robot == "r1"
-    assert len(decode_wireframe(said.wireframe).edges) == 4
-    quiet = [send for tick in range(25, 60) for send in mind.step(observation(tick), []).sends]
-    assert len(quiet) <= 1  # the map does not change any more
+    sent = [(tick, send) for tick in range(60) for send in mind.step(observation(tick), []).sends]
+    assert [tick for tick, _ in sent] == [0, 25, 50]
+    assert all(send.to == EVERYONE and send.kind == "beacon" and len(send.payload) <= 32 for _, send in sent)
+
+
+def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
+    mind = robot()
+    sent = []
+    for tick in range(24):
+        said = [beacon(tick)] if tick == 10 else []
+        said += [
+            Heard(tick=tick, sender="r2", kind="ack", payload=bytes([0x10, part.version]))
+            for at, send in sent
+            if at == tick - 2 and send.kind == "map" and (part := Part.decode(send.payload))
+        ]
+        sent += [(tick, send) for send in mind.step(observation(tick, len(said)), said).sends]
+    assert [(tick, send.kind, send.to) for tick, send in sent] == [
+        (0, "beacon", "*"), (10, "beacon", "*"), (10, "map", "r2"),
+    ]  # fmt: skip
+    assert len(decode_map(Part.decode(sent[-1][1].payload).body).cells) >= 4
 
 
 def test_a_peer_is_met_once_and_lost_after_silence() -> None:
     mind = robot()
     events = []
     for tick in range(80):
-        said = [heard(tick)] if tick in (5, 10, 20, 70) else []
+        said = [beacon(tick), map_of(tick)] if tick in (5, 10, 20, 70) else []
         events += [(tick, e.event, e.data) for e in mind.step(observation(tick, len(said)), said).action.events]
     met = [(tick, name) for tick, name, data in events if name in ("contact", "lost")]
     assert met == [(5, "contact"), (46, "lost"), (70, "contact")]
     contact = mind.contacts.present["r2"]
-    assert contact.pose == (0.5, 0.5, 0.0)
+    assert (contact.pose, contact.pose_tick) == ((0.5, 0.5, 0.0), 70)
     assert contact.wireframe is not None and len(contact.wireframe.edges) == 4
+    assert contact.map_tick == 70
 
 
 @pytest.mark.parametrize(
     "bad",
     [
         Heard(tick=1, sender="r2", kind="map", payload=b"\xff\x00"),
-        heard(1, wireframe=b"no wireframe"),
-        heard(1, robot="r3"),
-        heard(1, pose=(float("nan"), 0.0, 0.0)),
+        Heard(tick=1, sender="r2", kind="beacon", payload=b""),
+        Heard(tick=1, sender="r2", kind="ack", payload=b"\x13\x01"),
+        Heard(tick=1, sender="r2", kind="gossip", payload=b"\x10"),
+        map_of(1, body=b"no map"),
     ],
 )
 def test_a_bad_message_is_refused_with_a_reason_and_changes_nothing(bad: Heard) -> None:

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from protocol.messages import RobotSpec
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-
-class Config(BaseModel):
-    """Immutable and free of unknown keys, so that a typing error in a file is found."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+from world.radio_config import Config, NotNegative, Positive, RadioConfig
 
 
 class PhysicsConfig(Config):
@@ -29,13 +21,6 @@ class PhysicsConfig(Config):
     """How far bodies may sink into each other at rest; pymunk's own 0.1 is meant for pixels."""
     mass_kg: Positive = 1.0
     """Of a TurtleBot3 Burger; decides only who pushes whom."""
-
-
-class RadioConfig(Config):
-    """Who hears whom."""
-
-    range_m: Positive = 4.0
-    """A disc around the sender, judged at the sending tick (paper III: robots within radio range)."""
 
 
 class CoverageConfig(Config):
@@ -78,6 +63,8 @@ class ServerConfig(Config):
 
     listen: str | None = None
     """Endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1."""
+    access_control: bool = True
+    """Whether `wireswarm run` gives each robot a secret of its own, and lets it read and write its own keys only."""
     real_time: Positive | None = None
     """Simulated seconds per second of the clock; None for lockstep, as fast as the robots answer."""
     join_timeout_s: Positive = 60.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
 from protocol.messages import (
+    EVERYONE,
     PROTOCOL_VERSION,
     Action,
     Heard,
+    LinkReport,
     MapReport,
     Observation,
     PoseReport,
@@ -24,6 +26,7 @@ from protocol.messages import (
     Send,
     Welcome,
 )
+from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe, decode_wireframe
 from world.config import WorldConfig
 from world.coverage import Coverage
@@ -86,6 +89,8 @@ class Episode:
         """Set by a shell in real time: ticks that robots missed."""
         self.wall_s: float | None = None
         """Set by a shell before `close`: seconds that the run took; the core has no clock."""
+        self.wire: dict[str, Any] | None = None
+        """Set by a shell before `close`: bytes on the robots' links, for bandwidth.json."""
         self.complete = dict.fromkeys(self.robots, False)
         """Whether each robot's last action said that it is complete."""
         self.dead: dict[str, str] = {}
@@ -104,7 +109,7 @@ class Episode:
         ]
         reach = spec.lidar.range_max_m
         self._coverage = Coverage(self.world, self.starts, spec.radius_m, reach, config.coverage)
-        self._radio = Radio(self.robots, config.radio)
+        self._radio = Radio(self.robots, config.radio, config.seed, self.period_s, self.world.segments)
         self._path = np.zeros(config.robots)
         self._maps: dict[str, Wireframe] = {}
         self._last: dict[str, Action] = {}
@@ -142,6 +147,11 @@ class Episode:
     def team_coverage(self) -> float:
         """The same for all robots' beams together."""
         return self._coverage.team
+
+    @property
+    def links(self) -> list[LinkReport]:
+        """Who hears whom, as the public link table says it."""
+        return self._radio.table(self.tick)
 
     def welcome(self, robot: str) -> Welcome:
         """What a robot must know of its body and seed."""
@@ -207,6 +217,7 @@ class Episode:
             if wireframe is not None:
                 self._maps[robot] = wireframe
             self._record(robot, action)
+            self._record_updates(robot, outputs[robot].sends)
         if self._recorder and self._due(self.config.snapshot_s):
             self._recorder.flush()
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
@@ -226,6 +237,14 @@ class Episode:
         if self._due(self.config.snapshot_s) and robot in self._maps:
             self._recorder.snapshot(self.t, robot, self._maps[robot])
 
+    def _record_updates(self, robot: str, sends: Sequence[Send]) -> None:
+        """The map at each moment at which a robot tells peers something new of it: what baselines are charged for."""
+        told = sorted(
+            {send.to for send in sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}, key=self._rows.__getitem__
+        )
+        if self._recorder and told and robot in self._maps:
+            self._recorder.update(self.t, self.tick, robot, told, self._maps[robot])
+
     def _checked(self, robot: str, outputs: Outputs) -> Wireframe | None:
         """The new map of a robot's answer, if any; raises BadOutputsError."""
         action = outputs.action
@@ -239,8 +258,7 @@ class Episode:
         if not (math.isfinite(action.speed_mps) and math.isfinite(action.turn_rps)):
             raise BadOutputsError(robot, "a drive command is not finite")
         try:
-            for send in outputs.sends:
-                self._radio.check(robot, send)
+            self._radio.check(robot, outputs.sends)
             return decode_wireframe(outputs.map.wireframe) if outputs.map is not None else None
         except ProtocolError as error:
             raise BadOutputsError(robot, str(error)) from None
@@ -280,7 +298,8 @@ class Episode:
         self._write_metrics()
         for robot, wireframe in self._maps.items():
             self._recorder.snapshot(self.t, robot, wireframe)
-        self._recorder.close(self._maps, self.summary(), self._radio.books.as_dict(self.robots))
+        bandwidth = self._radio.books.as_dict(self.robots) | ({"wire": self.wire} if self.wire else {})
+        self._recorder.close(self._maps, self.summary(), bandwidth)
 
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""

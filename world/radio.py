@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+import math
+from collections import defaultdict, deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -11,16 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
-from protocol.messages import EVERYONE, Heard, Send
-from world.config import RadioConfig
+from protocol.messages import EVERYONE, Heard, LinkReport, Send
+from world.air import Budget, Delay, Hop, losses
+from world.radio_config import Capacity, RadioConfig
 
 DELIVERED = "delivered"
 RANGE = "range"
 """Dropped: too far at the sending tick."""
+MTU = "mtu"
+"""Dropped: longer than the radio carries in one piece."""
+CAPACITY_OUT = "capacity_out"
+"""Dropped: the sender's radio has no time left in this second."""
+CAPACITY_IN = "capacity_in"
+"""Dropped: the receiver's has none."""
 DEAD = "dead"
 """Dropped: the receiver was dead when it was to be delivered."""
 ENDED = "ended"
 """Dropped: the run ended before the delivery."""
+
+MAX_SENDS = 256
+"""Messages of one robot in one tick; a map of 20,000 vertices in fragments is 60."""
+
+TABLE_S = 10.0
+"""Simulated seconds over which the link table counts losses: two beacons."""
 
 
 class Passage(NamedTuple):
@@ -65,16 +79,24 @@ class Books:
     """Bytes that were delivered to each robot."""
 
     def as_dict(self, robots: Sequence[str]) -> dict[str, Any]:
-        """The payload counts of bandwidth.json: per robot, link and kind."""
-        per_robot: dict[str, Any] = {robot: {"offered": {}, "delivered": {}, "dropped": {}} for robot in robots}
+        """The payload counts of bandwidth.json: per robot, link and kind.
+
+        What a robot addressed is what it offered, once for each receiver; it is equal to what was delivered and
+        dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
+        """
+        per_robot: dict[str, Any] = {
+            robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
+        }
         for (sender, kind), tally in sorted(self.on_air.items()):
             per_robot[sender]["offered"][kind] = tally.as_dict()
+            per_robot[sender]["addressed"][kind] = Tally()
         links: dict[tuple[str, str], dict[str, Any]] = {}
         into: defaultdict[tuple[str, str, str], Tally] = defaultdict(Tally)
         for (sender, receiver, kind, outcome), tally in sorted(self.links.items()):
             link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
             counts = link["kinds"].setdefault(kind, {"offered": Tally(), "delivered": Tally(), "dropped": {}})
             _sum(counts["offered"], tally)
+            _sum(per_robot[sender]["addressed"][kind], tally)
             _sum(into[receiver, kind, outcome], tally)
             if outcome == DELIVERED:
                 _sum(counts["delivered"], tally)
@@ -83,6 +105,8 @@ class Books:
         for link in links.values():
             for counts in link["kinds"].values():
                 counts["offered"], counts["delivered"] = (counts[part].as_dict() for part in ("offered", "delivered"))
+        for books in per_robot.values():
+            books["addressed"] = {kind: tally.as_dict() for kind, tally in books["addressed"].items()}
         for (receiver, kind, outcome), tally in sorted(into.items()):
             if outcome == DELIVERED:
                 per_robot[receiver]["delivered"][kind] = tally.as_dict()
@@ -96,54 +120,130 @@ def _sum(total: Tally, tally: Tally) -> None:
     total.bytes += tally.bytes
 
 
-class Radio:
-    """A disc around each sender, judged at the sending tick; delivery one tick later. Walls do not matter yet."""
+class Flying(NamedTuple):
+    """A message on its way to one receiver, or the reason why it does not get there."""
 
-    def __init__(self, robots: Sequence[str], config: RadioConfig) -> None:
+    due: int
+    """Tick at which it is heard, or the loss is known."""
+    sender: int
+    receiver: int
+    send: Send
+    lost: str | None
+
+
+@dataclass
+class Reception:
+    """What became of one directed link's messages lately."""
+
+    recent: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=256))
+    """Tick, and whether it was delivered."""
+    bytes: int = 0
+    """Delivered since the start."""
+
+
+class Radio:
+    """Takes what robots send and hands out what is heard, by the models of `config`, judged at the sending tick."""
+
+    def __init__(
+        self,
+        robots: Sequence[str],
+        config: RadioConfig,
+        seed: int = 0,
+        period_s: float = 0.2,
+        walls: NDArray[np.float64] | None = None,
+    ) -> None:
+        """period_s: of a tick. walls: (n, 4) x1, y1, x2, y2 in metres, free space on their left; None: none."""
         self.books = Books()
         self._robots = list(robots)
         self._index = {robot: i for i, robot in enumerate(robots)}
-        self._reach = config.range_m
-        self._flying: list[tuple[str, Send, list[tuple[str, bool]]]] = []
+        self._reach = math.inf if config.range_m is None else config.range_m
+        self._mtu = config.mtu_bytes
+        walls = np.zeros((0, 4)) if walls is None else walls
+        self._losses = losses(config.models, self._robots, seed, period_s, walls)
+        self._delay = Delay(config.models, seed)
+        second = round(1 / period_s)
+        limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
+        self._budget = Budget(min(limits, default=None), second)
+        self._flying: list[Flying] = []
+        self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
+        self._table_ticks = round(TABLE_S * second)
 
-    def check(self, sender: str, send: Send) -> None:
-        """Raise ProtocolError where the receiver is nobody else in this run."""
-        if send.to != EVERYONE and (send.to == sender or send.to not in self._index):
-            raise ProtocolError(f"{sender} sends to {send.to}, who is no other robot of this run")
+    def check(self, sender: str, sends: Sequence[Send]) -> None:
+        """Raise ProtocolError where a receiver is nobody else in this run, or where there is no end of messages."""
+        if len(sends) > MAX_SENDS:
+            raise ProtocolError(f"{sender} sends {len(sends)} messages in one tick; at most {MAX_SENDS} are taken")
+        for send in sends:
+            if send.to != EVERYONE and (send.to == sender or send.to not in self._index):
+                raise ProtocolError(f"{sender} sends to {send.to}, who is no other robot of this run")
 
     def offer(self, tick: int, sends: Mapping[str, Sequence[Send]], places: NDArray[np.float64]) -> None:
         """Take the messages of one tick; `places` (k, 2) are the true positions at that tick, metres."""
-        for sender in sorted(sends, key=self._index.__getitem__):
-            here = places[self._index[sender]]
-            near = np.hypot(*(places - here).T) <= self._reach
-            for send in sends[sender]:
-                self.books.on_air[sender, send.kind].add(len(send.payload))
-                self.books.sent[sender] += len(send.payload)
-                receivers = self._robots if send.to == EVERYONE else [send.to]
-                reached = [(other, bool(near[self._index[other]])) for other in receivers if other != sender]
-                self._flying.append((sender, send, reached))
+        for sender in sorted((self._index[robot] for robot, said in sends.items() if said)):
+            numbers = [0] * len(self._robots)
+            near = np.hypot(*(places - places[sender]).T) <= self._reach
+            for send in sends[self._robots[sender]]:
+                size = len(send.payload)
+                name = self._robots[sender]
+                self.books.on_air[name, send.kind].add(size)
+                self.books.sent[name] += size
+                held_back = MTU if size > self._mtu else None
+                if held_back is None and not self._budget.takes(sender, tick, size):
+                    held_back = CAPACITY_OUT
+                receivers = range(len(self._robots)) if send.to == EVERYONE else [self._index[send.to]]
+                for receiver in receivers:
+                    if receiver == sender:
+                        continue
+                    hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
+                    numbers[receiver] += 1
+                    lost = held_back or (self._lost(hop) if near[receiver] else RANGE)
+                    due = tick + (1 if lost else self._delay.ticks(hop))
+                    self._flying.append(Flying(due, sender, receiver, send, lost))
+
+    def _lost(self, hop: Hop) -> str | None:
+        return next((model.reason for model in self._losses if model.loses(hop)), None)
 
     def deliver(
         self, tick: int, live: Collection[str], *, ended: bool = False
     ) -> tuple[dict[str, list[Heard]], list[Passage]]:
-        """What each live robot hears at this tick, in the order of sender and sequence, and all that was judged."""
+        """What each live robot hears at this tick, in the order of sender and sequence, and all that was judged.
+
+        ended: the run is over, and so is all that is still on its way.
+        """
         heard: dict[str, list[Heard]] = {robot: [] for robot in self._robots if robot in live}
         passages = []
-        for sender, send, reached in self._flying:
+        due = [message for message in self._flying if ended or message.due <= tick]
+        self._flying = [message for message in self._flying if not (ended or message.due <= tick)]
+        for _, sender, receiver, send, lost in sorted(due, key=lambda message: (message.sender, message.send.tick)):
             size = len(send.payload)
-            message = Heard(tick=tick, sender=sender, kind=send.kind, payload=send.payload)
-            for receiver, near in reached:
-                if not near:
-                    outcome = RANGE
-                elif ended:
-                    outcome = ENDED
-                elif receiver not in heard:
-                    outcome = DEAD
-                else:
-                    outcome = DELIVERED
-                    heard[receiver].append(message)
-                    self.books.received[receiver] += size
-                self.books.links[sender, receiver, send.kind, outcome].add(size)
-                passages.append(Passage(send.tick, sender, receiver, send.kind, size, outcome))
-        self._flying = []
+            from_, to = self._robots[sender], self._robots[receiver]
+            if lost is not None:
+                outcome = lost
+            elif ended:
+                outcome = ENDED
+            elif to not in heard:
+                outcome = DEAD
+            elif not self._budget.takes(receiver, tick, size):
+                outcome = CAPACITY_IN
+            else:
+                outcome = DELIVERED
+                heard[to].append(Heard(tick=tick, sender=from_, kind=send.kind, payload=send.payload))
+                self.books.received[to] += size
+            self.books.links[from_, to, send.kind, outcome].add(size)
+            passages.append(Passage(send.tick, from_, to, send.kind, size, outcome))
+            link = self._receptions[sender, receiver]
+            link.recent.append((tick, outcome == DELIVERED))
+            link.bytes += size * (outcome == DELIVERED)
         return heard, passages
+
+    def table(self, tick: int) -> list[LinkReport]:
+        """Who heard whom within the last TABLE_S, how much was lost on the way, and bytes so far; nothing of places."""
+        rows = []
+        for (sender, receiver), link in sorted(self._receptions.items()):
+            while link.recent and link.recent[0][0] <= tick - self._table_ticks:
+                link.recent.popleft()
+            got = sum(delivered for _, delivered in link.recent)
+            if got:
+                loss = 1 - got / len(link.recent)
+                names = self._robots[sender], self._robots[receiver]
+                rows.append(LinkReport(sender=names[0], receiver=names[1], loss=round(loss, 4), bytes=link.bytes))
+        return rows

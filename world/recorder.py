@@ -52,6 +52,7 @@ class Recorder:
         self._metrics, self._radio = (csv.writer(table, lineterminator="\n") for table in self._tables)
         self._metrics.writerow(METRICS)
         self._radio.writerow(RADIO)
+        self._updates = self._open("updates.jsonl")
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = {robot: self._open(f"trajectories/{robot}.tum") for robot in robots}
 
@@ -90,9 +91,20 @@ class Recorder:
         """One line of snapshots/ID.jsonl."""
         self._snapshots[robot].write(_dump({"t": seconds(t), "map": map_fields(robot, wireframe)}))
 
+    def update(self, t: float, tick: int, robot: str, told: Sequence[str], wireframe: Wireframe) -> None:
+        """One line of updates.jsonl."""
+        line = {"t": seconds(t), "tick": tick, "robot": robot, "told": told, "map": map_fields(robot, wireframe)}
+        self._updates.write(_dump(line))
+
     def flush(self) -> None:
         """Bring what was written so far to the disk, for the case that this process is killed."""
-        for file in (self._events, *self._tables, *self._snapshots.values(), *self._trajectories.values()):
+        for file in (
+            self._events,
+            self._updates,
+            *self._tables,
+            *self._snapshots.values(),
+            *self._trajectories.values(),
+        ):
             file.flush()
 
     def close(

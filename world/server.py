@@ -15,6 +15,7 @@ from typing import NamedTuple, Self
 import zenoh
 
 from protocol import keys
+from protocol.access import Secrets
 from protocol.codec import decode, encode
 from protocol.errors import LinkError, ProtocolError
 from protocol.messages import (
@@ -24,6 +25,7 @@ from protocol.messages import (
     End,
     Event,
     Join,
+    LinkTable,
     MapReport,
     PoseReport,
     Progress,
@@ -34,6 +36,7 @@ from protocol.messages import (
 from protocol.session import open_router, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import BadOutputsError, Episode, Outputs
+from world.wire import Wire
 
 
 class Arrival(NamedTuple):
@@ -104,18 +107,20 @@ def serve(
     server: ServerConfig,
     out: Path | None,
     *,
+    secrets: Secrets | None = None,
     inbox: Inbox | None = None,
     listening: Callable[[str], None] = lambda endpoint: None,
     progress: Callable[[Progress], None] = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
-    out: the run directory. listening is told the endpoint once robots may join; progress is called some times a
-    second. Raises LinkError where the world cannot listen, or robots do not join in time.
+    out: the run directory. secrets: of the robots and viewers that may connect; None: everybody. listening is told
+    the endpoint once robots may join; progress is called some times a second. Raises LinkError where the world
+    cannot listen, or robots do not join in time.
     """
     episode = Episode(config, out)
     with (
-        open_router(server.listen) as (session, endpoint),
+        open_router(server.listen, secrets) as (session, endpoint),
         Shell(episode, server, session, inbox or Inbox(), progress) as shell,
     ):
         listening(endpoint)
@@ -151,6 +156,9 @@ class Shell:
         self._last: dict[str, Action] = {}
         self._missed: dict[str, int] = dict.fromkeys(episode.robots, 0)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
+        self._wire = Wire()
+        self._sessions: dict[str, str] = {}
+        """Zenoh IDs of the robots that joined."""
         self._began: float | None = None
         """Monotonic seconds at the first tick, where ticks go on: all robots are ready, and it has not ended."""
         self._told = 0.0
@@ -167,6 +175,7 @@ class Shell:
                     )
                 )
         self._clock = declare(session.declare_publisher(keys.CLOCK))
+        self._links = declare(session.declare_publisher(keys.LINKS))
         self._progress = declare(session.declare_publisher(keys.PROGRESS))
         declare(session.declare_subscriber(keys.ALL_OUT, self.inbox.hear))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
@@ -189,6 +198,7 @@ class Shell:
                     f"`wireswarm agent --id {missing[0]} --connect {endpoint}`"
                 )
         wait_for_matching(self._put.values(), self.config.join_timeout_s)
+        self._wire.begin(self._ports())
         self._began = time.monotonic()
 
     def run(self) -> None:
@@ -199,8 +209,8 @@ class Shell:
             tick = self.episode.tick
             for robot, inputs in self.episode.inputs().items():
                 for heard in inputs.heard:
-                    self._put[robot, keys.RADIO].put(encode(heard))
-                self._put[robot, keys.OBS].put(encode(inputs.observation))
+                    self._say(robot, keys.RADIO, encode(heard))
+                self._say(robot, keys.OBS, encode(inputs.observation))
             if self.config.real_time is None:
                 self._wait_for_all(time.monotonic() + self.config.silence_s)
             else:
@@ -209,6 +219,16 @@ class Shell:
                 self._advance({robot: self._outputs(robot, tick) for robot in self._ready()})
             if time.monotonic() - self._told > self.config.progress_s:
                 self.tell()
+
+    def _say(self, robot: str, channel: str, payload: bytes) -> None:
+        self._wire.told(robot, channel, payload)
+        self._put[robot, channel].put(payload)
+
+    def _ports(self) -> dict[str, int]:
+        """Each robot's end of its link."""
+        far_ends = {str(link.zid): str(link.dst).rsplit(":", 1)[-1] for link in self._session.info.links()}
+        ports = {robot: far_ends.get(self._sessions.get(robot, ""), "") for robot in self.episode.robots}
+        return {robot: int(port) for robot, port in ports.items() if port.isdigit()}
 
     def tell(self, ended: str | None = None) -> None:
         """Publish clock and progress, and call the callback."""
@@ -227,6 +247,7 @@ class Shell:
             late_ticks=episode.late_ticks,
         )
         self._clock.put(encode(clock))
+        self._links.put(encode(LinkTable(tick=episode.tick, links=episode.links)))
         self._progress.put(encode(progress))
         self.progress(progress)
 
@@ -235,10 +256,11 @@ class Shell:
         if self._began is not None:
             self.episode.wall_s = time.monotonic() - self._began
         self._began = None
+        self.episode.wire = self._wire.as_dict()
         self.episode.close(ended)
         self.tell(ended)
         for robot in self._ready():
-            self._put[robot, keys.END].put(encode(End(reason=ended)))
+            self._say(robot, keys.END, encode(End(reason=ended)))
         deadline = time.monotonic() + self.config.farewell_s
         with suppress(Interrupted):
             while self._ready() and self._take(deadline):
@@ -317,6 +339,7 @@ class Shell:
             else:
                 self._phase[robot] = Phase.AWAITED  # before, it may be started again; after, it has left as it should
         elif what in keys.OUTPUTS and phase == Phase.READY and self._began is not None:
+            self._wire.heard(robot, payload)
             try:
                 self._hear(robot, what, payload)
             except ProtocolError as error:
@@ -346,19 +369,20 @@ class Shell:
     def _kill(self, robot: str, reason: str) -> None:
         self._phase[robot] = Phase.DEAD
         self.episode.kill(robot, reason)
-        self._put[robot, keys.END].put(encode(End(reason=f"given up by the world: {reason}")))
+        self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
     def _reply(self, query: zenoh.Query, robot: str, service: str, payload: bytes) -> None:
-        refused = self._refusal(robot, service, payload)
-        if refused is not None:
-            query.reply_err(encode(Refused(reason=refused)))
+        join = self._admitted(robot, service, payload)
+        if isinstance(join, str):
+            query.reply_err(encode(Refused(reason=join)))
             return
+        self._sessions[robot] = join.session
         self._phase[robot] = Phase.WELCOMED
         welcome = self.episode.welcome(robot).model_copy(update={"lockstep": self._lockstep})
         query.reply(query.key_expr, encode(welcome))
 
-    def _refusal(self, robot: str, service: str, payload: bytes) -> str | None:
-        """Why a question is not answered; None where the robot is welcome."""
+    def _admitted(self, robot: str, service: str, payload: bytes) -> Join | str:
+        """The question of a robot that is welcome, else why it is not."""
         if service != keys.JOIN:
             return f"the world offers no {service!r}"
         try:
@@ -376,4 +400,4 @@ class Shell:
                 return f"another {robot} is there already"
             case Phase.DEAD:
                 return f"it was given up: {self.episode.dead[robot]}"
-        return None
+        return join

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
@@ -88,8 +89,13 @@ class _Watched:
         return step
 
 
-def explore(world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | None = None) -> Explored:
-    """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig."""
+def explore(
+    world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | None = None, out: Path | None = None
+) -> Explored:
+    """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig.
+
+    out: the run directory, None to write nothing.
+    """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
     robots: dict[str, Robot] = {}
     episodes: list[Episode] = []
@@ -104,5 +110,5 @@ def explore(world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | N
             episodes.append(episode)
         driven(episode)
 
-    summary = inprocess.run(config, AgentConfig.model_validate(agent), None, keep, make)
+    summary = inprocess.run(config, AgentConfig.model_validate(agent), out, keep, make)
     return Explored(episodes[0], robots, summary, driven)

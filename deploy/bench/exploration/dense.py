@@ -28,8 +28,8 @@ from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.exploration.runs import grouped, median, seeds, settings, worlds
 from deploy.bench.explored import Driven
-from deploy.bench.filter.grid import integrate
 from deploy.bench.layouts import path_of
+from deploy.occupancy_grid import GrowingGrid
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
@@ -203,9 +203,9 @@ class DenseRobot:
         self.driver = Driver(config.driving, spec)
         n = 2 * math.ceil(reach_m / CELL_M)
         self.corner = -CELL_M * n / 2
-        self.log_odds = np.zeros((n, n))
-        self.mark = np.zeros((n, n), np.int64)
-        self.given_up = np.zeros((n, n), np.bool_)
+        self.grid = GrowingGrid((self.corner, self.corner, -self.corner, -self.corner), CELL_M, spec.lidar.range_max_m)
+        self.log_odds = self.grid.grid.log_odds
+        self.given_up = np.zeros(self.log_odds.shape, np.bool_)
         self.path: Floats | None = None
         self.complete = False
         self.clearance = self.driver.wall_limit
@@ -234,11 +234,7 @@ class DenseRobot:
         """Map, plan, drive."""
         started = time.perf_counter()
         pose, ranges = observation.odometry, observation.scan()
-        reach = self.spec.lidar.range_max_m
-        integrate(
-            self.log_odds, self.mark, observation.tick, _heard(ranges, BLIND_M)[None], np.array(pose)[None], reach,
-            self.corner, self.corner, CELL_M,
-        )  # fmt: skip
+        self.grid.add(_heard(ranges, BLIND_M)[None], np.array(pose)[None])
         if not self.complete and observation.tick % REPLAN_TICKS == 0:
             self._plan(pose)
         scan = perceive(ranges, self.spec.lidar, self.config.perception).wireframe()

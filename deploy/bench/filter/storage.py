@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
-from deploy.bench.filter.grid import Grid, grid_of
 from deploy.bench.filter.recording import Recording, record
 from deploy.bench.layouts import present
 from deploy.metrics import Truth, score_walls
+from deploy.occupancy_grid import Grid, grid_of
 from protocol.wireframe import encode_wireframe
 
 CELLS_PER_BYTE = 4

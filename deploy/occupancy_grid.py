@@ -41,19 +41,36 @@ class Grid(NamedTuple):
         return np.where(self.log_odds > 0, 2, np.where(self.log_odds < 0, 1, 0)).astype(np.uint8)
 
 
+class GrowingGrid:
+    """A grid that takes scans as they come."""
+
+    def __init__(self, box: tuple[float, float, float, float], cell_m: float, range_max_m: float) -> None:
+        """box: x0, y0, x1, y1 in metres; what is seen beyond is not kept."""
+        x0, y0, x1, y1 = box
+        shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
+        self.grid = Grid((x0, y0), cell_m, np.zeros(shape))
+        self._range_max_m = range_max_m
+        self._marks = np.zeros(shape, np.int64)
+        self._scans = 0
+
+    def add(self, ranges: Floats, poses: Floats) -> None:
+        """Take scans (t, beams), inf: nothing within range, 0: nothing known, at poses (t, 3)."""
+        log_odds, (x0, y0), cell_m = self.grid.log_odds, self.grid.corner, self.grid.cell_m
+        _integrate(log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, x0, y0, cell_m)
+        self._scans += len(poses)
+
+
 def grid_of(
     ranges: Floats, poses: Floats, range_max_m: float, box: tuple[float, float, float, float], cell_m: float
 ) -> Grid:
     """Grid over a box (x0, y0, x1, y1) from ranges (t, beams), inf: nothing within range_max_m, at poses (t, 3)."""
-    x0, y0, x1, y1 = box
-    shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
-    log_odds = np.zeros(shape)
-    integrate(log_odds, np.zeros(shape, np.int64), 0, ranges, poses, range_max_m, x0, y0, cell_m)
-    return Grid((x0, y0), cell_m, log_odds)
+    grid = GrowingGrid(box, cell_m, range_max_m)
+    grid.add(ranges, poses)
+    return grid.grid
 
 
 @njit(cache=True)
-def integrate(
+def _integrate(
     log_odds: Floats,
     mark: NDArray[np.int64],
     first: int,
@@ -74,7 +91,7 @@ def integrate(
         x, y, theta = poses[t - first]
         for b in range(beams):  # ends first: they outweigh crossings
             r = ranges[t - first, b]
-            if not math.isfinite(r):
+            if not math.isfinite(r) or r <= 0:  # 0: nothing is known of this beam
                 continue
             angle = theta + 2 * math.pi * b / beams
             i = math.floor((x + r * math.cos(angle) - x0) / cell)

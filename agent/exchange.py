@@ -1,0 +1,253 @@
+"""Maps from robot to robot over a radio that loses messages: whole at first contact, later what changed (ours).
+
+Each peer is told the changes to the map that it last acknowledged, and nothing while it has all. A version of a map
+is the tick at which it was so. Both sides keep the maps that the other may still refer to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from agent.config import TalkConfig
+from agent.contacts import Contacts
+from protocol.errors import ProtocolError
+from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
+from protocol.map_codec import decode_map, encode_map
+from protocol.messages import EVERYONE, Event, Heard, Pose, Send
+from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
+from protocol.wireframe import Wireframe
+
+NEVER = -(10**9)
+"""A tick long ago."""
+KEPT_MAPS = 8
+"""Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
+MOST_DOUBLINGS = 3
+"""The wait for an acknowledgement doubles up to eight times the first one."""
+MOST_TRIES = 10
+"""A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
+
+
+@dataclass
+class Told:
+    """What a peer was told of the robot's own map."""
+
+    acked: int = 0
+    """Version that it has; 0: none."""
+    maps: dict[int, GridMap] = field(default_factory=dict)
+    """By version: the one that it has, and those that it was told since."""
+    parts: list[Part] = field(default_factory=list)
+    """On their way, and not acknowledged."""
+    sent: int = NEVER
+    """Tick at which they, or the last ones, were sent."""
+    update: int = NEVER
+    """Tick of the last news."""
+    tries: int = 0
+    compared: int = -1
+    """State of the robot's map that was last compared with what the peer has, or is being told."""
+
+
+@dataclass
+class Arriving:
+    """Parts of a map that is not whole yet."""
+
+    version: int
+    base: int
+    count: int
+    since: int
+    bodies: dict[int, bytes] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> frozenset[int]:
+        """Parts that are not there."""
+        return frozenset(range(self.count)) - self.bodies.keys()
+
+
+@dataclass
+class Known:
+    """What a peer told of its map."""
+
+    maps: dict[int, GridMap] = field(default_factory=dict)
+    """By version: the newest, and those that it may still tell changes to."""
+    arriving: Arriving | None = None
+
+    @property
+    def newest(self) -> int:
+        """Version of its map as known; 0: none."""
+        return max(self.maps, default=0)
+
+
+class Exchange:
+    """One robot's part of all exchanges of maps."""
+
+    def __init__(self, contacts: Contacts, config: TalkConfig, rate_hz: float) -> None:
+        """rate_hz: ticks a second."""
+        self.contacts, self.config = contacts, config
+        self._told: dict[str, Told] = {}
+        self._known: dict[str, Known] = {}
+        self._answers: list[tuple[str, Ack, int]] = []
+        """Acknowledgements due: to whom, what, and how many parts there are."""
+        self._axis: int | None = None
+        self._greet = False
+        self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
+        self._period_ticks = max(1, round(config.map_period_s * rate_hz))
+        self._retry_ticks = max(1, round(config.retry_s * rate_hz))
+        self._patience_ticks = max(1, round(config.reassembly_s * rate_hz))
+
+    # --- hearing ------------------------------------------------------------------------------------------------
+
+    def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
+        """Take a tick's messages; returns `contact`, `lost` and `refused` events. A bad message changes nothing."""
+        events: list[Event] = []
+        refused: dict[str, str] = {}
+        for message in heard:
+            peer = message.sender
+            try:
+                self._take(tick, peer, message)
+            except ProtocolError as error:
+                refused.setdefault(peer, str(error))
+                continue
+            if met := self.contacts.hear(tick, peer):
+                self._greet = True
+                told = self._told.setdefault(peer, Told())
+                told.sent, told.tries = NEVER, 0  # what did not arrive before goes out at once
+                events += met
+            self._tell_contact(peer, message)
+        events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
+        return events + self.contacts.forget(tick)
+
+    def _take(self, tick: int, peer: str, message: Heard) -> None:
+        """What a message changes but the contact; raises ProtocolError before it has changed anything."""
+        if message.kind == BEACON:
+            Beacon.decode(message.payload)
+        elif message.kind in (MAP, DELTA, RESEND):
+            self._take_part(tick, peer, Part.decode(message.payload))
+        elif message.kind == ACK:
+            self._take_ack(peer, Ack.decode(message.payload))
+        else:
+            raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
+
+    def _tell_contact(self, peer: str, message: Heard) -> None:
+        contact = self.contacts.present[peer]
+        if message.kind == BEACON:
+            beacon = Beacon.decode(message.payload)
+            contact.pose, contact.pose_tick = beacon.pose, beacon.tick
+        known = self._known.get(peer)
+        if known is not None and known.newest > contact.map_tick:
+            contact.wireframe, contact.map_tick = known.maps[known.newest].wireframe(), known.newest
+
+    def _take_part(self, tick: int, peer: str, part: Part) -> None:
+        known = self._known.setdefault(peer, Known())
+        if part.version in known.maps:
+            self._answer(peer, Ack(part.version), part.parts)
+            return
+        if part.version < known.newest:
+            return  # overtaken by a newer one
+        if part.base and part.base not in known.maps:
+            self._answer(peer, Ack(part.version, None), part.parts)
+            return
+        arriving = known.arriving
+        if arriving is not None and tick - arriving.since > self._patience_ticks:
+            arriving = None
+        if arriving is not None and part.version < arriving.version:
+            return
+        if arriving is None or part.version > arriving.version:
+            arriving = Arriving(part.version, part.base, part.parts, tick)
+        elif (arriving.base, arriving.count) != (part.base, part.parts):
+            raise ProtocolError("two parts of one map that do not fit each other")
+        if sum(map(len, arriving.bodies.values())) + len(part.body) > MAX_BODY:
+            raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
+        arriving.bodies[part.number] = part.body
+        known.arriving = arriving
+        if not arriving.missing:
+            known.arriving = None
+            body = b"".join(arriving.bodies[index] for index in range(arriving.count))
+            whole = decode_map(body, known.maps[part.base] if part.base else None)
+            known.maps = {v: old for v, old in known.maps.items() if v >= part.base}
+            known.maps[part.version] = whole
+            for version in sorted(known.maps)[:-KEPT_MAPS]:
+                del known.maps[version]
+        self._answer(peer, Ack(part.version, arriving.missing), part.parts)
+
+    def _answer(self, peer: str, ack: Ack, count: int) -> None:
+        """Acknowledge at this tick's end: one answer a peer and version, the last word."""
+        self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
+        self._answers.append((peer, ack, count))
+
+    def _take_ack(self, peer: str, ack: Ack) -> None:
+        told = self._told.get(peer)
+        if told is None or ack.version not in told.maps:
+            return  # of a former life, or of something long ago
+        if ack.missing is None:  # it has lost what it once had: all of it again
+            told.maps, told.acked, told.parts, told.compared = {}, 0, [], -1
+        elif ack.missing:
+            told.parts = [p for p in told.parts if p.version != ack.version or p.number in ack.missing]
+        elif ack.version > told.acked:
+            told.acked, told.tries = ack.version, 0
+            told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
+            told.parts = [p for p in told.parts if p.version > ack.version]
+
+    # --- talking ------------------------------------------------------------------------------------------------
+
+    def talk(self, tick: int, pose: Pose, wireframe: Wireframe, state: int) -> list[Send]:
+        """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
+
+        pose and wireframe: the robot's own. state: a number that changes with the wireframe.
+        """
+        sends = []
+        if self._greet or tick % self._beacon_ticks == 0:
+            sends.append(Send(tick=tick, to=EVERYONE, kind=BEACON, payload=Beacon(tick, pose).encode()))
+        self._greet = False
+        sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
+        self._answers = []
+        for peer in self.contacts.present:
+            kind, parts = self._due(tick, self._told.setdefault(peer, Told()), wireframe, state)
+            sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
+        return sends
+
+    def _due(self, tick: int, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
+        """News, or what was not acknowledged in time."""
+        late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
+        if told.parts and not late:
+            return RESEND, []
+        half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
+        if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
+            told.compared = state
+            news = self._news(tick, told, wireframe)
+            if news:
+                told.tries = told.tries + 1 if told.parts else 0
+                told.parts, told.sent, told.update = news, tick, tick
+                return DELTA if news[0].base else MAP, news
+        if told.parts:
+            told.tries += 1
+            told.sent = tick
+        return RESEND, list(told.parts)
+
+    def _news(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
+        """The parts that bring a peer up to date; none where it is, or where that is on its way."""
+        config = self.config
+        axis = main_axis(wireframe)
+        slack = config.axis_slack_deg / 90 * AXIS_STEPS
+        if self._axis is None or abs((axis - self._axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
+            self._axis = axis
+        base = told.maps.get(told.acked)
+        if base is not None and base.axis != self._axis:
+            base = None
+        new = quantise(wireframe, config.cell_mm, self._axis, base, config.slack_cells, config.level_slack)
+        if base is not None and new.alike(base) and not told.parts:
+            return []
+        coded = encode_map(new, likelihoods=config.likelihoods)
+        version = 0
+        if base is not None:
+            changes = encode_map(new, base, likelihoods=config.likelihoods)
+            if len(changes.data) < len(coded.data):
+                coded, version = changes, told.acked
+        pending = told.maps.get(told.parts[0].version) if told.parts else None
+        if pending is not None and pending.alike(coded.map):
+            return []
+        if not len(new.cells) and base is None:
+            return []
+        told.maps[tick] = coded.map
+        for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
+            del told.maps[old]
+        return in_parts(tick, version, coded.data, config.mtu_bytes)

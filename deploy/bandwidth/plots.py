@@ -1,0 +1,80 @@
+"""bandwidth.png: bytes over time, per square metre explored, and against the quality of the maps."""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from deploy.bandwidth.representations import NAMES, Measurement, by_robot
+from deploy.report.style import colour
+
+Floats = NDArray[np.float64]
+
+
+def draw(run: Path, measurement: Measurement) -> Path:
+    """Write bandwidth.png into the run directory."""
+    figure = Figure(figsize=(15, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    times, areas, quality = figure.subplots(1, 3)
+    _over_time(times, measurement)
+    _per_area(areas, measurement)
+    _against_quality(quality, measurement, _coverage(run / "metrics.csv"))
+    path = run / "bandwidth.png"
+    figure.savefig(path, dpi=110)
+    return path
+
+
+def _over_time(axes: Axes, measurement: Measurement) -> None:
+    for number, (robot, rows) in enumerate(sorted(by_robot(measurement, "delta").items())):
+        t, size = np.array(rows, float).T
+        axes.step(t, np.cumsum(size), where="post", label=f"{robot} delta", color=colour(number))
+        t, size = np.array(by_robot(measurement, "full").get(robot, [(0.0, 0)]), float).T
+        axes.step(t, np.cumsum(size), where="post", label=f"{robot} full", color=colour(number), ls=":")
+    axes.set(xlabel="simulated seconds", ylabel="bytes sent", title="Maps sent by each robot", ylim=(0, None))
+    if measurement.sent:
+        axes.legend(fontsize=8)
+
+
+def _per_area(axes: Axes, measurement: Measurement) -> None:
+    totals, area = measurement.totals(), sum(measurement.explored_m2.values())
+    names = [name for name in NAMES if totals[name]]
+    if not (area and names):
+        return
+    names.sort(key=totals.__getitem__, reverse=True)
+    bars = axes.barh(
+        names, [totals[name] / area for name in names], color=["C0" if n == "delta" else "0.7" for n in names]
+    )
+    axes.bar_label(bars, fmt="{:,.2f}", fontsize=8, padding=2)
+    axes.set(xscale="log", xlabel="bytes per square metre explored", title="Cost of each form")
+    axes.margins(x=0.15)
+
+
+def _against_quality(axes: Axes, measurement: Measurement, coverage: tuple[Floats, Floats]) -> None:
+    t, share = coverage
+    for name in NAMES:
+        rows = sorted(row for rows in by_robot(measurement, name).values() for row in rows)
+        if rows and len(t):
+            at, size = np.array(rows, float).T
+            axes.plot(np.cumsum(size), np.interp(at, t, share), lw=2 if name == "delta" else 1, label=name)
+    axes.set(xlabel="bytes of all robots", ylabel="coverage, mean of the robots", title="Bytes against map quality")
+    if measurement.updates:
+        axes.set_xscale("log")
+        axes.legend(fontsize=8)
+
+
+def _coverage(file: Path) -> tuple[Floats, Floats]:
+    """Simulated seconds, and the mean of the robots' coverages."""
+    shares: defaultdict[float, list[float]] = defaultdict(list)
+    with file.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            if row["robot"] != "team":
+                shares[float(row["t"])].append(float(row["coverage"]))
+    times = sorted(shares)
+    return np.array(times), np.array([np.mean(shares[t]) for t in times])

@@ -1,0 +1,84 @@
+"""The scans of a finished run once more: poses are on record, and the noise of the lidar comes from the seed.
+
+So a run pays nothing for baselines that it does not send.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deploy.bandwidth.books import NoRunError
+from deploy.config import RunConfig
+from world.config import WorldConfig
+from world.episode import generator
+from world.lidar import Lidar
+from world.odometry import relative
+from world.worldfile import load
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one robot saw, tick by tick, while it lived."""
+
+    poses: Floats
+    """(t, 3) true poses in the robot's own frame: metres, radians."""
+    ranges: NDArray[np.float32]
+    """(t, beams) metres, inf where nothing came back."""
+
+
+def config_of(run: Path) -> WorldConfig:
+    """The configuration of a run directory. Raises NoRunError."""
+    try:
+        manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+        return RunConfig.model_validate(manifest["config"])
+    except (OSError, ValueError, LookupError, TypeError):
+        raise NoRunError(f"{run} is no finished run: it has no manifest.json with its configuration") from None
+
+
+def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
+    """What each robot of a run directory saw. Raises NoRunError."""
+    try:
+        world = load(str(run / "world.yaml"))
+        frames = json.loads((run / "truth.json").read_text(encoding="utf-8"))["frames"]
+        tracks = {robot: _track(run / "trajectories" / f"{robot}.tum") for robot in frames}
+        ends = _deaths(run / "events.jsonl")
+    except (OSError, ValueError, LookupError) as error:
+        raise NoRunError(f"{run} is no finished run: {error}") from None
+    lidar = Lidar(world.segments, config.spec.lidar, one_sided=True)
+    robots = list(tracks)
+    ticks = {robot: min(len(track), ends.get(robot, len(track))) for robot, track in tracks.items()}
+    noise = {robot: generator(config.seed, "lidar", robot) for robot in robots}
+    scans = {robot: np.empty((ticks[robot], config.spec.lidar.beams), np.float32) for robot in robots}
+    radius = np.full((len(robots), 1), config.spec.radius_m)
+    for tick in range(max(ticks.values())):  # as world.episode looks
+        live = [robot for robot in robots if tick < ticks[robot]]
+        places = np.array([tracks[robot][min(tick, len(tracks[robot]) - 1), :2] for robot in robots])
+        poses = np.array([tracks[robot][tick] for robot in live])
+        true = lidar.cast(poses, np.hstack([places, radius]))
+        for robot, ranges in zip(live, lidar.measured(true, [noise[robot] for robot in live]), strict=True):
+            scans[robot][tick] = ranges
+    found = {}
+    for robot in robots:
+        x, y, theta = frames[robot]
+        own = [relative((x, y, theta), (a, b, c)) for a, b, c in tracks[robot][: ticks[robot]].tolist()]
+        found[robot] = Seen(np.array(own).reshape(-1, 3), scans[robot])
+    return found
+
+
+def _track(file: Path) -> Floats:
+    """(t, 3) poses of a TUM file, world frame."""
+    rows = np.loadtxt(file, ndmin=2)
+    return np.column_stack([rows[:, 1:3], 2 * np.arctan2(rows[:, 6], rows[:, 7])])
+
+
+def _deaths(file: Path) -> dict[str, int]:
+    """The tick at which each dead robot died."""
+    events = map(json.loads, file.read_text(encoding="utf-8").splitlines())
+    return {event["robot"]: event["tick"] for event in events if event["event"] == "dead"}

@@ -1,0 +1,222 @@
+"""What a run's map traffic would have cost in other forms, charged at the moments at which it sent something new.
+
+A contact update is one such moment (updates.jsonl). Then `full`, `json`, `grid_*` and `points` send their whole
+current map, `scans_*` the scans since the last update to that peer, `grid_delta_zlib` the cells that changed since.
+Baselines pay for their bytes alone; only ours pays for headers, acknowledgements and what was sent again.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import zlib
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from deploy.bandwidth.books import NoRunError
+from deploy.bandwidth.replay import Seen, config_of, seen_again
+from deploy.occupancy_grid import GrowingGrid
+from protocol.grid_map import main_axis, quantise
+from protocol.map_codec import encode_map
+from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
+from protocol.wireframe import Label, Wireframe
+from world.config import WorldConfig
+
+CELL_M = 0.05
+"""Of the grids, in the robot's own frame."""
+POINT_BYTES = 8
+"""Two float32: a point per occupied cell."""
+NAMES = (
+    "delta", "full", "json", "grid_raw", "grid_zlib", "grid_delta_zlib", "grid_png", "scans_raw", "scans_zlib",
+    "points",
+)  # fmt: skip
+OURS = (MAP, DELTA, RESEND, ACK)
+"""Kinds of messages that are `delta`."""
+
+_LABELS = {label.name.lower(): label for label in Label}
+States = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Update:
+    """One contact update, and what it costs in each form but `delta`, whose bytes go when they go."""
+
+    t: float
+    robot: str
+    peer: str
+    bytes: dict[str, int]
+    explored_m2: float
+    """Free area of the robot's grid."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The map traffic of a run in all forms."""
+
+    updates: list[Update]
+    sent: list[tuple[float, str, int]]
+    """Simulated seconds, robot and bytes of each message that is part of `delta`."""
+    beacon_bytes: int
+    explored_m2: dict[str, float]
+    """Free area that each robot's grid has at its end."""
+
+    def totals(self) -> dict[str, int]:
+        """Bytes by form."""
+        rest = {name: sum(update.bytes[name] for update in self.updates) for name in NAMES if name != "delta"}
+        return {"delta": sum(size for _, _, size in self.sent), **rest}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Its fields of bandwidth.json."""
+        return {
+            "beacon_bytes": self.beacon_bytes,
+            "updates": len(self.updates),
+            "explored_m2": {robot: round(area, 2) for robot, area in self.explored_m2.items()},
+            "representations": self.totals(),
+        }
+
+
+def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
+    """Measure a run directory; config: of the run, None to read it there. Raises NoRunError."""
+    config = config or config_of(run)
+    seen = seen_again(run, config)
+    period_s = 1 / config.spec.lidar.rate_hz
+    try:
+        lines = [json.loads(line) for line in (run / "updates.jsonl").read_text(encoding="utf-8").splitlines()]
+        with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
+            passages = list(csv.DictReader(file))
+    except (OSError, ValueError) as error:
+        raise NoRunError(f"{run} is no finished run: {error}") from None
+    ours = [row for row in passages if row["kind"] in OURS]
+    sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
+    beacons = {(row["tick"], row["sender"]): int(row["bytes"]) for row in passages if row["kind"] == BEACON}
+    updates, explored = [], {}
+    for robot, what in seen.items():
+        mine = _Forms(what, config)
+        for line in sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]):
+            updates += mine.charge(line)
+        explored[robot] = mine.explored_m2(len(what.ranges) - 1)
+    updates.sort(key=lambda update: update.t)
+    return Measurement(updates, sent, sum(beacons.values()), explored)
+
+
+def write(run: Path, measurement: Measurement) -> None:
+    """Add the measurement to bandwidth.json."""
+    path = run / "bandwidth.json"
+    books = json.loads(path.read_text(encoding="utf-8"))
+    path.write_text(json.dumps(books | measurement.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+class _Forms:
+    """One robot's map in all forms, as it grows."""
+
+    def __init__(self, seen: Seen, config: WorldConfig) -> None:
+        reach = config.spec.lidar.range_max_m
+        low, high = seen.poses[:, :2].min(0) - reach, seen.poses[:, :2].max(0) + reach
+        low = np.floor(low / CELL_M) * CELL_M
+        self._seen = seen
+        self._grid = GrowingGrid((float(low[0]), float(low[1]), float(high[0]), float(high[1])), CELL_M, reach)
+        self._next = 0
+        """Tick of the first scan that is not in the grid."""
+        self._told: dict[str, tuple[int, States]] = {}
+        """Per peer the tick after its last update, and the grid as it was."""
+
+    def states(self, tick: int) -> States:
+        """(nx, ny) 0 unknown, 1 free, 2 occupied, with the scan of that tick."""
+        new = slice(self._next, tick + 1)
+        if len(self._seen.ranges[new]):
+            self._grid.add(self._seen.ranges[new].astype(np.float64), self._seen.poses[new])
+            self._next = tick + 1
+        return self._grid.grid.states()
+
+    def explored_m2(self, tick: int) -> float:
+        """Free area known at a tick."""
+        return float((self.states(tick) == 1).sum() * CELL_M**2)
+
+    def charge(self, line: dict[str, Any]) -> list[Update]:
+        """Updates of one line of updates.jsonl, one for each peer."""
+        tick = int(line["tick"])
+        states = self.states(tick)
+        whole = _whole_map(line["map"]) | _whole_grid(states)
+        updates = []
+        for peer in line["told"]:
+            since, before = self._told.get(peer, (0, np.zeros_like(states)))
+            scans = self._seen.ranges[since : tick + 1]
+            part = {
+                "grid_delta_zlib": _changed_cells(before, states),
+                "scans_raw": scans.nbytes,
+                "scans_zlib": len(zlib.compress(scans.tobytes(), 6)),
+            }
+            area = float((states == 1).sum() * CELL_M**2)
+            updates.append(Update(float(line["t"]), str(line["robot"]), peer, whole | part, area))
+            self._told[peer] = tick + 1, states
+        return updates
+
+
+def _whole_map(fields: dict[str, Any]) -> dict[str, int]:
+    edges = np.array(fields["edges"], np.int32).reshape(-1, 2)
+    wireframe = Wireframe(
+        np.array(fields["vertices"], np.float64).reshape(-1, 2),
+        np.array([_LABELS[label] for label in fields["labels"]], np.uint8),
+        edges,
+        np.array(fields["edge_likelihood"], np.float32),
+        np.ones(len(edges), np.bool_),
+    )
+    full = encode_map(quantise(wireframe, 10, main_axis(wireframe))).data
+    return {"full": len(full), "json": len(json.dumps(fields, separators=(",", ":")))}
+
+
+def _whole_grid(states: States) -> dict[str, int]:
+    cells = _cropped(states)
+    image = Image.fromarray(cells).convert("P")
+    image.putpalette([205, 205, 205, 254, 254, 254, 0, 0, 0])  # of the usual map files: unknown, free, occupied
+    png = io.BytesIO()
+    image.save(png, "PNG", bits=2, optimize=True)
+    return {
+        "grid_raw": cells.size,
+        "grid_zlib": min(len(zlib.compress(cells.tobytes(), 9)), len(zlib.compress(_packed(cells), 9))),
+        "grid_png": len(png.getvalue()),
+        "points": POINT_BYTES * int((cells == 2).sum()),
+    }
+
+
+def _cropped(states: States) -> States:
+    """The smallest part that holds all known cells; one unknown cell where none is known."""
+    rows, columns = np.flatnonzero(states.any(1)), np.flatnonzero(states.any(0))
+    return states[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if len(rows) else states[:1, :1]
+
+
+def _packed(cells: States) -> bytes:
+    """Two bits a cell."""
+    four = np.zeros(-(-cells.size // 4) * 4, np.uint8)
+    four[: cells.size] = cells.reshape(-1)
+    packed: States = (four.reshape(-1, 4) * np.array([1, 4, 16, 64], np.uint8)).sum(1).astype(np.uint8)
+    return packed.tobytes()
+
+
+def _changed_cells(before: States, after: States) -> int:
+    """Bytes of the cells that changed: as gaps and states, or as an image of their box, whichever is shorter."""
+    changed = np.flatnonzero(before != after)
+    gaps = np.diff(changed, prepend=-1).astype("<u4")
+    listed = gaps.astype("<u2") if len(gaps) and gaps.max() < 2**16 else gaps
+    as_list = len(zlib.compress(listed.tobytes() + _packed(after.reshape(-1)[changed]), 9))
+    image = _cropped(np.where(before != after, after + 1, 0).astype(np.uint8))
+    return min(as_list, len(zlib.compress(image.tobytes(), 9)), len(zlib.compress(_packed(image), 9)))
+
+
+def by_robot(measurement: Measurement, name: str) -> dict[str, list[tuple[float, int]]]:
+    """Simulated seconds and bytes of all that each robot sent in one form, in order."""
+    if name == "delta":
+        rows = measurement.sent
+    else:
+        rows = [(update.t, update.robot, update.bytes[name]) for update in measurement.updates]
+    found: defaultdict[str, list[tuple[float, int]]] = defaultdict(list)
+    for t, robot, size in sorted(rows):
+        found[robot].append((t, size))
+    return dict(found)

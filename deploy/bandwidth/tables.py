@@ -1,0 +1,103 @@
+"""The bandwidth measurement as tables for people and a document for programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from deploy.bandwidth.representations import NAMES, Measurement
+
+MANY_LINKS = 12
+"""More links than that are in the JSON only."""
+
+MEANINGS = {
+    "delta": "what was sent: changes, headers, acknowledgements, what was sent again",
+    "full": "the whole map anew, coded as ours",
+    "json": "the whole map anew as JSON",
+    "grid_raw": "the whole 5 cm grid anew, a byte a cell",
+    "grid_zlib": "the same by zlib",
+    "grid_delta_zlib": "the cells that changed, by zlib",
+    "grid_png": "the whole grid anew as PNG",
+    "scans_raw": "the scans since the last update, float32",
+    "scans_zlib": "the same by zlib",
+    "points": "a point per occupied cell, the whole map anew",
+}
+
+
+def document(run: Path, books: dict[str, Any], measurement: Measurement) -> dict[str, Any]:
+    """All figures of a run."""
+    totals = measurement.totals()
+    ratios = {name: round(totals["delta"] / size, 6) if size else None for name, size in totals.items()}
+    return {"run": str(run), **books, **measurement.as_dict(), "delta_against": ratios}
+
+
+def print_tables(figures: dict[str, Any]) -> None:
+    """Print a document's tables to stdout."""
+    console = Console()
+    console.width = max(console.width, 110)
+    console.print(f"[b]{figures['run']}[/b]: {figures['updates']} contact updates", highlight=False)
+    console.print(_robots(figures["robots"]))
+    if len(figures["links"]) <= MANY_LINKS:
+        console.print(_links(figures["links"]))
+    if "wire" in figures:
+        console.print(_wire(figures["wire"]))
+    console.print(_representations(figures))
+
+
+def _table(title: str, *heads: str) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for head in heads:
+        table.add_column(head, justify="left" if head in ("robot", "from", "to", "kind", "form", "is") else "right")
+    return table
+
+
+def _counts(tally: dict[str, int] | None) -> str:
+    return f"{tally['messages']:,} / {tally['bytes']:,}" if tally else "-"
+
+
+def _robots(robots: dict[str, Any]) -> Table:
+    table = _table("Messages / bytes per robot", "robot", "kind", "offered", "addressed", "delivered to it", "dropped")
+    for robot, books in robots.items():
+        for kind in sorted({*books["offered"], *books["delivered"], *books["dropped"]}):
+            lost = ", ".join(f"{why} {_counts(tally)}" for why, tally in books["dropped"].get(kind, {}).items())
+            parts = [_counts(books[part].get(kind)) for part in ("offered", "addressed", "delivered")]
+            table.add_row(robot, kind, *parts, lost or "-")
+    return table
+
+
+def _links(links: list[dict[str, Any]]) -> Table:
+    table = _table("Messages / bytes per link", "from", "to", "kind", "offered", "delivered", "dropped")
+    for link in links:
+        for kind, counts in link["kinds"].items():
+            lost = ", ".join(f"{why} {_counts(tally)}" for why, tally in counts["dropped"].items())
+            parts = [_counts(counts[part]) for part in ("offered", "delivered")]
+            table.add_row(link["sender"], link["receiver"], kind, *parts, lost or "-")
+    return table
+
+
+def _wire(wire: dict[str, Any]) -> Table:
+    heads = ("messages", "payload bytes", "overhead", "explained", "on the wire", "unexplained")
+    table = _table("Links to the world's process, telemetry and scans included", "robot", "to", *heads)
+    for robot, flows in wire.items():
+        for way, flow in flows.items():
+            explained = flow["payload_bytes"] + flow["overhead_bytes"]
+            figures = (flow["messages"], flow["payload_bytes"], flow["overhead_bytes"], explained, flow["wire_bytes"])
+            to = "robot" if way == "to_robot" else "world"
+            table.add_row(robot, to, *(f"{value:,}" for value in figures), f"{flow['unexplained_share']:.3%}")
+    return table
+
+
+def _representations(figures: dict[str, Any]) -> Table:
+    table = _table("Map traffic", "form", "bytes", "per update", "per m2 explored", "delta / it", "is")
+    area = sum(figures["explored_m2"].values())
+    for name in NAMES:
+        size, ratio = figures["representations"][name], figures["delta_against"][name]
+        each = f"{size / figures['updates']:,.1f}" if figures["updates"] else "-"
+        per_area = f"{size / area:,.2f}" if area else "-"
+        table.add_row(name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", MEANINGS[name])
+    table.add_row("beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
+    return table

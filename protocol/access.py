@@ -1,0 +1,119 @@
+"""Who may say and hear what: a secret per robot and run, and rules that the router enforces (docs/security.md).
+
+Zenoh checks name and secret when a session opens; what the rules do not allow is dropped, in both directions.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets as random_secrets
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from protocol import keys
+from protocol.errors import LinkError
+
+VIEWER = "viewer"
+"""Who may read all, the truth included, and say nothing: recorders and displays."""
+
+SECRET_BYTES = 24
+"""192 random bits: nothing that could be guessed within a run."""
+
+Secrets = Mapping[str, str]
+"""A secret by the name of a robot, or VIEWER."""
+
+_LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
+
+
+def new_secrets(robots: Iterable[str]) -> dict[str, str]:
+    """A fresh secret for each robot and for the viewer."""
+    return {name: random_secrets.token_urlsafe(SECRET_BYTES) for name in (*robots, VIEWER)}
+
+
+def as_lines(secrets: Secrets) -> str:
+    """A line NAME:SECRET each, as Zenoh and `read_secrets` read them."""
+    return "".join(f"{name}:{secret}\n" for name, secret in secrets.items())
+
+
+def write_secrets(file: Path, secrets: Secrets) -> None:
+    """Write a new file that only its owner may read. Raises LinkError where that cannot be done."""
+    try:
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as lines:
+            lines.write(as_lines(secrets))
+    except OSError as error:
+        raise LinkError(f"--secrets {file}: cannot be written: {error.strerror}") from None
+
+
+def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
+    """The secrets of these names, and of no other. Raises LinkError where one is missing or the file is none."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise LinkError(f"--secrets {file}: cannot be read: {getattr(error, 'strerror', error)}") from None
+    found = {match[1]: match[2] for line in lines if (match := _LINE.fullmatch(line.strip()))}
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise LinkError(f"--secrets {file}: it has no line {missing[0]}:SECRET of at least 16 letters and digits")
+    return {name: found[name] for name in names}
+
+
+def access_control(robots: Iterable[str]) -> dict[str, Any]:
+    """Zenoh's access_control: each robot its own keys and what is public, the viewer all to read, nobody else any."""
+    rules, subjects, policies = [], [], []
+    for name, allowed in [*((robot, _of_robot(robot)) for robot in robots), (VIEWER, _OF_VIEWER)]:
+        ids = []
+        for number, (flow, messages, expressions) in enumerate(allowed):
+            ids.append(f"{name}-{number}")
+            rules.append(
+                {
+                    "id": ids[-1],
+                    "permission": "allow",
+                    "flows": [flow],
+                    "messages": messages,
+                    "key_exprs": expressions,
+                }
+            )
+        subjects.append({"id": name, "usernames": [name]})
+        policies.append({"id": name, "subjects": [name], "rules": ids})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+Rule = tuple[str, list[str], list[str]]
+"""Flow as the router sees it, messages, key expressions."""
+
+_SAMPLES = ["put", "delete"]
+_PUBLIC: list[Rule] = [
+    ("ingress", ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"], [keys.ALL_PUBLIC]),
+    ("egress", [*_SAMPLES, "liveliness_token"], [keys.ALL_PUBLIC]),
+]
+_OF_VIEWER: list[Rule] = [
+    *_PUBLIC,
+    ("ingress", ["declare_subscriber"], [keys.ALL_TRUTH, keys.ALL_OUT]),
+    ("egress", _SAMPLES, [keys.ALL_TRUTH, keys.ALL_OUT]),
+    ("ingress", ["declare_liveliness_subscriber", "liveliness_query"], [keys.ALL_ALIVE]),
+    ("egress", ["liveliness_token"], [keys.ALL_ALIVE]),
+]
+
+
+def _of_robot(robot: str) -> list[Rule]:
+    services = [keys.service(robot, "**")]
+    return [
+        *_PUBLIC,
+        ("ingress", _SAMPLES, [keys.all_out(robot)]),
+        ("ingress", ["liveliness_token"], [keys.alive(robot)]),
+        ("ingress", ["declare_subscriber"], [keys.all_in(robot)]),
+        ("egress", _SAMPLES, [keys.all_in(robot)]),
+        # without the world's own wildcard here, the robot's publishers see no subscriber and drop silently
+        ("egress", ["declare_subscriber"], [keys.all_out(robot), keys.ALL_OUT]),
+        ("ingress", ["query"], services),
+        # likewise, the world's queryable is declared under its wildcard
+        ("egress", ["declare_queryable", "reply"], [*services, keys.ALL_SRV]),
+    ]

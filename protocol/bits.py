@@ -1,0 +1,69 @@
+"""Numbers as few bits: writing and reading a string of bits, most significant first."""
+
+from __future__ import annotations
+
+from protocol.errors import ProtocolError
+
+MAX_PREFIX = 28
+"""Zeros before an exponential-Golomb number: larger ones are nothing that a map holds; ours."""
+
+
+class BitWriter:
+    """Collects bits."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._left = 0
+        self._count = 0
+
+    def bits(self, value: int, count: int) -> None:
+        """Append the `count` lowest bits of a value >= 0."""
+        self._left = self._left << count | value & ((1 << count) - 1)
+        self._count += count
+        while self._count >= 8:
+            self._count -= 8
+            self._bytes.append(self._left >> self._count & 0xFF)
+        self._left &= (1 << self._count) - 1
+
+    def number(self, value: int, k: int = 0) -> None:
+        """Append a number >= 0 in exponential-Golomb code of order k: short where it is below 2**k."""
+        value += 1 << k
+        length = value.bit_length()
+        self.bits(0, length - 1 - k)
+        self.bits(value, length)
+
+    def data(self) -> bytes:
+        """All bits, the last byte filled up with zeros."""
+        return bytes(self._bytes) + (bytes([self._left << 8 - self._count & 0xFF]) if self._count else b"")
+
+
+class BitReader:
+    """Takes bits; raises ProtocolError where there are no more."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def bits(self, count: int) -> int:
+        """The next `count` bits, at most 64."""
+        first, end = self._at >> 3, self._at + count
+        if end > 8 * len(self._data):
+            raise ProtocolError("a map ends in the middle of a number")
+        last = end + 7 >> 3
+        self._at = end
+        return int.from_bytes(self._data[first:last]) >> 8 * last - end & ((1 << count) - 1)
+
+    def number(self, k: int = 0) -> int:
+        """A number as `BitWriter.number` writes it."""
+        zeros = 0
+        while not self.bits(1):
+            zeros += 1
+            if zeros > MAX_PREFIX:
+                raise ProtocolError("a number in a map is larger than any map has")
+        return (1 << zeros + k | self.bits(zeros + k)) - (1 << k)
+
+    def finish(self) -> None:
+        """Raise ProtocolError unless only the zeros are left that fill the last byte."""
+        left = 8 * len(self._data) - self._at
+        if left >= 8 or self.bits(left):
+            raise ProtocolError("a map is followed by bytes that do not belong to it")

@@ -1,0 +1,170 @@
+"""What robots say to each other, as few bytes: beacons, parts of maps, acknowledgements (docs/formats.md)."""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+from protocol.errors import ProtocolError
+from protocol.messages import Pose
+from protocol.wireframe import MAX_COORDINATE_M
+
+BEACON = "beacon"
+MAP = "map"
+"""A whole map."""
+DELTA = "delta"
+"""What changed since a map that the receiver has acknowledged."""
+RESEND = "resend"
+"""Parts of a map or of changes that were not acknowledged in time, once more."""
+ACK = "ack"
+KINDS = (BEACON, MAP, DELTA, RESEND, ACK)
+"""Kinds of messages, as in radio.csv."""
+
+VERSION = 1
+MAX_PARTS = 64
+"""Of one map: 75 kB, of which a map of 20,000 vertices needs 60; ours."""
+MAX_BODY = 65_536
+"""Bytes of one map in all its parts; ours."""
+
+_BEACON = struct.Struct("<BIiiH")
+_TURN = 65_536
+_SINGLE, _PARTIAL, _UNKNOWN = 1, 1, 2
+"""Flags in the lowest bits of the first byte: of a part, and of an acknowledgement."""
+
+
+class Beacon(NamedTuple):
+    """I am here."""
+
+    tick: int
+    pose: Pose
+    """Of the sender in its own frame: to 1 mm and 0.006 degrees."""
+
+    def encode(self) -> bytes:
+        """15 bytes."""
+        x, y, theta = self.pose
+        turn = round(theta / (2 * math.pi) * _TURN) % _TURN
+        return _BEACON.pack(VERSION << 4, self.tick, round(1000 * x), round(1000 * y), turn)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Beacon:
+        """Raises ProtocolError on anything else than a beacon."""
+        _check_version(data)
+        if len(data) != _BEACON.size:
+            raise ProtocolError(f"a beacon of {len(data)} bytes instead of {_BEACON.size}")
+        _, tick, x, y, turn = _BEACON.unpack(data)
+        if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
+            raise ProtocolError("a beacon from out of bounds")
+        theta = turn / _TURN * 2 * math.pi
+        return cls(tick, (x / 1000, y / 1000, theta - 2 * math.pi * (theta > math.pi)))
+
+
+class Part(NamedTuple):
+    """One part of a map, or of changes to one, that fits into a message."""
+
+    version: int
+    """Tick at which the sender's map was so: the newer map has the higher version, even after a restart."""
+    base: int
+    """Version that the changes are to, which the receiver has acknowledged; 0 for a whole map."""
+    number: int
+    """Of this part, from 0."""
+    parts: int
+    """How many there are."""
+    body: bytes
+
+    def encode(self) -> bytes:
+        """Four to ten bytes more than the body."""
+        single = self.parts == 1
+        numbers = [self.version, self.version - self.base if self.base else 0]
+        numbers += [] if single else [self.number, self.parts]
+        return bytes([VERSION << 4 | single * _SINGLE]) + b"".join(map(_varint, numbers)) + self.body
+
+    @classmethod
+    def decode(cls, data: bytes) -> Part:
+        """Raises ProtocolError on anything else than a part, or of too many."""
+        flags = _check_version(data)
+        version, at = _take(data, 1)
+        back, at = _take(data, at)
+        index, count = 0, 1
+        if not flags & _SINGLE:
+            index, at = _take(data, at)
+            count, at = _take(data, at)
+        if not 1 <= count <= MAX_PARTS or index >= count:
+            raise ProtocolError(f"part {index + 1} of {count} of a map; at most {MAX_PARTS} are taken")
+        if back >= version:
+            raise ProtocolError("changes to a map of the future")
+        return cls(version, version - back if back else 0, index, count, data[at:])
+
+
+class Ack(NamedTuple):
+    """What the receiver of a map has of it."""
+
+    version: int
+    missing: frozenset[int] | None = frozenset()
+    """Parts that are not there yet; empty: it has the map; None: it does not have the base of the changes."""
+
+    def encode(self, count: int = 1) -> bytes:
+        """Two to twelve bytes; count: of the parts."""
+        flags = _UNKNOWN if self.missing is None else _PARTIAL if self.missing else 0
+        bits = sum(1 << index for index in self.missing or ())
+        return bytes([VERSION << 4 | flags]) + _varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Ack:
+        """Raises ProtocolError on anything else than an acknowledgement."""
+        flags = _check_version(data)
+        version, at = _take(data, 1)
+        rest = data[at:]
+        if len(rest) > MAX_PARTS // 8 or bool(rest) != (flags == _PARTIAL) or flags > _UNKNOWN:
+            raise ProtocolError("an acknowledgement of parts that are none")
+        if flags == _UNKNOWN:
+            return cls(version, None)
+        bits = int.from_bytes(rest)
+        return cls(version, frozenset(index for index in range(8 * len(rest)) if bits >> index & 1))
+
+
+def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
+    """The parts that a body travels in, each message of at most `mtu` bytes; ProtocolError for too long a body."""
+    if len(body) > MAX_BODY:
+        raise ProtocolError(f"a map of {len(body)} bytes; at most {MAX_BODY} travel")
+    whole = Part(version, base, 0, 1, body)
+    if len(whole.encode()) <= mtu:
+        return [whole]
+    head = len(Part(version, base, MAX_PARTS - 1, MAX_PARTS, b"").encode())
+    room = mtu - head
+    pieces = [body[at : at + room] for at in range(0, len(body), room)]
+    if len(pieces) > MAX_PARTS:
+        raise ProtocolError(f"a map of {len(pieces)} parts; at most {MAX_PARTS} travel")
+    return [Part(version, base, index, len(pieces), piece) for index, piece in enumerate(pieces)]
+
+
+def _check_version(data: bytes) -> int:
+    """Flags of the first byte."""
+    if not data:
+        raise ProtocolError("an empty message")
+    if data[0] >> 4 != VERSION:
+        raise ProtocolError(f"a message of version {data[0] >> 4}; this program reads version {VERSION}")
+    return data[0] & 0xF
+
+
+def _varint(value: int) -> bytes:
+    """Seven bits a byte, the lowest first, the highest bit set where more follow (LEB128)."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def _take(data: bytes, at: int) -> tuple[int, int]:
+    """A number at a place, and the place after it."""
+    value = 0
+    for shift in range(0, 42, 7):
+        if at >= len(data):
+            raise ProtocolError("a message ends in the middle of a number")
+        value |= (data[at] & 0x7F) << shift
+        at += 1
+        if data[at - 1] < 0x80:
+            return value, at
+    raise ProtocolError("a number in a message is too large")

@@ -1,0 +1,155 @@
+"""What the air does to a message: models that combine, each a settings object with its kind."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+from protocol.messages import RobotId
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Chance = Annotated[float, Field(ge=0, le=1)]
+LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}$")]
+
+
+class Config(BaseModel):
+    """Immutable and free of unknown keys, so that a typing error in a file is found."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class LineOfSight(Config):
+    """Walls block: light, or a carrier of 60 GHz. Drops with the reason `walls`."""
+
+    kind: Literal["line_of_sight"] = "line_of_sight"
+
+    def __str__(self) -> str:
+        return "line of sight"
+
+
+class LogDistance(Config):
+    """Log-distance path loss with log-normal fading and an attenuation per wall (Rappaport, Wireless Communications).
+
+    A message arrives where 10 n log10(reach / distance) - walls * wall_db + fading is not negative; else `fading`.
+    """
+
+    kind: Literal["log_distance"] = "log_distance"
+    reach_m: Positive = 8.0
+    """Where half of the messages arrive with no wall between: a low-power radio of some mW indoors."""
+    exponent: Positive = 3.0
+    """n: 2 in free space, 2.5 to 3.5 within buildings."""
+    wall_db: NotNegative = 6.0
+    """Per wall that the straight way goes through: a brick wall at 2.4 GHz has 5 to 8."""
+    fading_db: NotNegative = 4.0
+    """Standard deviation per message; indoors 3 to 6."""
+    link_db: NotNegative = 0.0
+    """Standard deviation per directed link, fixed for a run: receivers and antennas differ."""
+
+    def __str__(self) -> str:
+        link = f", {self.link_db:g} dB per link" if self.link_db else ""
+        return (
+            f"log distance (reach {self.reach_m:g} m, exponent {self.exponent:g}, {self.wall_db:g} dB per wall, "
+            f"fading {self.fading_db:g} dB{link})"
+        )
+
+
+class Bernoulli(Config):
+    """Each message is lost by itself, with the reason `loss`."""
+
+    kind: Literal["bernoulli"] = "bernoulli"
+    loss: Chance
+    """Share that is lost."""
+
+    def __str__(self) -> str:
+        return f"loss {self.loss:.0%}"
+
+
+class GilbertElliott(Config):
+    """Losses in bursts, with the reason `burst`: each directed link is good or bad (Gilbert 1960, Elliott 1963)."""
+
+    kind: Literal["gilbert_elliott"] = "gilbert_elliott"
+    good_s: Positive = 10.0
+    """Mean time in the good state."""
+    bad_s: Positive = 2.0
+    """Mean time in the bad state."""
+    loss_good: Chance = 0.0
+    loss_bad: Chance = 1.0
+
+    def __str__(self) -> str:
+        return f"bursts ({self.bad_s:g} s of {self.loss_bad:.0%} loss, {self.good_s:g} s of {self.loss_good:.0%})"
+
+
+class Asymmetric(Config):
+    """A loss of its own on each directed link, fixed for a run, with the reason `asymmetric`."""
+
+    kind: Literal["asymmetric"] = "asymmetric"
+    most: Chance = 0.5
+    """A link's loss is drawn between 0 and this."""
+    links: dict[LinkName, Chance] = {}
+    """Losses that are not drawn, such as "r1>r2": 1.0."""
+
+    def __str__(self) -> str:
+        given = "".join(f", {link} {loss:.0%}" for link, loss in self.links.items())
+        return f"asymmetric (each link 0 to {self.most:.0%}{given})"
+
+
+class Blackout(Config):
+    """Nothing passes for a while, with the reason `blackout`."""
+
+    kind: Literal["blackout"] = "blackout"
+    begin_s: NotNegative
+    end_s: NotNegative
+    robots: list[RobotId] = []
+    """Who neither sends nor hears; empty: nobody does."""
+
+    def __str__(self) -> str:
+        return f"blackout of {', '.join(self.robots) or 'all'} from {self.begin_s:g} to {self.end_s:g} s"
+
+
+class Latency(Config):
+    """Messages take their time, and may overtake each other."""
+
+    kind: Literal["latency"] = "latency"
+    ticks: Annotated[int, Field(ge=1, le=1000)] = 1
+    """From sending to hearing; nothing is faster than the next tick."""
+    jitter: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Up to so many ticks more, all alike likely."""
+
+    def __str__(self) -> str:
+        more = f" to {self.ticks + self.jitter}" if self.jitter else ""
+        return f"latency {self.ticks}{more} ticks"
+
+
+class Capacity(Config):
+    """What a robot's radio takes in a second, sent and heard together; more is dropped.
+
+    With the reason `capacity_out` where the sender's is used up, `capacity_in` where the receiver's is.
+    """
+
+    kind: Literal["capacity"] = "capacity"
+    bytes_per_s: Positive
+
+    def __str__(self) -> str:
+        return f"capacity {self.bytes_per_s:g} B/s"
+
+
+Model = Annotated[
+    LineOfSight | LogDistance | Bernoulli | GilbertElliott | Asymmetric | Blackout | Latency | Capacity,
+    Field(discriminator="kind"),
+]
+
+
+class RadioConfig(Config):
+    """Who hears whom. A message must pass the range and then every model, in their order."""
+
+    range_m: Positive | None = 4.0
+    """A disc around the sender, judged at the sending tick (paper III: robots within radio range); null for none."""
+    mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = 1200
+    """The longest message that goes on the air: below what any IP link carries in one piece."""
+    models: list[Model] = []
+
+    def __str__(self) -> str:
+        reach = f"range {self.range_m:g} m" if self.range_m else "no range limit"
+        return ", ".join([reach, *map(str, self.models), f"MTU {self.mtu_bytes:,} B"])
