@@ -177,7 +177,7 @@ class Explorer:
         seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
         self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
         standing, _ = self.teammates.obstacles(self.tick, self.planning.tight_clearance_m)
-        self.walls = np.ascontiguousarray(np.vstack((known, seen, standing)))
+        self.walls = np.ascontiguousarray(np.vstack((known, seen, standing, self.teammates.fronts(self.here))))
         low, high = self.here - _NEAR_M, self.here + _NEAR_M
         a, b = self.walls[:, :2], self.walls[:, 2:]
         self.walls_near = self.walls[((np.minimum(a, b) < high) & (np.maximum(a, b) > low)).all(1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,10 @@ _STILL_M = 0.05
 """A teammate that moved less stands."""
 _IN_WALL = 0.8
 """A disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate."""
+_FIXED_SCANS = 5
+"""Scans for which a disc in a wall is remembered; perception hides its beams for four."""
+_FRONT = np.linspace(-1.2, 1.2, 5)
+"""Bearings in radians of the corners of its front, from the direction of the eye; beyond, it may be narrower."""
 _SIDES = 8
 """Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
 
@@ -47,11 +52,13 @@ class Teammates:
         self.radius = radius_m
         self.tick_s = tick_s
         self.sightings: list[Sighting] = []
+        self._fixed: deque[Floats] = deque(maxlen=_FIXED_SCANS)
 
     def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
         """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
-        if len(discs):
-            discs = discs[distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius]
+        free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
+        self._fixed.append(discs[~free])
+        discs = discs[free]
         memory = self.config.teammate_memory_s / self.tick_s
         self.sightings = [s for s in self.sightings if tick - s.seen <= memory or tick < s.avoid_until]
         for x, y in discs.tolist():
@@ -63,6 +70,20 @@ class Teammates:
             if math.hypot(known.still_x - x, known.still_y - y) > _STILL_M:
                 known.still_x, known.still_y, known.still_since = x, y, tick
         return discs
+
+    def fronts(self, eye: Floats) -> Floats:
+        """Walls (k, 4) where discs in walls were hit lately, seen from eye (2,): posts and ends, hidden from the map.
+
+        What perception takes for a teammate is in no wall of the scan, and what stands in a wall is no teammate:
+        without these fronts nothing would keep a robot from driving into it.
+        """
+        discs = np.vstack((np.zeros((0, 2)), *self._fixed))
+        if not len(discs):
+            return np.zeros((0, 4))
+        towards = np.arctan2(*(eye - discs).T[::-1])
+        angles = towards[:, None] + _FRONT
+        arcs = discs[:, None] + self.radius * np.stack((np.cos(angles), np.sin(angles)), 2)
+        return np.concatenate((arcs[:, :-1], arcs[:, 1:]), 2).reshape(-1, 4)
 
     def near(self, x: float, y: float, reach_m: float) -> Sighting | None:
         """The teammate nearest to (x, y), if within reach."""

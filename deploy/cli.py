@@ -234,7 +234,7 @@ def alignment(quick: Quick = False, jobs: Jobs = None, results: Results = Path("
 
 @bench.command()
 def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-    """Whole runs of one robot and of teams, generated mazes, against the shortest tour and a dense grid; takes hours."""
+    """Whole runs of one robot and of teams, mazes, default states, a bound of tours, a dense grid; takes hours."""
     from deploy.bench.exploration import measure
 
     if not measure(quick, results, jobs):

@@ -15,6 +15,7 @@ import numpy as np
 from agent.clearance import distance_to_walls
 from agent.exploration import Command, Configs, Explorer
 from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
+from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Label, Wireframe
 from world.config import CoverageConfig
@@ -171,6 +172,8 @@ class Trial:
     complete_s: float | None = None
     reason: str = ""
     coverage: float = 0.0
+    recall: float = 0.0
+    """Share of the visible wall in the map, as the scorer counts it."""
     t_90: float | None = None
     t_99: float | None = None
     path_m: float = 0.0
@@ -262,6 +265,9 @@ def explore(
         trial.stuck = sum(event.event == "stuck" for _, event in trial.events)
         trial.reason = trial.reasons[-1]
         trial.map = mapper.wireframe()
+        x, y, theta = origins[k].tolist()
+        truth = truth_of(world, (x, y), spec.radius_m, spec.lidar.range_max_m)
+        trial.recall = score(trial.map, (x, y, theta), truth).wall_recall
     return trials
 
 

@@ -177,7 +177,7 @@ def test_the_free_face_leaves_out_what_is_solid():
 
 
 def test_what_poses_see_within_the_radius_is_no_longer_unseen():
-    sweep = Sweep(ExplorationConfig(), LidarSpec())
+    sweep = Sweep(ExplorationConfig(object_beams=3), LidarSpec())
     assert sweep.radius == pytest.approx(1.91, abs=0.01)  # facts/mapping.md, rule 12
     wall = [(2.0, 0.0), (2.0, 2.0), (2.02, 2.0), (2.02, 0.0)]  # a screen that hides a part from the pose
     wireframe = chain([(0, 0), *wall, (4, 0), (4, 4), (0, 4), (0, 0)])

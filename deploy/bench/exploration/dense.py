@@ -50,6 +50,8 @@ GIVEN_UP_M = 0.6
 REPLAN_TICKS = 5
 PATIENCE_TICKS = 25
 """Neither nearer nor anything new for so long: the frontier is given up."""
+FAR_TICKS = 600
+"""Nothing new for so long, though goals come nearer in turns: two minutes, 26 m of way."""
 NEWS_CELLS = 10
 """Cells that count as anything new."""
 BLIND_M = 0.2
@@ -115,7 +117,7 @@ def _grown(cells: Bools, radius: float) -> Bools:
 
 @njit(cache=True)
 def _heard(ranges: Floats, blind: float) -> Floats:
-    """Ranges (beams,), 0 where silence may come of a wall too near to be seen."""
+    """Ranges (beams,), nan where silence may come of a wall too near to be seen."""
     n = len(ranges)
     out = ranges.copy()
     for b in range(n):
@@ -126,7 +128,7 @@ def _heard(ranges: Floats, blind: float) -> Floats:
             while k < n and not math.isfinite(ranges[(b + step * k) % n]):
                 k += 1
             if ranges[(b + step * k) % n] < blind:
-                out[b] = 0.0
+                out[b] = math.nan
     return out
 
 
@@ -175,10 +177,10 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
 def _straight(free: Bools, i: int, j: int, a: int, b: int) -> bool:
     """Whether the straight way between two cells is free, looked at every third of a cell."""
     n = 3 * max(abs(a - i), abs(b - j), 1)
+    straight = True
     for k in range(n + 1):
-        if not free[round(i + (a - i) * k / n), round(j + (b - j) * k / n)]:
-            return False
-    return True
+        straight = straight and free[round(i + (a - i) * k / n), round(j + (b - j) * k / n)]
+    return straight
 
 
 def _pulled(free: Bools, way: Ints) -> Ints:
@@ -207,7 +209,8 @@ class DenseRobot:
         self.path: Floats | None = None
         self.complete = False
         self.clearance = self.driver.wall_limit
-        self._known_cells, self._steps, self._vain = 0, 0, 0
+        self._known_cells, self._steps, self._vain, self._nothing = 0, 0, 0, 0
+        self._goal = np.zeros(2)
 
     def _cell(self, x: float, y: float) -> tuple[int, int]:
         return math.floor((x - self.corner) / CELL_M), math.floor((y - self.corner) / CELL_M)
@@ -257,30 +260,44 @@ class DenseRobot:
                 (log_odds < 0) & ~_grown(log_odds > 0, inflate_m / CELL_M) for inflate_m in (ROOMY_M, TIGHT_M)
             )
             frontiers = _frontiers(log_odds, tight & ~self.given_up[box], LEAST_CELLS)
-            for free, inflate_m in ((roomy, ROOMY_M), (tight, TIGHT_M)):
+            free, clearance_m = roomy, ROOMY_M - CELL_M
+            way = _way(free, frontiers, i, j, 0.3 / CELL_M)
+            if not len(way):
+                free, clearance_m = tight, TIGHT_M - CELL_M
                 way = _way(free, frontiers, i, j, 0.3 / CELL_M)
-                if len(way):
-                    break
-            else:  # none left, or none can be reached
+            if not len(way):  # no frontier left, or none that can be reached
                 self.complete, self.path = True, None
                 return
-            self.clearance = max(inflate_m - CELL_M, self.driver.wall_limit)
-            cells = int(np.count_nonzero(log_odds))
-            if cells >= self._known_cells + NEWS_CELLS or len(way) < self._steps:
-                self._known_cells, self._steps, self._vain = cells, len(way), 0
-            self._vain += REPLAN_TICKS
-            if self._vain <= PATIENCE_TICKS:
+            self.clearance = max(clearance_m, self.driver.wall_limit)
+            goal = self._at(way[-1], box)
+            if not self._in_vain(int(np.count_nonzero(log_odds)), len(way), goal):
                 break
-            self._steps, self._vain = log_odds.size, 0
             end = np.zeros(log_odds.shape, np.bool_)
             end[way[-1][0], way[-1][1]] = True
             self.given_up[box] |= frontiers & _grown(end, GIVEN_UP_M / CELL_M)
         free[i, j] = True
-        cells = _pulled(free, way)
-        origin = self.corner + CELL_M * np.array((box[0].start + 0.5, box[1].start + 0.5))
-        path = origin + CELL_M * cells
+        path = self._at(_pulled(free, way), box)
         path[0] = pose[:2]
         self.path = path if len(path) > 1 else np.vstack((path, path))
+
+    def _at(self, cells: Ints, box: tuple[slice, slice]) -> Floats:
+        """Middles of cells (..., 2) of the box."""
+        middles: Floats = self.corner + CELL_M * (cells + np.array((box[0].start + 0.5, box[1].start + 0.5)))
+        return middles
+
+    def _in_vain(self, known: int, steps: int, goal: Floats) -> bool:
+        """Whether the goal is neither nearer nor anything new seen for its patience, or nothing new for far longer."""
+        if known >= self._known_cells + NEWS_CELLS:
+            self._known_cells, self._steps, self._vain, self._nothing = known, steps, 0, 0
+        elif steps < self._steps or math.hypot(*(goal - self._goal)) > GIVEN_UP_M:
+            self._steps, self._vain = steps, 0
+        self._goal = goal
+        self._vain += REPLAN_TICKS
+        self._nothing += REPLAN_TICKS
+        if self._vain <= PATIENCE_TICKS and self._nothing <= FAR_TICKS:
+            return False
+        self._steps, self._vain, self._nothing = steps, 0, 0
+        return True
 
 
 def measure_dense(world: Mapping[str, Any]) -> Figures:
@@ -295,9 +312,9 @@ def measure_dense(world: Mapping[str, Any]) -> Figures:
         return minds[-1]
 
     driven = Driven()
-    summary = inprocess.run(config, AgentConfig(), None, driven, make)
+    summary: Figures = inprocess.run(config, AgentConfig(), None, driven, make)["robots"]["r1"]
     raw, packed = minds[0].grid_bytes()
-    return summary["robots"]["r1"] | driven.figures() | {"grid_bytes": raw, "grid_zlib_bytes": packed}
+    return summary | driven.figures() | {"grid_bytes": raw, "grid_zlib_bytes": packed}
 
 
 def cases(quick: bool) -> list[Case]:

@@ -57,15 +57,15 @@ def told(robot: Robot, events: Iterable[Event]) -> Figures:
     `silent`: frontier or occlusion ends that it neither resolved nor recorded as given up with a reason.
     """
     events = list(events)
-    ends = robot.explorer.ends.points if robot.explorer.complete else []
-    known = robot.explorer.memory.find(robot.explorer.ends.points, robot.explorer.ends.along)
-    silent = sum(k < 0 or not robot.explorer.memory.tried[k].reason for k in known) if len(ends) else 0
+    explorer = robot.explorer
+    tried = explorer.memory.find(explorer.ends.points, explorer.ends.along).tolist()
+    reasons = [explorer.memory.tried[k].reason if k >= 0 else "" for k in tried]
     completes = [event.data for event in events if event.event == "complete"]
     return {
-        "reason": completes[-1]["reason"] if completes and robot.explorer.complete else "",
+        "reason": completes[-1]["reason"] if completes and explorer.complete else "",
         "frontiers": int((robot.wireframe.labels == Label.FRONTIER).sum()),
-        "unreachable": len(ends) - silent,
-        "silent": silent if robot.explorer.complete else None,
+        "unreachable": sum(map(bool, reasons)),
+        "silent": reasons.count("") if explorer.complete else None,
         "stuck": sum(event.event == "stuck" for event in events),
         "goals": sum(event.event == "frontier" and event.data["what"] == "chosen" for event in events),
         "resumed": sum(event.event == "resumed" for event in events),

@@ -6,6 +6,7 @@ import json
 import math
 import tempfile
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ def corridor(seed: int) -> dict[str, Any]:
     """World file of the corridor; the robots stand in its mouths, face each other, and must change rooms."""
     rng = np.random.default_rng(seed)
     (x, y), (u, v) = rng.uniform((1.0, -0.12), (2.4, 0.12), (2, 2)).tolist()
-    walls = [[*a, *b] for a, b in zip(CORRIDOR[:-1], CORRIDOR[1:], strict=True)]
+    walls = [[*a, *b] for a, b in pairwise(CORRIDOR)]
     return {"name": "corridor", "units": "m", "walls": walls, "spawns": [[-x, y, 0.0], [u, v, math.pi]]}
 
 

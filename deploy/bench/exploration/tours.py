@@ -52,7 +52,7 @@ BEND_M = 0.01
 """What the ways around corners at that distance may be too long on a leg; three bends cost less."""
 APART_M = 0.7
 """Least distance between the places that are tried; those seen from the least area come first."""
-MOST = 40
+MOST = 25
 """Places that are tried."""
 RAYS = 180
 
@@ -167,7 +167,7 @@ def held_karp(cost: Floats, rounds: int = 200) -> float:
     """
     n = cost.shape[0]
     if n < 3:
-        return cost.sum() / 2
+        return float(cost.sum() / 2)
     price = np.zeros(n)
     best, step = 0.0, cost.sum() / (n * (n - 1)) / 4
     for _ in range(rounds):
