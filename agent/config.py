@@ -151,7 +151,7 @@ class TalkConfig(Config):
     reassembly_s: Positive = 30.0
     """Parts of a map wait this long for the next one: three retries."""
     mtu_bytes: Annotated[int, Field(ge=64, le=65_536)] = 1200
-    """The longest message: what the radio takes (world.radio_config)."""
+    """The longest message: what the radio takes (world.radio_config); 64 of them must hold the map."""
     cell_mm: Annotated[int, Field(ge=1, le=1000)] = 10
     """Of the grid that maps travel on: the noise of a range, a fifth of the scorer's 5 cm."""
     slack_cells: Annotated[float, Field(ge=0, le=10)] = 1.5

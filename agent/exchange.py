@@ -100,7 +100,7 @@ class Exchange:
     # --- hearing ------------------------------------------------------------------------------------------------
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
-        """Take a tick's messages; returns `contact`, `lost` and `refused` events. A bad message changes nothing."""
+        """Take a tick's messages; returns `contact`, `lost` and `refused` events. A bad message meets nobody."""
         events: list[Event] = []
         refused: dict[str, str] = {}
         for message in heard:
@@ -120,7 +120,7 @@ class Exchange:
         return events + self.contacts.forget(tick)
 
     def _take(self, tick: int, peer: str, message: Heard) -> None:
-        """What a message changes but the contact; raises ProtocolError before it has changed anything."""
+        """What a message changes but the contact; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             Beacon.decode(message.payload)
         elif message.kind in (MAP, DELTA, RESEND):
@@ -183,8 +183,9 @@ class Exchange:
             return  # of a former life, or of something long ago
         if ack.missing is None:  # it has lost what it once had: all of it again
             told.maps, told.acked, told.whole, told.parts, told.compared = {}, 0, [], [], -1
-        elif ack.missing and told.parts and told.parts[0].version == ack.version:
-            told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up those it once had
+        elif ack.missing:
+            if told.parts and told.parts[0].version == ack.version:  # else another map is on its way by now
+                told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up some it had
         elif ack.version > told.acked:
             told.acked, told.tries = ack.version, 0
             told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}

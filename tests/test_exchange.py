@@ -244,6 +244,19 @@ def test_parts_that_were_given_up_are_sent_again() -> None:
     pair.settle(200)
 
 
+def test_parts_of_an_older_map_acknowledge_nothing() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    pair.show(comb(60))
+    while not any(send.kind == "map" for _, _, send in pair.flying):
+        pair.run(1)
+    told = pair.robots["a"]._told["b"]
+    parts, version = told.whole, told.whole[0].version
+    told.parts = []  # as if given up for a newer one
+    some = Ack(version, frozenset({0})).encode(len(parts))
+    pair.robots["a"].hear(pair.tick, [Heard(tick=pair.tick, sender="b", kind="ack", payload=some)])
+    assert told.acked == 0 and told.parts == []
+
+
 def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
     hear = Pair().robots["b"]
     events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
