@@ -35,6 +35,10 @@ _NEAR_M = 1.5
 """Walls within this of the robot matter for the next ticks; it drives 0.09 m in two."""
 _WAYPOINT_M = 0.03
 """A waypoint this near is passed."""
+_PUSHED = 0.3
+"""Who gets on by less than this share of what was commanded pushes against something."""
+_BARRIER_M = 0.12
+"""Half the width of what is taken for the unseen wall: the body's."""
 _NEVER = 2**62
 _AROUND = 8
 """Directions in which a standing point near an errand's place is looked for."""
@@ -119,11 +123,20 @@ class Explorer:
         self._least_left_m, self._progress_tick = math.inf, 0
         self._patience_ticks, self._blocked_ticks, self._waits = 0, 0, 0
         self._back_off_until, self._back_off_from = -1, np.zeros(2)
+        self._barriers = np.zeros((0, 4))
+        """(b, 4) what stopped the robot though no scan shows it; no path leads through it again."""
+        self._pushed_m = 0.0
+        """Metres that the last command was to drive."""
+        self._pushing_ticks, self._last = 0, (math.inf, math.inf)
 
     @property
     def nbytes(self) -> int:
         """Bytes of what is kept of the places seen and tried."""
-        return 16 * len(self.poses) + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
+        return (
+            16 * len(self.poses)
+            + self._barriers.nbytes
+            + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
+        )
 
     def step(
         self,
@@ -177,7 +190,11 @@ class Explorer:
         seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
         self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
         standing, _ = self.teammates.obstacles(self.tick, self.planning.tight_clearance_m)
-        self.walls = np.ascontiguousarray(np.vstack((known, seen, standing, self.teammates.fronts(self.here))))
+        fronts = self.teammates.fronts(self.here)
+        self.walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self._barriers)))
+        went = math.hypot(self._xy[0] - self._last[0], self._xy[1] - self._last[1])
+        self._pushing_ticks = self._pushing_ticks + 1 if went < _PUSHED * self._pushed_m else 0
+        self._last = self._xy
         low, high = self.here - _NEAR_M, self.here + _NEAR_M
         a, b = self.walls[:, :2], self.walls[:, 2:]
         self.walls_near = self.walls[((np.minimum(a, b) < high) & (np.maximum(a, b) > low)).all(1)]
@@ -325,7 +342,8 @@ class Explorer:
         assert target is not None
         if self._read_tick != self.tick:
             return False
-        if not still_clear(target.path, self.wireframe.segments(), target.clearance - self.planning.give_m):
+        walls = np.vstack((self.wireframe.segments(), self._barriers))
+        if not still_clear(target.path, walls, target.clearance - self.planning.give_m):
             return True
         if target.task.kind in ("errand", "retreat", "park") or target.looks > 0:
             return False
@@ -335,10 +353,17 @@ class Explorer:
         return due and self.version != self._decided_version and len(self._fresh()) > 0
 
     def _ways(self, teammates: bool = True) -> Iterator[Roads]:
-        """Roads from here with room, then tight ones; around teammates or through them."""
+        """Roads from here with room, then tight ones; around teammates or through them, never through barriers."""
+        ends = self._barriers.reshape(-1, 2)
+        angles = np.arange(8) * (math.pi / 4)
         for clearance in (self.planning.clearance_m, self.planning.tight_clearance_m):
-            obstacles = self.teammates.obstacles(self.tick, clearance) if teammates else ()
-            yield Roads(self.planning, self.wireframe, self.here, clearance, *obstacles)
+            reach = 1.15 * clearance
+            around = ends[:, None] + reach * np.stack((np.cos(angles), np.sin(angles)), 1)
+            walls, nodes = self._barriers, around.reshape(-1, 2)
+            if teammates:
+                standing, beside = self.teammates.obstacles(self.tick, clearance)
+                walls, nodes = np.vstack((walls, standing)), np.vstack((nodes, beside))
+            yield Roads(self.planning, self.wireframe, self.here, clearance, walls, nodes)
 
     def _decide(self) -> None:
         """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
@@ -599,11 +624,14 @@ class Explorer:
         """Back off, and give the target up the second time."""
         target.stuck += 1
         gives_up = target.stuck > 1 and target.task.kind != "park"
+        unseen = self._pushing_ticks >= self.config.push_ticks
+        if unseen:
+            self._bar()
         self._event(
             "stuck",
             place=_rounded(self.here),
             on_the_way_to=target.task.kind,
-            reason="no progress",
+            reason="an unseen wall" if unseen else "no progress",
             recovery="another goal" if gives_up else "back off",
         )
         self._restart_progress()
@@ -611,6 +639,14 @@ class Explorer:
         self._back_off_from = self.here
         if gives_up:
             self._give_up("stuck on the way")
+
+    def _bar(self) -> None:
+        """Remember a wall that no scan shows, across the way just before the robot."""
+        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
+        off = self.spec.radius_m + self.planning.give_m
+        x, y = self._xy[0] + off * c, self._xy[1] + off * s
+        wall = [x - _BARRIER_M * s, y + _BARRIER_M * c, x + _BARRIER_M * s, y - _BARRIER_M * c]
+        self._barriers = np.vstack((self._barriers, wall))[-self.config.barriers :]
 
     def _back_off(self) -> Motion:
         """Towards the most room within a short drive."""
@@ -632,6 +668,7 @@ class Explorer:
         self._events.append(Event(event=event, data=data))
 
     def _command(self, motion: Motion) -> Command:
+        self._pushed_m = motion.speed_mps * self.tick_s
         place = None
         if self.target is not None:
             x, y = self.target.task.stand

@@ -88,6 +88,10 @@ class ExplorationConfig(Config):
     """Less than this is no progress: one tick and a half of driving."""
     teammate_room_m: Positive = 0.15
     """Radius of a standing teammate in paths: with the tight clearance just more than driving allows (0.27 m)."""
+    push_ticks: Annotated[int, Field(ge=1)] = 5
+    """Commands in a row that moved nothing before a stuck robot takes it for an unseen wall: a second of pushing."""
+    barriers: Annotated[int, Field(ge=1)] = 50
+    """Most unseen walls kept in memory (32 bytes each): 12 m of glass."""
     back_off_m: Positive = 0.2
     """How far a stuck robot moves away from what it is close to."""
     back_off_s: Positive = 3.0

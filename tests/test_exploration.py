@@ -229,6 +229,32 @@ def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
         assert any(event.data.get("reason") == "stuck on the way" for event in events)
 
 
+def test_no_way_through_an_unseen_wall_is_tried_twice():
+    """A pane of glass, which no scan shows, leaves 0.8 m of a room 4 m wide: found by touch, and passed by."""
+    hall = chain([(-3, -2), (3, -2), (3, 2), (-3, 2), (-3, -2)])
+    glass_x, gap_y = 0.5, 1.2
+    robot = explorer(default_state="interior-sweep")
+    pose, events, crossed = np.array([-2.0, -0.5, 0.0]), [], False
+    for tick in range(3000):
+        command = robot.step(tick, hall, 1, tuple(pose), Wireframe(), NOBODY)
+        events += command.events
+        if command.complete:
+            break
+        step = 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        x, y = pose[:2] + step
+        reach = math.hypot(glass_x - x, max(0.0, y - gap_y)) if y > gap_y else abs(glass_x - x)
+        if reach >= SPEC.radius_m or abs(glass_x - x) > abs(glass_x - pose[0]):
+            pose[:2] = x, y
+        pose[2] += 0.2 * command.turn_rps
+        crossed |= pose[0] > 1.5
+    assert robot.complete
+    assert crossed
+    touched = [event.data["place"] for event in events if event.data.get("reason") == "an unseen wall"]
+    assert 1 <= len(touched) <= 15
+    apart = [math.dist(a, b) for k, a in enumerate(touched) for b in touched[:k]]
+    assert min(apart, default=1.0) > 0.05
+
+
 def test_ends_point_along_their_wall_and_have_free_space_on_the_left():
     ends = open_ends(chain([(0, 0), (2, 0)], [(5, 5), (5, 3)], labels=Label.OCCLUSION))
     order = np.lexsort(ends.points.T[::-1])

@@ -77,12 +77,15 @@ def test_ci_ends_with_the_tests() -> None:
 
 
 def test_the_commands_of_the_readme_exist() -> None:
-    commands = re.findall(r"^wireswarm (\w+)(.*)$", README, re.M)
-    assert {name for name, _ in commands} == {"run", "world", "agent"}
-    for name in ("run", "world", "agent"):
-        told = run(str(Path(sys.executable).with_name("wireswarm")), name, "--help")
-        options = {option for other, rest in commands if other == name for option in re.findall(r"--[a-z-]+", rest)}
-        assert options and options <= set(re.findall(r"--[a-z-]+", told))
+    options: dict[tuple[str, ...], set[str]] = {}
+    for line in re.findall(r"^wireswarm (.*)$", README, re.M):
+        words = line.split("#")[0].split()
+        command = tuple(words[:2] if words[0] == "bench" else words[:1])
+        options.setdefault(command, set()).update(re.findall(r"--[a-z-]+", line.split("#")[0]))
+    assert {("run",), ("world",), ("agent",), ("bandwidth",)} <= set(options)
+    for command, used in options.items():
+        told = run(str(Path(sys.executable).with_name("wireswarm")), *command, "--help")
+        assert used <= set(re.findall(r"--[a-z-]+", told)), command
 
 
 @pytest.mark.parametrize("file", ["README.md", "docs/formats.md"])

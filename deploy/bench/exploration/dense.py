@@ -321,8 +321,8 @@ def cases(quick: bool) -> list[Case]:
     """The dense robot from the same starts as ours in `runs`."""
     return [
         Case(f"dense/{world}/{seed}", measure_dense, {"world": settings(world, seed)})
-        for world in worlds(quick)
         for seed in seeds(quick)
+        for world in worlds(quick)
     ]
 
 

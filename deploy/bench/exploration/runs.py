@@ -76,8 +76,8 @@ def cases(quick: bool) -> list[Case]:
     """Every layout from every start."""
     return [
         Case(f"runs/{world}/{seed}", measure_run, {"world": settings(world, seed), "agent": {}})
+        for seed in seeds(quick)  # all layouts once before any twice
         for world in worlds(quick)
-        for seed in seeds(quick)
     ]
 
 
