@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from deploy.bench.alignment import cost, forced, hostile, live, tables, trials
+from deploy.bench.alignment import cost, forced, hostile, live, plots, tables, trials
 from deploy.bench.bars import report
 from deploy.bench.cases import measure_all
 
@@ -21,4 +21,5 @@ def measure(quick: bool, folder: Path, jobs: int | None) -> bool:
     tables_of = (tables, cost, live, forced, hostile)
     sections = [section for part in tables_of for section in part.sections(outcome.figures) if section.rows]
     report(name, sections, outcome.failed, folder / f"{name}.json")
+    plots.draw(sections, folder / name)
     return not outcome.failed
