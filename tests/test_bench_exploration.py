@@ -107,7 +107,8 @@ def test_ways_on_the_grid_are_shortest_and_pulled_straight() -> None:
 
 def test_silence_beside_a_wall_too_near_to_be_seen_is_no_free_space() -> None:
     ranges = np.array([1.0, np.inf, 0.13, np.inf, np.inf, 2.0, np.inf, 3.0])
-    assert _heard(ranges, 0.2).tolist() == [1.0, 0.0, 0.13, 0.0, 0.0, 2.0, np.inf, 3.0]
+    known = [1.0, np.nan, 0.13, np.nan, np.nan, 2.0, np.inf, 3.0]
+    assert np.array_equal(_heard(ranges, 0.2), known, equal_nan=True)
 
 
 def test_the_dense_robot_explores(tmp_path: Path) -> None:
