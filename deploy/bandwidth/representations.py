@@ -99,6 +99,9 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     beacon_bytes = sum(kinds[BEACON]["bytes"] for kinds in offered if BEACON in kinds)
     updates, explored = [], {}
     for robot, what in seen.items():
+        if not len(what.ranges):  # dead before it saw anything
+            explored[robot] = 0.0
+            continue
         mine = _Forms(what, config)
         for line in sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]):
             updates += mine.charge(line)
