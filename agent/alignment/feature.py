@@ -212,6 +212,10 @@ def _log_density(values: Floats, kinds: Ints, sds: Floats, pool: Floats, turn: f
     return out
 
 
+NEGLIGIBLE = -14.0
+"""Log-likelihood ratio below which an entry is as good as wrong: 1e-6 against a share of 0.05."""
+
+
 @njit(cache=True)
 def _likeness(
     a: Floats,
@@ -251,7 +255,9 @@ def _likeness(
                     var = a_sds[i, k] ** 2 + b_sds[j, k] ** 2
                     common = 0.5 * (a_common[i, k] + b_common[j, k])
                     fits = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
-                    gain = math.log((1.0 - wrong) * math.exp(min(fits, 30.0)) + wrong)
+                    gain = log_wrong  # what nearly all pairs are, without an exponential
+                    if fits > NEGLIGIBLE:
+                        gain = math.log((1.0 - wrong) * math.exp(min(fits, 30.0)) + wrong)
                 elif one == 2 and two == 2:
                     continue
                 else:  # one wall was seen whole, the other is at least so long

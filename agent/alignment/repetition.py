@@ -23,7 +23,8 @@ from agent.alignment.transform import apart, compose, inverse, move
 
 def patterns(one: Corners, config: AlignmentConfig, rng: np.random.Generator) -> Floats:
     """(k, 3) transforms, other than none, that lay corners of a map on others of the same; most corners first."""
-    found = refine(like_transforms(one, one, config, rng), one, one, config).transforms
+    likely = like_transforms(one, one, config, rng)[: 2 * config.max_patterns]
+    found = refine(likely, one, one, config).transforms
     still = np.zeros(3)
     moving = [apart(t, still, one.centre, config.distinct_m, math.radians(config.distinct_deg)) for t in found]
     return found[np.array(moving, np.bool_)][: config.max_patterns]
