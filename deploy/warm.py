@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 import time
 
-TICKS = 25
-"""Five simulated seconds of two robots: scans, maps, goals and paths, and so every kernel with its types."""
+TICKS = 600
+"""Two simulated minutes of two robots, which meet, align, verify and merge: every kernel with its types."""
 
 
 def warm() -> None:
