@@ -91,6 +91,8 @@ def measure_speed(world: str, robots: int, until: float | str) -> Figures:
     config = RunConfig.model_validate({"world": path_of(world), "robots": robots, "until": until})
     with tempfile.TemporaryDirectory() as folder:
         result = launch(config, Path(folder) / "run", command_line=[])
+        if result.errors:
+            raise RuntimeError("; ".join(result.errors))
         summary = json.loads((Path(folder) / "run" / "summary.json").read_text(encoding="utf-8"))
     steps = [robot["step_ms_median"] for robot in summary["robots"].values()]
     return {
@@ -126,18 +128,7 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
     """The tables of stages, growth and speed."""
     made = []
     if "cost/stages" in figures:
-        found = figures["cost/stages"]
-        rows = [{"stage": "whole step", **found["step"]}]
-        rows += [{"stage": stage, **found[stage]} for stage in ("perception", "filter", "planning")]
-        columns = [
-            Column("stage", "stage"),
-            Column("median", "median ms", at_most=5.0, digits=2),
-            Column("mean", "mean ms", digits=2),
-            Column("p99", "99 % ms", digits=2),
-        ]
-        title = f"A step of one robot, {found['particles']} particles"
-        note = f"The whole step has radio and coding, too. Load of the machine {found['load']:g}."
-        made.append(Section("stages", title, columns, rows, frozenset({1, 2, 3}), note))
+        made.append(stages_section(figures["cost/stages"]))
     growth = [found for name, found in figures.items() if name.startswith("cost/particles/")]
     columns = [
         Column("particles", "particles"),
@@ -161,11 +152,31 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
     ]
     made.append(Section("vertices", "Filter update by vertices of the map", columns, rows))
     if "cost/speed" in figures:
-        columns = [
-            Column("real_time_factor", "times real time", at_least=30.0, digits=1),
-            Column("step_ms_median", "median step ms", digits=2),
-            Column("ended", "ended"),
-            Column("load", "load", digits=1),
-        ]
-        made.append(Section("speed", "wireswarm run, 3 robots", columns, [figures["cost/speed"]]))
+        made.append(speed_section(figures["cost/speed"]))
     return made
+
+
+def stages_section(found: Figures) -> Section:
+    """The table of `measure_stages`."""
+    rows = [{"stage": "whole step", **found["step"]}]
+    rows += [{"stage": stage, **found[stage]} for stage in ("perception", "filter", "planning")]
+    columns = [
+        Column("stage", "stage"),
+        Column("median", "median ms", at_most=5.0, digits=2),
+        Column("mean", "mean ms", digits=2),
+        Column("p99", "99 % ms", digits=2),
+    ]
+    title = f"A step of one robot, {found['particles']} particles"
+    note = f"The whole step has radio and coding, too. Load of the machine {found['load']:g}."
+    return Section("stages", title, columns, rows, frozenset({1, 2, 3}), note)
+
+
+def speed_section(found: Figures) -> Section:
+    """The table of `measure_speed`."""
+    columns = [
+        Column("real_time_factor", "times real time", at_least=30.0, digits=1),
+        Column("step_ms_median", "median step ms", digits=2),
+        Column("ended", "ended"),
+        Column("load", "load", digits=1),
+    ]
+    return Section("speed", "wireswarm run, 3 robots", columns, [found])
