@@ -104,7 +104,10 @@ class FilterConfig(Config):
     """The set of particles, and the odds by which a scan weighs them. Log-odds in nats; equations ours."""
 
     particles: Annotated[int, Field(ge=1, le=1000)] = 1
-    """Wireframes kept."""
+    """Wireframes kept. One is best, as the sweep over 1, 5, 10, 30 and 100 shows (results/filter.json): recall and
+    precision under noise, odometry and ambiguous parallel walls differ by less than 0.01 whatever the count, since
+    every wall carries its own evidence and a wrong decision is taken back by the next scans, while the filter's
+    update grows from 0.09 to 5.5 ms and its bytes a hundredfold. More pay where a fault strikes some particles only."""
     temper: Positive = 0.2
     """Scans in a row share their errors, so each counts only as this part of an independent one."""
     resample_below: Annotated[float, Field(gt=0, le=1)] = 0.5

@@ -10,12 +10,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.corner_scan import Sight
-from agent.edges import FRONTIER, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
+from agent.edges import FRONTIER, NOMINAL, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
 GRAZING = math.sin(math.radians(8.0))
 """Sine of the flattest view of a wall that is expected to show it; as in the scorer."""
+
+SIDE_BY_SIDE = 0.5
+"""Cosine of the angle between walls that cannot leave one corner: 60 degrees; buildings turn by 90."""
 
 
 class ViewRules(NamedTuple):
@@ -137,6 +140,27 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
 
 
 @njit(cache=True)
+def _usurped(edges: Edges, count: int, e: int, hit: NDArray[np.bool_], margin: float) -> bool:
+    """Whether a wall that is hit begins, or ends, where this one does, and runs much the same way.
+
+    A corner has one wall in and one out (paper III-A): two that leave it side by side would have the solid of one in
+    the free space of the other. A wall displaced by a wrong corner often lies behind the true one, where no view
+    speaks against it. Square ones stay: behind a partition thinner than the margin stands another room's wall.
+    """
+    w = edges[e]
+    for side in range(2):
+        if w.label[side] != NOMINAL:
+            continue
+        for k in range(count):
+            v = edges[k]
+            if not hit[k] or v.probation == 1 or v.label[side] == FRONTIER or v.ux * w.ux + v.uy * w.uy < SIDE_BY_SIDE:
+                continue
+            if math.hypot(v.tip[side, 0] - w.tip[side, 0], v.tip[side, 1] - w.tip[side, 1]) < 2 * margin:
+                return True
+    return False
+
+
+@njit(cache=True)
 def contradict(
     edges: Edges,
     count: int,
@@ -148,6 +172,10 @@ def contradict(
     rules: ViewRules,
 ) -> int:
     """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the count."""
+    hit = np.zeros(len(edges), np.bool_)
+    for k in range(len(walls)):
+        if walls[k] >= 0:
+            hit[walls[k]] = True
     for e in range(count):
         w = edges[e]
         if w.alive == 0:
@@ -184,14 +212,15 @@ def contradict(
             for k in range(len(walls)):
                 if walls[k] == e:
                     on, visible = 1, max(visible, 1)
-        if visible >= 2 or on > 0:
+        refuted = on == 0 and (visible >= 2 or _usurped(edges, count, e, hit, rules.margin))
+        if refuted or on > 0:
             w.due += 1.0
         if on > 0:
             w.seen += 1.0
             w.misses = 0.0
             if w.seen >= rules.sure_after and w.through == 0.0:
                 w.probation = 0
-        elif visible >= 2:
+        elif refuted:
             w.misses += 1.0
         sure = 0.0 if w.probation == 1 else min(w.seen, rules.confirmations)
         if w.misses >= rules.drop_after + rules.drop_growth * sure:
