@@ -98,6 +98,18 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
     assert 5.0 < measured.explored_m2["r1"] < 11.2  # the room has 3.8 m x 2.8 m
 
 
+def test_full_is_coded_as_the_robots_code(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
+    out, config, _ = recorded
+    tree = config.model_dump(mode="json")
+    fine = measure(out, config).totals()
+    tree["agent"]["radio"] |= {"cell_mm": 100, "likelihoods": False}
+    coarse = measure(out, RunConfig.model_validate(tree)).totals()
+    assert coarse["full"] < 0.9 * fine["full"]
+    assert {name: size for name, size in coarse.items() if name != "full"} == {
+        name: size for name, size in fine.items() if name != "full"
+    }
+
+
 def test_the_books_balance_and_say_where_they_do_not(
     recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], tmp_path: Path
 ) -> None:

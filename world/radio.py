@@ -135,10 +135,21 @@ class Flying(NamedTuple):
 class Reception:
     """What became of one directed link's messages lately."""
 
-    recent: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=256))
-    """Tick, and whether it was delivered."""
+    recent: deque[tuple[int, int, int]] = field(default_factory=deque)
+    """Tick, messages that were judged at it, and how many of them were delivered; of TABLE_S at most."""
     bytes: int = 0
     """Delivered since the start."""
+
+    def count(self, tick: int, delivered: bool, since: int) -> None:
+        """Count one message; what was judged at `since` or before is forgotten."""
+        judged, got = self.recent.pop()[1:] if self.recent and self.recent[-1][0] == tick else (0, 0)
+        self.recent.append((tick, judged + 1, got + delivered))
+        self.forget(since)
+
+    def forget(self, since: int) -> None:
+        """Forget what was judged at this tick or before."""
+        while self.recent and self.recent[0][0] <= since:
+            self.recent.popleft()
 
 
 class Radio:
@@ -161,12 +172,12 @@ class Radio:
         walls = np.zeros((0, 4)) if walls is None else walls
         self._losses = losses(config.models, self._robots, seed, period_s, walls)
         self._delay = Delay(config.models, seed)
-        second = round(1 / period_s)
+        second = max(1, round(1 / period_s))
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
         self._budget = Budget(min(limits, default=None), second)
         self._flying: list[Flying] = []
         self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
-        self._table_ticks = round(TABLE_S * second)
+        self._table_ticks = max(1, round(TABLE_S / period_s))
 
     def check(self, sender: str, sends: Sequence[Send]) -> None:
         """Raise ProtocolError where a receiver is nobody else in this run, or where there is no end of messages."""
@@ -231,7 +242,7 @@ class Radio:
             self.books.links[from_, to, send.kind, outcome].add(size)
             passages.append(Passage(send.tick, from_, to, send.kind, size, outcome))
             link = self._receptions[sender, receiver]
-            link.recent.append((tick, outcome == DELIVERED))
+            link.count(tick, outcome == DELIVERED, tick - self._table_ticks)
             link.bytes += size * (outcome == DELIVERED)
         return heard, passages
 
@@ -239,11 +250,10 @@ class Radio:
         """Who heard whom within the last TABLE_S, how much was lost on the way, and bytes so far; nothing of places."""
         rows = []
         for (sender, receiver), link in sorted(self._receptions.items()):
-            while link.recent and link.recent[0][0] <= tick - self._table_ticks:
-                link.recent.popleft()
-            got = sum(delivered for _, delivered in link.recent)
+            link.forget(tick - self._table_ticks)
+            got = sum(delivered for _, _, delivered in link.recent)
             if got:
-                loss = 1 - got / len(link.recent)
+                loss = 1 - got / sum(judged for _, judged, _ in link.recent)
                 names = self._robots[sender], self._robots[receiver]
                 rows.append(LinkReport(sender=names[0], receiver=names[1], loss=round(loss, 4), bytes=link.bytes))
         return rows
