@@ -24,6 +24,8 @@ KEPT_MAPS = 8
 """Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
 MOST_DOUBLINGS = 3
 """The wait for an acknowledgement doubles up to eight times the first one."""
+WHOLE_BYTES = 1.0
+"""A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
 MOST_TRIES = 10
 """A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
 
@@ -262,12 +264,11 @@ class Exchange:
         new = quantise(wireframe, config.cell_mm, self._axis, base, config.slack_cells, config.level_slack)
         if base is not None and new.alike(base) and not told.parts:
             return []
-        coded = encode_map(new, likelihoods=config.likelihoods)
-        version = 0
-        if base is not None:
-            changes = encode_map(new, base, likelihoods=config.likelihoods)
-            if len(changes.data) < len(coded.data):
-                coded, version = changes, told.acked
+        coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
+        if base is not None and len(coded.data) > WHOLE_BYTES * len(new.cells):
+            whole = encode_map(new, likelihoods=config.likelihoods)
+            if len(whole.data) <= len(coded.data):
+                coded, version = whole, 0
         pending = told.maps.get(told.parts[0].version) if told.parts else None
         if pending is not None and pending.alike(coded.map):
             return []

@@ -79,11 +79,13 @@ def measure_share(world: Mapping[str, Any]) -> Figures:
 
 
 def measure_wire(world: Mapping[str, Any]) -> Figures:
-    """Wire, payload and overhead bytes of a run with processes."""
+    """Wire, payload and overhead bytes of a run with processes. Raises RuntimeError where it did not end as asked."""
     config = RunConfig.model_validate(dict(world))
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        launch(config, out, command_line=[])
+        result = launch(config, out, command_line=[])
+        if result.errors or result.ended != "time":
+            raise RuntimeError(f"the run ended as {result.ended}: {'; '.join(result.errors) or 'no reason given'}")
         wire = json.loads((out / "bandwidth.json").read_text(encoding="utf-8")).get("wire", {})
         factor = json.loads((out / "summary.json").read_text(encoding="utf-8"))["real_time_factor"]
     flows = [flow for robot in wire.values() for flow in robot.values()]
