@@ -127,7 +127,12 @@ def test_the_books_balance_and_say_where_they_do_not(
         beacons = counts["offered"]["beacon"]["messages"]
         assert counts["addressed"]["beacon"]["messages"] == 2 * beacons
     assert {why for counts in robots.values() for d in counts["dropped"].values() for why in d} >= {"loss", "dead"}
-    for change, words in (("radio", "do not balance: r1 r2 beacon"), ("links", "balance"), ("addressed", "addressed")):
+    for change, words in (
+        ("radio", "do not balance: r1 r2 beacon"),
+        ("links", "balance"),
+        ("addressed", "addressed"),
+        ("offered", "addressed"),
+    ):
         copy = tmp_path / change
         shutil.copytree(out, copy)
         if change == "radio":
@@ -136,8 +141,12 @@ def test_the_books_balance_and_say_where_they_do_not(
             (copy / "radio.csv").write_text("\n".join(lines) + "\n")
         else:
             changed: dict[str, Any] = json.loads((copy / "bandwidth.json").read_text())
-            part = changed["links"][0]["kinds"] if change == "links" else changed["robots"]["r1"]["addressed"]
-            tally = part["beacon"]["delivered"] if change == "links" else part["beacon"]
+            beacons_of_link = changed["links"][0]["kinds"]["beacon"]
+            tally = {
+                "links": beacons_of_link["delivered"],
+                "offered": beacons_of_link["offered"],
+                "addressed": changed["robots"]["r1"]["addressed"]["beacon"],
+            }[change]
             tally["bytes"] += 1
             (copy / "bandwidth.json").write_text(json.dumps(changed))
         with pytest.raises(NoRunError, match=words):

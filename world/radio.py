@@ -71,6 +71,8 @@ class Books:
 
     on_air: defaultdict[tuple[str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender and kind."""
+    addressed: defaultdict[tuple[str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
+    """By sender, receiver and kind: counted when it is sent, before anything is judged, so that sums can fail."""
     links: defaultdict[tuple[str, str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender, receiver, kind and outcome."""
     sent: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
@@ -81,8 +83,8 @@ class Books:
     def as_dict(self, robots: Sequence[str]) -> dict[str, Any]:
         """The payload counts of bandwidth.json: per robot, link and kind.
 
-        What a robot addressed is what it offered, once for each receiver; it is equal to what was delivered and
-        dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
+        What a robot addressed is what it offered, once for each receiver; once nothing is on its way, it is equal to
+        what was delivered and dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
         """
         per_robot: dict[str, Any] = {
             robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
@@ -91,20 +93,18 @@ class Books:
             per_robot[sender]["offered"][kind] = tally.as_dict()
             per_robot[sender]["addressed"][kind] = Tally()
         links: dict[tuple[str, str], dict[str, Any]] = {}
+        for (sender, receiver, kind), tally in sorted(self.addressed.items()):
+            link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
+            link["kinds"][kind] = {"offered": tally.as_dict(), "delivered": Tally().as_dict(), "dropped": {}}
+            _sum(per_robot[sender]["addressed"][kind], tally)
         into: defaultdict[tuple[str, str, str], Tally] = defaultdict(Tally)
         for (sender, receiver, kind, outcome), tally in sorted(self.links.items()):
-            link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
-            counts = link["kinds"].setdefault(kind, {"offered": Tally(), "delivered": Tally(), "dropped": {}})
-            _sum(counts["offered"], tally)
-            _sum(per_robot[sender]["addressed"][kind], tally)
+            counts = links[sender, receiver]["kinds"][kind]
             _sum(into[receiver, kind, outcome], tally)
             if outcome == DELIVERED:
-                _sum(counts["delivered"], tally)
+                counts["delivered"] = tally.as_dict()
             else:
                 counts["dropped"][outcome] = tally.as_dict()
-        for link in links.values():
-            for counts in link["kinds"].values():
-                counts["offered"], counts["delivered"] = (counts[part].as_dict() for part in ("offered", "delivered"))
         for books in per_robot.values():
             books["addressed"] = {kind: tally.as_dict() for kind, tally in books["addressed"].items()}
         for (receiver, kind, outcome), tally in sorted(into.items()):
@@ -206,6 +206,7 @@ class Radio:
                         continue
                     hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
                     numbers[receiver] += 1
+                    self.books.addressed[name, self._robots[receiver], send.kind].add(size)
                     lost = held_back or (self._lost(hop) if near[receiver] else RANGE)
                     due = tick + (1 if lost else self._delay.ticks(hop))
                     self._flying.append(Flying(due, sender, receiver, send, lost))
