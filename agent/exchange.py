@@ -24,6 +24,8 @@ KEPT_MAPS = 8
 """Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
 MOST_DOUBLINGS = 3
 """The wait for an acknowledgement doubles up to eight times the first one."""
+WHOLE_BYTES = 1.0
+"""A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
 MOST_TRIES = 10
 """A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
 
@@ -47,6 +49,8 @@ class Told:
     tries: int = 0
     compared: int = -1
     """State of the robot's map that was last compared with what the peer has, or is being told."""
+    untold: str = ""
+    """Why the last news could not be told, where it could not."""
 
 
 @dataclass
@@ -90,6 +94,8 @@ class Exchange:
         self._known: dict[str, Known] = {}
         self._answers: list[tuple[str, Ack, int]] = []
         """Acknowledgements due: to whom, what, and how many parts there are."""
+        self._events: list[Event] = []
+        """What happened while talking."""
         self._axis: int | None = None
         self._greet = False
         self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
@@ -100,8 +106,11 @@ class Exchange:
     # --- hearing ------------------------------------------------------------------------------------------------
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
-        """Take a tick's messages; returns `contact`, `lost` and `refused` events. A bad message meets nobody."""
-        events: list[Event] = []
+        """Take a tick's messages; returns `contact`, `lost`, `refused` and the last talk's `untold` events.
+
+        A bad message meets nobody.
+        """
+        events, self._events = self._events, []
         refused: dict[str, str] = {}
         for message in heard:
             peer = message.sender
@@ -158,9 +167,10 @@ class Exchange:
             arriving = Arriving(part.version, part.base, part.parts, tick)
         elif (arriving.base, arriving.count) != (part.base, part.parts):
             raise ProtocolError("two parts of one map that do not fit each other")
-        if sum(map(len, arriving.bodies.values())) + len(part.body) > MAX_BODY:
+        bodies = arriving.bodies | {part.number: part.body}
+        if sum(map(len, bodies.values())) > MAX_BODY:
             raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
-        arriving.bodies[part.number], arriving.last = part.body, tick
+        arriving.bodies, arriving.last = bodies, tick
         known.arriving = arriving
         if not arriving.missing:
             known.arriving = None
@@ -205,11 +215,11 @@ class Exchange:
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
         self._answers = []
         for peer in self.contacts.present:
-            kind, parts = self._due(tick, self._told.setdefault(peer, Told()), wireframe, state)
+            kind, parts = self._due(tick, peer, self._told.setdefault(peer, Told()), wireframe, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
         return sends
 
-    def _due(self, tick: int, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
+    def _due(self, tick: int, peer: str, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
         """News, or what was not acknowledged in time."""
         late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
         if told.parts and not late:
@@ -217,7 +227,7 @@ class Exchange:
         half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
         if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
             told.compared = state
-            news = self._news(tick, told, wireframe)
+            news = self._tellable(tick, peer, told, wireframe)
             if news:
                 told.tries = told.tries + 1 if told.parts else 0
                 told.whole, told.parts, told.sent, told.update = news, news, tick, tick
@@ -227,8 +237,22 @@ class Exchange:
             told.sent = tick
         return RESEND, list(told.parts)
 
+    def _tellable(self, tick: int, peer: str, told: Told, wireframe: Wireframe) -> list[Part]:
+        """News; none, and an event the first time, where they are more than travels."""
+        try:
+            news, told.untold = self._news(tick, told, wireframe), ""
+        except ProtocolError as error:
+            if not told.untold:
+                self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
+            told.untold = str(error)
+            return []
+        return news
+
     def _news(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
-        """The parts that bring a peer up to date; none where it is, or where that is on its way."""
+        """The parts that bring a peer up to date; none where it is, or where that is on its way.
+
+        Raises ProtocolError where they are more than travels.
+        """
         config = self.config
         axis = main_axis(wireframe)
         slack = config.axis_slack_deg / 90 * AXIS_STEPS
@@ -240,18 +264,18 @@ class Exchange:
         new = quantise(wireframe, config.cell_mm, self._axis, base, config.slack_cells, config.level_slack)
         if base is not None and new.alike(base) and not told.parts:
             return []
-        coded = encode_map(new, likelihoods=config.likelihoods)
-        version = 0
-        if base is not None:
-            changes = encode_map(new, base, likelihoods=config.likelihoods)
-            if len(changes.data) < len(coded.data):
-                coded, version = changes, told.acked
+        coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
+        if base is not None and len(coded.data) > WHOLE_BYTES * len(new.cells):
+            whole = encode_map(new, likelihoods=config.likelihoods)
+            if len(whole.data) <= len(coded.data):
+                coded, version = whole, 0
         pending = told.maps.get(told.parts[0].version) if told.parts else None
         if pending is not None and pending.alike(coded.map):
             return []
         if not len(new.cells) and base is None:
             return []
+        parts = in_parts(tick, version, coded.data, config.mtu_bytes)
         told.maps[tick] = coded.map
         for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
             del told.maps[old]
-        return in_parts(tick, version, coded.data, config.mtu_bytes)
+        return parts

@@ -71,7 +71,9 @@ class Robot:
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
         self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
-        self.exchange = Exchange(self.contacts, config.radio, spec.lidar.rate_hz)
+        mtu = min(config.radio.mtu_bytes, spec.radio_mtu_bytes or config.radio.mtu_bytes)
+        talk = config.radio.model_copy(update={"mtu_bytes": mtu})
+        self.exchange = Exchange(self.contacts, talk, spec.lidar.rate_hz)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.cooperation = Cooperation(
             config.cooperation,

@@ -12,29 +12,23 @@ class BitWriter:
     """Collects bits."""
 
     def __init__(self) -> None:
-        self._bytes = bytearray()
-        self._left = 0
+        self._all = 0
         self._count = 0
 
     def bits(self, value: int, count: int) -> None:
         """Append the `count` lowest bits of a value >= 0."""
-        self._left = self._left << count | value & ((1 << count) - 1)
+        self._all = self._all << count | value & ((1 << count) - 1)
         self._count += count
-        while self._count >= 8:
-            self._count -= 8
-            self._bytes.append(self._left >> self._count & 0xFF)
-        self._left &= (1 << self._count) - 1
 
     def number(self, value: int, k: int = 0) -> None:
         """Append a number >= 0 in exponential-Golomb code of order k: short where it is below 2**k."""
         value += 1 << k
-        length = value.bit_length()
-        self.bits(0, length - 1 - k)
-        self.bits(value, length)
+        self.bits(value, 2 * value.bit_length() - 1 - k)
 
     def data(self) -> bytes:
         """All bits, the last byte filled up with zeros."""
-        return bytes(self._bytes) + (bytes([self._left << 8 - self._count & 0xFF]) if self._count else b"")
+        size = self._count + 7 >> 3
+        return (self._all << 8 * size - self._count).to_bytes(size)
 
 
 class BitReader:

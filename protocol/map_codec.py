@@ -222,15 +222,13 @@ class _Script:
 
     def data(self, head: int) -> bytes:
         """The bytes, with orders of its own after the first `head` tokens where these save more than they cost."""
-        fitted = Orders(*(self._best(which, 1 << width) for which, width in enumerate(WIDTHS)))
-        return min((self._write(head, Orders()), self._write(head, fitted)), key=len)
-
-    def _best(self, which: int, count: int) -> int:
-        values = [value for value, _, kind in self.tokens if kind == which]
-        if not values:
-            return Orders()[which]
-        # a number of order k takes 2 * (bits of value + 2^k) - 1 - k bits
-        return min(range(count), key=lambda k: sum(2 * (v + (1 << k)).bit_length() - k for v in values))
+        usual, own, saved = Orders(), [], -sum(WIDTHS)
+        for which, width in enumerate(WIDTHS):
+            values = [value for value, _, kind in self.tokens if kind == which]
+            costs = [_bits_of(values, order) for order in range(1 << width)]
+            own.append(costs.index(min(costs)) if values else usual[which])
+            saved += costs[usual[which]] - min(costs)
+        return self._write(head, Orders(*own) if saved > 0 else usual)
 
     def _write(self, head: int, orders: Orders) -> bytes:
         writer = BitWriter()
@@ -245,6 +243,12 @@ class _Script:
             else:
                 writer.number(value, size if kind == -2 else orders[kind])
         return writer.data()
+
+
+def _bits_of(values: list[int], order: int) -> int:
+    """Bits that numbers take in exponential-Golomb code of an order."""
+    least = 1 << order
+    return sum([2 * (value + least).bit_length() - 1 - order for value in values])
 
 
 START, ALONG, ACROSS = range(3)

@@ -125,6 +125,8 @@ class RobotSpec(Message):
     odometry: OdometrySpec = OdometrySpec()
     radio_range_m: Annotated[Finite, Field(gt=0)] | None = None
     """Distance beyond which no message arrives; None where the radio has no such bound."""
+    radio_mtu_bytes: Annotated[int, Field(ge=64)] | None = None
+    """The longest message that the radio carries; None where the robot has to know."""
 
 
 class Join(Message):

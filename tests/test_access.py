@@ -75,13 +75,15 @@ def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(
         open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
     ):
         theirs, all_of_it = Ear(rogue), Ear(viewer)
-        seen = {"robots/r1/out/act", "robots/r2/out/pose", keys.PROGRESS, keys.CLOCK, keys.LINKS}
+        said = {keys.from_robot(robot, keys.RADIO) for robot in ("r1", "r2")}
+        seen = said | {"robots/r1/out/act", "robots/r2/out/pose", keys.PROGRESS, keys.CLOCK, keys.LINKS}
         wait_for(lambda: seen <= all_of_it.keys)  # what there is to be heard
         wait_for(lambda: {keys.CLOCK, keys.LINKS} <= theirs.keys)
         time.sleep(0.5)
         public = {keys.CLOCK, keys.LINKS, keys.WORLD_ALIVE}
         own = {keys.to_robot(name, channel) for channel in keys.INPUTS}
-        assert theirs.keys <= public | own  # r1's radio is what the gate let through to r1: nothing from out of range
+        assert theirs.keys <= public | own
+        assert keys.to_robot(name, keys.RADIO) not in theirs.keys  # all that was said came from out of range
         assert not any(key.startswith(("robots/r1/in", "robots/r2/in")) for key in all_of_it.keys)
 
 

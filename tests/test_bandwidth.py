@@ -98,6 +98,18 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
     assert 5.0 < measured.explored_m2["r1"] < 11.2  # the room has 3.8 m x 2.8 m
 
 
+def test_full_is_coded_as_the_robots_code(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
+    out, config, _ = recorded
+    tree = config.model_dump(mode="json")
+    fine = measure(out, config).totals()
+    tree["agent"]["radio"] |= {"cell_mm": 100, "likelihoods": False}
+    coarse = measure(out, RunConfig.model_validate(tree)).totals()
+    assert coarse["full"] < 0.9 * fine["full"]
+    assert {name: size for name, size in coarse.items() if name != "full"} == {
+        name: size for name, size in fine.items() if name != "full"
+    }
+
+
 def test_the_books_balance_and_say_where_they_do_not(
     recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], tmp_path: Path
 ) -> None:
@@ -115,7 +127,12 @@ def test_the_books_balance_and_say_where_they_do_not(
         beacons = counts["offered"]["beacon"]["messages"]
         assert counts["addressed"]["beacon"]["messages"] == 2 * beacons
     assert {why for counts in robots.values() for d in counts["dropped"].values() for why in d} >= {"loss", "dead"}
-    for change, words in (("radio", "do not balance: r1 r2 beacon"), ("links", "balance"), ("addressed", "addressed")):
+    for change, words in (
+        ("radio", "do not balance: r1 r2 beacon"),
+        ("links", "balance"),
+        ("addressed", "addressed"),
+        ("offered", "addressed"),
+    ):
         copy = tmp_path / change
         shutil.copytree(out, copy)
         if change == "radio":
@@ -124,8 +141,12 @@ def test_the_books_balance_and_say_where_they_do_not(
             (copy / "radio.csv").write_text("\n".join(lines) + "\n")
         else:
             changed: dict[str, Any] = json.loads((copy / "bandwidth.json").read_text())
-            part = changed["links"][0]["kinds"] if change == "links" else changed["robots"]["r1"]["addressed"]
-            tally = part["beacon"]["delivered"] if change == "links" else part["beacon"]
+            beacons_of_link = changed["links"][0]["kinds"]["beacon"]
+            tally = {
+                "links": beacons_of_link["delivered"],
+                "offered": beacons_of_link["offered"],
+                "addressed": changed["robots"]["r1"]["addressed"]["beacon"],
+            }[change]
             tally["bytes"] += 1
             (copy / "bandwidth.json").write_text(json.dumps(changed))
         with pytest.raises(NoRunError, match=words):

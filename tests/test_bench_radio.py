@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from deploy.bench.radio import PARTS, measure
-from deploy.bench.radio.traffic import _is_false
+from deploy.bench.radio.traffic import JUDGED, _is_false
 from deploy.bench.radio.traffic import sections as traffic_sections
 
 FRAMES = {"r1": (1.0, 2.0, 0.3), "r2": (4.0, 2.5, -1.0)}
@@ -30,10 +30,11 @@ def test_a_merge_is_false_where_the_frames_are_elsewhere() -> None:
     assert _is_false(accepted(theta=math.pi / 2), FRAMES)
 
 
-def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0) -> dict[str, Any]:
+def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0, where: str = JUDGED) -> dict[str, Any]:
     sizes = {"full": 3000, "json": 10**5, "grid_raw": 10**6, "grid_zlib": 10**5, "grid_delta_zlib": 2000}
     sizes |= {"grid_png": 10**5, "scans_raw": 10**7, "scans_zlib": 10**7, "points": 10**6}
     return {
+        "run": where,
         "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "updates": 9, "kinds": {"resend": 2}, "links": 6,
         "recall": [recall, recall], "precision": [1.0, 1.0], "ended": ["complete"] * 2, "merges": 1,
         "false_merges": false_merges, "range_m": 4.0, "farthest_m": farthest, "delivered": 5, "ended_at": 100.0,
@@ -47,6 +48,8 @@ def test_the_median_of_the_seeds_is_judged() -> None:
     assert traffic.met and traffic.rows[-1]["full"] == pytest.approx(950 / 3000)
     assert bad.met and reach.met
     worse = traffic_sections(figures | {"perfect/0": run(1200, 1.0), "bad/0": run(1, 0.9, 4.1, 1)})
+    elsewhere = {name: {**one, "run": "2 robots in apartment"} for name, one in figures.items()}
+    assert traffic_sections(elsewhere)[0].met is None
     assert worse[0].met is False and worse[1].met is False and worse[2].met is False
 
 

@@ -15,7 +15,7 @@ from agent.contacts import Contacts
 from agent.exchange import Exchange
 from protocol.errors import ProtocolError
 from protocol.messages import Heard, Send
-from protocol.talk import MAX_PARTS, Ack, Beacon, Part, in_parts
+from protocol.talk import MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 
 RATE_HZ = 5.0
@@ -323,3 +323,26 @@ def test_the_grid_is_turned_with_a_map_that_turned_out_otherwise() -> None:
     pair.show(replace(comb(20), points=comb(20).points @ np.array([[c, s], [-s, c]])))
     pair.run(40)
     assert pair.agrees() and pair.kinds("a")["map"] == 2
+
+
+def test_a_map_that_is_too_large_to_travel_is_an_event_and_no_crash() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    rng = np.random.default_rng(0)
+    big = comb(900)
+    pair.show(replace(big, points=big.points + rng.uniform(-0.2, 0.2, big.points.shape)))
+    pair.run(60)
+    pair.state += 1
+    pair.run(60)
+    assert [(name, what) for _, name, what in pair.events if what == "untold"] == [("a", "untold")]
+    assert pair.kinds("a")["map"] == 0
+    pair.show(comb(9))
+    pair.settle(60)
+
+
+def test_a_part_that_comes_twice_counts_once() -> None:
+    hear = Pair().robots["b"]
+    body = bytes(MAX_BODY // 2)
+    messages = [Heard(tick=1, sender="a", kind="map", payload=Part(9, 0, k, 3, body).encode()) for k in (0, 1, 1)]
+    assert [event.event for event in hear.hear(1, messages)] == ["contact"]
+    more = Heard(tick=2, sender="a", kind="map", payload=Part(9, 0, 2, 3, b"x").encode())
+    assert [event.event for event in hear.hear(2, [more])] == ["refused"]

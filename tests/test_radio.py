@@ -109,3 +109,16 @@ def test_the_books_balance() -> None:
         assert radio.books.received[name] == sum(p.size for p in got)
         assert sum(t["bytes"] for t in books["robots"][name]["delivered"].values()) == radio.books.received[name]
         assert sum(t["bytes"] for t in books["robots"][name]["offered"].values()) == radio.books.sent[name]
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.2, 1.0, 3.0])
+def test_a_second_of_capacity_is_a_second_at_any_rate(period_s: float) -> None:
+    config = RadioConfig.model_validate({"range_m": None, "models": [{"kind": "capacity", "bytes_per_s": 100}]})
+    radio = Radio(NAMES, config, 0, period_s)
+    for tick in range(300):
+        radio.deliver(tick, NAMES)
+        radio.offer(tick, {"r1": [send(tick, bytes(30), "r2")] * 5}, LINE)
+    radio.deliver(300, NAMES)
+    passed = sum(row.bytes for row in radio.table(300))
+    seconds = 300 * min(period_s, 1.0)  # of which a slower tick has one to count in
+    assert passed == 90 * seconds

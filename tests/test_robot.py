@@ -78,6 +78,13 @@ def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
     assert len(decode_map(Part.decode(sent[-1][1].payload).body).cells) >= 4
 
 
+def test_a_robot_keeps_to_the_radio_s_mtu() -> None:
+    spec = RobotSpec(radio_mtu_bytes=100)
+    assert Robot("r1", spec, AgentConfig(), 7).exchange.config.mtu_bytes == 100
+    small = AgentConfig.model_validate({"radio": {"mtu_bytes": 80}})
+    assert Robot("r1", spec, small, 7).exchange.config.mtu_bytes == 80
+
+
 def test_a_peer_is_met_once_and_lost_after_silence() -> None:
     mind = robot()
     events = []

@@ -177,7 +177,12 @@ class Episode:
         return Welcome(
             version=PROTOCOL_VERSION,
             robot=robot,
-            spec=self.config.spec.model_copy(update={"radio_range_m": self.config.radio.range_m}),
+            spec=self.config.spec.model_copy(
+                update={
+                    "radio_range_m": self.config.radio.range_m,
+                    "radio_mtu_bytes": self.config.radio.mtu_bytes,
+                }
+            ),
             seed=int(rng.integers(2**63)),
             lockstep=True,
         )

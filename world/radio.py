@@ -71,6 +71,8 @@ class Books:
 
     on_air: defaultdict[tuple[str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender and kind."""
+    addressed: defaultdict[tuple[str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
+    """By sender, receiver and kind: counted when it is sent, before anything is judged, so that sums can fail."""
     links: defaultdict[tuple[str, str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender, receiver, kind and outcome."""
     sent: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
@@ -81,8 +83,8 @@ class Books:
     def as_dict(self, robots: Sequence[str]) -> dict[str, Any]:
         """The payload counts of bandwidth.json: per robot, link and kind.
 
-        What a robot addressed is what it offered, once for each receiver; it is equal to what was delivered and
-        dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
+        What a robot addressed is what it offered, once for each receiver; once nothing is on its way, it is equal to
+        what was delivered and dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
         """
         per_robot: dict[str, Any] = {
             robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
@@ -91,20 +93,18 @@ class Books:
             per_robot[sender]["offered"][kind] = tally.as_dict()
             per_robot[sender]["addressed"][kind] = Tally()
         links: dict[tuple[str, str], dict[str, Any]] = {}
+        for (sender, receiver, kind), tally in sorted(self.addressed.items()):
+            link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
+            link["kinds"][kind] = {"offered": tally.as_dict(), "delivered": Tally().as_dict(), "dropped": {}}
+            _sum(per_robot[sender]["addressed"][kind], tally)
         into: defaultdict[tuple[str, str, str], Tally] = defaultdict(Tally)
         for (sender, receiver, kind, outcome), tally in sorted(self.links.items()):
-            link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
-            counts = link["kinds"].setdefault(kind, {"offered": Tally(), "delivered": Tally(), "dropped": {}})
-            _sum(counts["offered"], tally)
-            _sum(per_robot[sender]["addressed"][kind], tally)
+            counts = links[sender, receiver]["kinds"][kind]
             _sum(into[receiver, kind, outcome], tally)
             if outcome == DELIVERED:
-                _sum(counts["delivered"], tally)
+                counts["delivered"] = tally.as_dict()
             else:
                 counts["dropped"][outcome] = tally.as_dict()
-        for link in links.values():
-            for counts in link["kinds"].values():
-                counts["offered"], counts["delivered"] = (counts[part].as_dict() for part in ("offered", "delivered"))
         for books in per_robot.values():
             books["addressed"] = {kind: tally.as_dict() for kind, tally in books["addressed"].items()}
         for (receiver, kind, outcome), tally in sorted(into.items()):
@@ -135,10 +135,21 @@ class Flying(NamedTuple):
 class Reception:
     """What became of one directed link's messages lately."""
 
-    recent: deque[tuple[int, bool]] = field(default_factory=lambda: deque(maxlen=256))
-    """Tick, and whether it was delivered."""
+    recent: deque[tuple[int, int, int]] = field(default_factory=deque)
+    """Tick, messages that were judged at it, and how many of them were delivered; of TABLE_S at most."""
     bytes: int = 0
     """Delivered since the start."""
+
+    def count(self, tick: int, delivered: bool, since: int) -> None:
+        """Count one message; what was judged at `since` or before is forgotten."""
+        judged, got = self.recent.pop()[1:] if self.recent and self.recent[-1][0] == tick else (0, 0)
+        self.recent.append((tick, judged + 1, got + delivered))
+        self.forget(since)
+
+    def forget(self, since: int) -> None:
+        """Forget what was judged at this tick or before."""
+        while self.recent and self.recent[0][0] <= since:
+            self.recent.popleft()
 
 
 class Radio:
@@ -161,12 +172,12 @@ class Radio:
         walls = np.zeros((0, 4)) if walls is None else walls
         self._losses = losses(config.models, self._robots, seed, period_s, walls)
         self._delay = Delay(config.models, seed)
-        second = round(1 / period_s)
+        second = max(1, round(1 / period_s))
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
         self._budget = Budget(min(limits, default=None), second)
         self._flying: list[Flying] = []
         self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
-        self._table_ticks = round(TABLE_S * second)
+        self._table_ticks = max(1, round(TABLE_S / period_s))
 
     def check(self, sender: str, sends: Sequence[Send]) -> None:
         """Raise ProtocolError where a receiver is nobody else in this run, or where there is no end of messages."""
@@ -195,6 +206,7 @@ class Radio:
                         continue
                     hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
                     numbers[receiver] += 1
+                    self.books.addressed[name, self._robots[receiver], send.kind].add(size)
                     lost = held_back or (self._lost(hop) if near[receiver] else RANGE)
                     due = tick + (1 if lost else self._delay.ticks(hop))
                     self._flying.append(Flying(due, sender, receiver, send, lost))
@@ -231,7 +243,7 @@ class Radio:
             self.books.links[from_, to, send.kind, outcome].add(size)
             passages.append(Passage(send.tick, from_, to, send.kind, size, outcome))
             link = self._receptions[sender, receiver]
-            link.recent.append((tick, outcome == DELIVERED))
+            link.count(tick, outcome == DELIVERED, tick - self._table_ticks)
             link.bytes += size * (outcome == DELIVERED)
         return heard, passages
 
@@ -239,11 +251,10 @@ class Radio:
         """Who heard whom within the last TABLE_S, how much was lost on the way, and bytes so far; nothing of places."""
         rows = []
         for (sender, receiver), link in sorted(self._receptions.items()):
-            while link.recent and link.recent[0][0] <= tick - self._table_ticks:
-                link.recent.popleft()
-            got = sum(delivered for _, delivered in link.recent)
+            link.forget(tick - self._table_ticks)
+            got = sum(delivered for _, _, delivered in link.recent)
             if got:
-                loss = 1 - got / len(link.recent)
+                loss = 1 - got / sum(judged for _, judged, _ in link.recent)
                 names = self._robots[sender], self._robots[receiver]
                 rows.append(LinkReport(sender=names[0], receiver=names[1], loss=round(loss, 4), bytes=link.bytes))
         return rows

@@ -28,6 +28,7 @@ def read_books(run: Path) -> dict[str, Any]:
             for unit, value in zip(UNITS, (1, int(row["bytes"])), strict=True):
                 listed[row["sender"], row["receiver"], row["kind"], row["outcome"], unit] += value
         addressed = Counter(dict(_addressed(books)))
+        offered = Counter(dict(_offered(books)))
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     if +summed != +listed:
@@ -39,7 +40,10 @@ def read_books(run: Path) -> dict[str, Any]:
     by_sender: Counter[tuple[str, ...]] = Counter()
     for (sender, _, kind, _, unit), value in listed.items():
         by_sender[sender, kind, unit] += value
-    if +by_sender != +addressed:
+    by_link: Counter[tuple[str, ...]] = Counter()
+    for (sender, receiver, kind, _, unit), value in listed.items():
+        by_link[sender, receiver, kind, unit] += value
+    if +by_sender != +addressed or +by_link != +offered:
         raise NoRunError(f"{run}: the books do not balance: what was addressed is not what was delivered and dropped")
     return books
 
@@ -50,6 +54,13 @@ def _sums(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
             for outcome, tally in {"delivered": counts["delivered"], **counts["dropped"]}.items():
                 for unit in UNITS:
                     yield (link["sender"], link["receiver"], kind, outcome, unit), tally[unit]
+
+
+def _offered(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
+    for link in books["links"]:
+        for kind, counts in link["kinds"].items():
+            for unit in UNITS:
+                yield (link["sender"], link["receiver"], kind, unit), counts["offered"][unit]
 
 
 def _addressed(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:

@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from agent.config import TalkConfig
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
+from deploy.config import RunConfig
 from deploy.occupancy_grid import GrowingGrid
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
@@ -125,6 +127,7 @@ class _Forms:
         low, high = seen.poses[:, :2].min(0) - reach, seen.poses[:, :2].max(0) + reach
         low = np.floor(low / CELL_M) * CELL_M
         self._seen = seen
+        self._talk = config.agent.radio if isinstance(config, RunConfig) else TalkConfig()
         self._grid = GrowingGrid((float(low[0]), float(low[1]), float(high[0]), float(high[1])), CELL_M, reach)
         self._next = 0
         """Tick of the first scan that is not in the grid."""
@@ -149,7 +152,7 @@ class _Forms:
         """Updates of one line of updates.jsonl, one for each peer."""
         tick = int(line["tick"])
         states = self.states(tick)
-        whole = _whole_map(line["map"]) | _whole_grid(states)
+        whole = _whole_map(line["map"], self._talk) | _whole_grid(states)
         updates = []
         for peer in line["told"]:
             since, before = self._told.get(peer, (0, np.zeros_like(states)))
@@ -165,7 +168,8 @@ class _Forms:
         return updates
 
 
-def _whole_map(fields: dict[str, Any]) -> dict[str, int]:
+def _whole_map(fields: dict[str, Any], talk: TalkConfig) -> dict[str, int]:
+    """`full` on the grid and with the likelihoods that the robots sent, or the two would not be of one map."""
     edges = np.array(fields["edges"], np.int32).reshape(-1, 2)
     wireframe = Wireframe(
         np.array(fields["vertices"], np.float64).reshape(-1, 2),
@@ -174,7 +178,8 @@ def _whole_map(fields: dict[str, Any]) -> dict[str, int]:
         np.array(fields["edge_likelihood"], np.float32),
         np.ones(len(edges), np.bool_),
     )
-    full = encode_map(quantise(wireframe, 10, main_axis(wireframe))).data
+    grid_map = quantise(wireframe, talk.cell_mm, main_axis(wireframe))
+    full = encode_map(grid_map, likelihoods=talk.likelihoods).data
     return {"full": len(full), "json": len(json.dumps(fields, separators=(",", ":")))}
 
 
