@@ -7,8 +7,9 @@ merged, or back to heard. Alignment is tried only when a map has grown, one pair
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -26,12 +27,15 @@ from agent.corner_scan import CornerScan
 from agent.driving import moved
 from agent.ground import Bools, Ground, pieces_of
 from agent.merging import Layer, layer_of
+from agent.sightings import Sighting, apart_places, consensus, squared
 from agent.verification import Verification
 from protocol.messages import Event, Pose, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
 LOOK_TICKS = 3
 """Received maps are held against every third scan: the robot drives 0.13 m in between."""
+LATE_TICKS = 2
+"""A message older than this says no longer where the peer is: it drives 0.1 m in the time."""
 IN_FRONT_M = 0.8
 """How far before a wall the robot stands to see it."""
 
@@ -57,6 +61,10 @@ class Peer:
     """Where both were when contact was made: the robot in its own frame, the peer in the peer's."""
     places: list[tuple[Pose, Pose]] = field(default_factory=list)
     """The same for messages since."""
+    sightings: deque[Sighting] = field(default_factory=deque)
+    """What was seen at the newest messages, with `places` forgotten or not: the peer's frame stays where it is."""
+    seen_at: int = 0
+    """Sightings that its frame explained at the last attempt by them."""
     corners: tuple[int, int] = (0, 0)
     """True corners of both maps at the last attempt."""
     growth: float = 0.0
@@ -194,15 +202,31 @@ class Cooperation:
             if peer.contact is None or contact.since >= peer.pose_tick:
                 peer.contact = here, contact.pose
                 peer.places = []
+            self._see(peer, contact.pose, pose_tick, Sighting(here, contact.pose, discs, scan), tick)
             peer.pose, peer.pose_tick = contact.pose, pose_tick
             if len(peer.places) < self.config.places_kept:
                 peer.places.append((here, peer.pose))
             trial = peer.trial
-            if trial is not None and tick - peer.pose_tick <= 2:
-                trial.hear(here, peer.pose, self._reach_m)
-                trial.look_for_disc(here, peer.pose, scan, discs, self.spec.radius_m, self.rules)
+            if trial is not None and tick - peer.pose_tick <= LATE_TICKS:
+                self._weigh_meeting(trial, peer.sightings[-1])
         if contact.wireframe is not None and contact.wireframe is not peer.wireframe:
             peer.wireframe, peer.map_tick, peer.news = contact.wireframe, map_tick, True
+
+    def _see(self, peer: Peer, pose: Pose, pose_tick: int, sighting: Sighting, tick: int) -> None:
+        """Keep what is seen while the peer says where it is."""
+        may_have_driven = self.spec.max_speed_mps * (pose_tick - peer.pose_tick) / self.spec.lidar.rate_hz
+        if math.dist(pose[:2], peer.pose[:2]) > 1.5 * may_have_driven + self.config.verification.disc_moved_m:
+            peer.sightings.clear()  # it began anew, in another frame
+        if tick - pose_tick <= LATE_TICKS:
+            peer.sightings.append(sighting)
+            if len(peer.sightings) > self.config.places_kept:
+                peer.sightings.popleft()
+
+    def _weigh_meeting(self, trial: Verification, sighting: Sighting) -> None:
+        """What a message and the scan of its moment say of the proposal."""
+        here, theirs = sighting.here, sighting.theirs
+        trial.hear(here, theirs, self._reach_m)
+        trial.look_for_disc(here, theirs, sighting.scan, sighting.discs, self.spec.radius_m, self.rules)
 
     def _look(self, tick: int, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences."""
@@ -236,7 +260,7 @@ class Cooperation:
             for now, before in zip(counts, peer.corners, strict=True)
         )
         if not grown or min(counts) < self.alignment.min_corners // 2:
-            return False
+            return peer.status == "heard" and self._align_by_sight(tick, peer, own)
         peer.corners, peer.growth, peer.news = counts, self.config.retry_growth, False
         if peer.contact is None:
             return False
@@ -259,6 +283,54 @@ class Cooperation:
             self.propose(tick, peer.name, said.transform, own, said.figures())
         return True
 
+    def _align_by_sight(self, tick: int, peer: Peer, own: Wireframe) -> bool:
+        """Propose the frame that the sightings of a peer give, if the walls agree; true if walls were compared."""
+        rule = self.config.verification
+        assert peer.wireframe is not None
+        if not rule.discs:
+            return False
+        seen = apart_places(peer.sightings, rule.disc_moved_m)
+        if len(seen) <= peer.seen_at or len(seen) < rule.sightings:
+            return False
+        turn = math.radians(self.alignment.distinct_deg)
+        found = consensus(seen, rule.disc_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
+        if found is None or found.explained < rule.sightings or found.explained - found.rival < rule.sightings_ahead:
+            return False
+        if found.explained <= peer.seen_at:
+            return False
+        peer.seen_at = found.explained
+        mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
+        if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+            return False
+        middle = np.array([one.theirs[:2] for one in seen]).mean(0)
+        square = squared(found.transform, middle, mine.corners.walls, theirs.corners.walls)
+        fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners, self.alignment)
+        best = None
+        for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
+            if apart(t, found.transform, middle, self.alignment.coarse_m, turn):
+                continue
+            agreed, conflict = agreement(mine.walls, theirs.walls, t, self.alignment)
+            score = agreed - self.alignment.conflict_weight * conflict
+            share = agreed / min(mine.length_m, theirs.length_m)
+            reason = self._walls_agree(inliers, agreed, conflict)
+            said = Alignment(None, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, _pose(t))
+            if best is None or score > best.score:
+                best = said
+        figures = {"sightings": found.explained, "rival_sightings": found.rival}
+        if best is None or best.best is None or best.reason != "sighted":
+            reason = "sighted, unlike" if best is None else f"sighted, {best.reason}"
+            self._event("attempt", peer, _pose(found.transform), reason, figures)
+            return True
+        peer.alignment = replace(best, transform=best.best)
+        self.propose(tick, peer.name, best.best, own, {**best.figures(), **figures}, by_sight=True)
+        return True
+
+    def _walls_agree(self, inliers: int, agreed_m: float, conflict_m: float) -> str:
+        """`sighted`, or why the walls do not support it."""
+        if inliers < self.alignment.min_inliers or agreed_m < self.alignment.min_score_m:
+            return "weak"
+        return "conflict" if conflict_m > self.alignment.max_conflict * agreed_m else "sighted"
+
     def _prepared(self, tick: int, own: Wireframe) -> PreparedMap | None:
         if self._mine[0] != tick:
             self._mine = tick, prepare(own, self.alignment)
@@ -276,16 +348,30 @@ class Cooperation:
         mine = np.array([place[0][:2] for place in peer.places])
         return bool((np.hypot(*(theirs - mine).T) <= self._reach_m).all())
 
-    def propose(self, tick: int, name: str, transform: Pose, own: Wireframe, figures: Mapping[str, object]) -> None:
-        """Put a transform of a peer that has been heard on trial: Z = Z + proposal."""
+    def propose(
+        self,
+        tick: int,
+        name: str,
+        transform: Pose,
+        own: Wireframe,
+        figures: Mapping[str, object],
+        by_sight: bool = False,
+    ) -> None:
+        """Put a transform of a peer that has been heard on trial: Z = Z + proposal.
+
+        Earlier meetings count, as the maps did not use them; by_sight: but for the two that give the transform.
+        """
         peer = self.peers[name]
         assert peer.wireframe is not None
         peer.transform, peer.status = np.array(transform), "proposed"
         peer.ground = Ground()
         self._take(peer, self._fresh(peer.wireframe, peer.transform, own))
-        peer.trial = Verification(self.config.verification, peer.transform, peer.ground, tick)
+        used = 2 if by_sight else 0
+        peer.trial = Verification(self.config.verification, peer.transform, peer.ground, tick, used)
+        for sighting in peer.sightings:
+            self._weigh_meeting(peer.trial, sighting)
         self.queue.append(name)
-        self._event("proposed", peer, transform, "aligned", figures)
+        self._event("proposed", peer, transform, "sighted" if by_sight else "aligned", figures)
 
     def _take(self, peer: Peer, fresh: Bools | None = None) -> None:
         """Hold own scans against the peer's newest map from now on."""
