@@ -62,7 +62,7 @@ class Peer:
     places: list[tuple[Pose, Pose]] = field(default_factory=list)
     """The same for messages since."""
     sightings: deque[Sighting] = field(default_factory=deque)
-    """What was seen at the newest messages, with `places` forgotten or not: the peer's frame stays where it is."""
+    """What was seen at messages, each after one of the two had moved; the newest ones."""
     seen_at: int = 0
     """Sightings that its frame explained at the last attempt by them."""
     corners: tuple[int, int] = (0, 0)
@@ -157,6 +157,12 @@ class Cooperation:
         drive = self.spec.max_speed_mps * (tick - peer.pose_tick) / self.spec.lidar.rate_hz
         return math.hypot(0.01 + error, drive / 3.0), min(math.pi, 0.01 + drive / 0.5)
 
+    def strangers(self, contacts: Contacts) -> bool:
+        """Whether a peer is heard whose frame is not known."""
+        return self.config.sharing and any(
+            name in self.peers and self.peers[name].layer is None for name in contacts.present
+        )
+
     def rivals(self, tick: int) -> Floats:
         """(k, 3) teammates for the division of frontiers: place, and metres that each may have gone since."""
         if not self.config.division:
@@ -202,22 +208,31 @@ class Cooperation:
             if peer.contact is None or contact.since >= peer.pose_tick:
                 peer.contact = here, contact.pose
                 peer.places = []
-            self._see(peer, contact.pose, pose_tick, Sighting(here, contact.pose, discs, scan), tick)
+            self._see(tick, peer, pose_tick, Sighting(here, contact.pose, discs, scan))
             peer.pose, peer.pose_tick = contact.pose, pose_tick
             if len(peer.places) < self.config.places_kept:
                 peer.places.append((here, peer.pose))
             trial = peer.trial
             if trial is not None and tick - peer.pose_tick <= LATE_TICKS:
-                self._weigh_meeting(trial, peer.sightings[-1])
+                self._weigh_meeting(trial, Sighting(here, peer.pose, discs, scan))
         if contact.wireframe is not None and contact.wireframe is not peer.wireframe:
             peer.wireframe, peer.map_tick, peer.news = contact.wireframe, map_tick, True
 
-    def _see(self, peer: Peer, pose: Pose, pose_tick: int, sighting: Sighting, tick: int) -> None:
+    def _see(self, tick: int, peer: Peer, pose_tick: int, sighting: Sighting) -> None:
         """Keep what is seen while the peer says where it is."""
         may_have_driven = self.spec.max_speed_mps * (pose_tick - peer.pose_tick) / self.spec.lidar.rate_hz
-        if math.dist(pose[:2], peer.pose[:2]) > 1.5 * may_have_driven + self.config.verification.disc_moved_m:
+        if (
+            math.dist(sighting.theirs[:2], peer.pose[:2])
+            > 1.5 * may_have_driven + self.config.verification.disc_moved_m
+        ):
             peer.sightings.clear()  # it began anew, in another frame
-        if tick - pose_tick <= LATE_TICKS:
+        moved_m = self.config.verification.disc_moved_m
+        last = peer.sightings[-1] if peer.sightings else None
+        moved = last is None or any(
+            math.dist(one[:2], two[:2]) >= moved_m
+            for one, two in ((sighting.here, last.here), (sighting.theirs, last.theirs))
+        )
+        if moved and tick - pose_tick <= LATE_TICKS:
             peer.sightings.append(sighting)
             if len(peer.sightings) > self.config.places_kept:
                 peer.sightings.popleft()

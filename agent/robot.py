@@ -111,7 +111,8 @@ class Robot:
         errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
         command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals)
         self._errand = command.errand
-        sends = self.exchange.talk(tick, pose, self.wireframe, self.version)
+        in_sight = len(scan.discs) > 0 and self.cooperation.strangers(self.contacts)
+        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, in_sight)
         map_bytes = encode_wireframe(self.wireframe)
         return Step(
             self._act(tick, command, events, len(sends), len(map_bytes), started),
