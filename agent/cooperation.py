@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -27,7 +27,7 @@ from agent.corner_scan import CornerScan
 from agent.driving import moved
 from agent.ground import Bools, Ground, pieces_of
 from agent.merging import Layer, layer_of
-from agent.sightings import Sighting, apart_places, consensus, squared
+from agent.sightings import Sighting, align_by_sight, apart_places, consensus
 from agent.verification import Verification
 from protocol.messages import Event, Pose, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
@@ -63,8 +63,12 @@ class Peer:
     """The same for messages since."""
     sightings: deque[Sighting] = field(default_factory=deque)
     """What was seen at messages, each after one of the two had moved; the newest ones."""
+    seen_anew: bool = False
+    """Whether the newest was not looked at yet."""
     seen_at: int = 0
-    """Sightings that its frame explained at the last attempt by them."""
+    """Sightings that were explained at the last attempt by them."""
+    seen_proposed: int = 0
+    """The same at the last proposal by them: another one needs more."""
     corners: tuple[int, int] = (0, 0)
     """True corners of both maps at the last attempt."""
     growth: float = 0.0
@@ -75,6 +79,8 @@ class Peer:
     trial: Verification | None = None
     ground: Ground = field(default_factory=Ground)
     layer: Layer | None = None
+    merged_since: int = -1
+    """Tick at which it was merged."""
     merged_tick: int = -1
     """When the merged map was so."""
     agreed_m: float = 0.0
@@ -157,11 +163,11 @@ class Cooperation:
         drive = self.spec.max_speed_mps * (tick - peer.pose_tick) / self.spec.lidar.rate_hz
         return math.hypot(0.01 + error, drive / 3.0), min(math.pi, 0.01 + drive / 0.5)
 
-    def strangers(self, contacts: Contacts) -> bool:
-        """Whether a peer is heard whose frame is not known."""
-        return self.config.sharing and any(
-            name in self.peers and self.peers[name].layer is None for name in contacts.present
-        )
+    def strangers(self, tick: int, contacts: Contacts) -> bool:
+        """Whether a peer is heard whose frame is not known, or not for long."""
+        lately = tick - self.config.verification.return_s * self.spec.lidar.rate_hz
+        heard = (self.peers[name] for name in contacts.present if name in self.peers)
+        return self.config.sharing and any(peer.layer is None or peer.merged_since >= lately for peer in heard)
 
     def rivals(self, tick: int) -> Floats:
         """(k, 3) teammates for the division of frontiers: place, and metres that each may have gone since."""
@@ -226,6 +232,7 @@ class Cooperation:
             > 1.5 * may_have_driven + self.config.verification.disc_moved_m
         ):
             peer.sightings.clear()  # it began anew, in another frame
+            peer.seen_at = peer.seen_proposed = 0
         moved_m = self.config.verification.disc_moved_m
         last = peer.sightings[-1] if peer.sightings else None
         moved = last is None or any(
@@ -234,6 +241,7 @@ class Cooperation:
         )
         if moved and tick - pose_tick <= LATE_TICKS:
             peer.sightings.append(sighting)
+            peer.seen_anew = True
             if len(peer.sightings) > self.config.places_kept:
                 peer.sightings.popleft()
 
@@ -302,49 +310,29 @@ class Cooperation:
         """Propose the frame that the sightings of a peer give, if the walls agree; true if walls were compared."""
         rule = self.config.verification
         assert peer.wireframe is not None
-        if not rule.discs:
+        if not (rule.discs and peer.seen_anew):
             return False
+        peer.seen_anew = False
         seen = apart_places(peer.sightings, rule.disc_moved_m)
-        if len(seen) <= peer.seen_at or len(seen) < rule.sightings:
-            return False
         turn = math.radians(self.alignment.distinct_deg)
-        found = consensus(seen, rule.disc_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
-        if found is None or found.explained < rule.sightings or found.explained - found.rival < rule.sightings_ahead:
+        found = consensus(seen, rule.sighting_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
+        if found is None or found.explained < rule.sightings or found.spread_m < rule.sighting_spread_m:
             return False
-        if found.explained <= peer.seen_at:
+        if found.explained - found.rival < rule.sightings_ahead or found.explained <= peer.seen_proposed:
             return False
-        peer.seen_at = found.explained
         mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
-        if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+        if mine is None or theirs is None:
             return False
-        middle = np.array([one.theirs[:2] for one in seen]).mean(0)
-        square = squared(found.transform, middle, mine.corners.walls, theirs.corners.walls)
-        fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners, self.alignment)
-        best = None
-        for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
-            if apart(t, found.transform, middle, self.alignment.coarse_m, turn):
-                continue
-            agreed, conflict = agreement(mine.walls, theirs.walls, t, self.alignment)
-            score = agreed - self.alignment.conflict_weight * conflict
-            share = agreed / min(mine.length_m, theirs.length_m)
-            reason = self._walls_agree(inliers, agreed, conflict)
-            said = Alignment(None, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, _pose(t))
-            if best is None or score > best.score:
-                best = said
-        figures = {"sightings": found.explained, "rival_sightings": found.rival}
-        if best is None or best.best is None or best.reason != "sighted":
-            reason = "sighted, unlike" if best is None else f"sighted, {best.reason}"
-            self._event("attempt", peer, _pose(found.transform), reason, figures)
+        said = align_by_sight(mine, theirs, found, self.alignment, rule.sighting_corners)
+        figures = {**said.figures(), "sightings": found.explained, "rival_sightings": found.rival}
+        if said.transform is None:
+            if found.explained > peer.seen_at:  # else that was said
+                self._event("attempt", peer, said.best, f"sighted, {said.reason}", figures)
+            peer.seen_at = found.explained
             return True
-        peer.alignment = replace(best, transform=best.best)
-        self.propose(tick, peer.name, best.best, own, {**best.figures(), **figures}, by_sight=True)
+        peer.alignment, peer.seen_proposed = said, found.explained
+        self.propose(tick, peer.name, said.transform, own, figures, by_sight=True)
         return True
-
-    def _walls_agree(self, inliers: int, agreed_m: float, conflict_m: float) -> str:
-        """`sighted`, or why the walls do not support it."""
-        if inliers < self.alignment.min_inliers or agreed_m < self.alignment.min_score_m:
-            return "weak"
-        return "conflict" if conflict_m > self.alignment.max_conflict * agreed_m else "sighted"
 
     def _prepared(self, tick: int, own: Wireframe) -> PreparedMap | None:
         if self._mine[0] != tick:
@@ -492,7 +480,7 @@ class Cooperation:
     def merge(self, tick: int, peer: Peer) -> None:
         """Make a peer's map part of the robot's under its transform."""
         peer.status, peer.news, peer.updated = "merged", True, tick
-        peer.refused, peer.agreed_m = 0, 0.0
+        peer.refused, peer.agreed_m, peer.merged_since = 0, 0.0, tick
         self._lay(peer)
 
     def _lay(self, peer: Peer) -> None:

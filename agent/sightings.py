@@ -1,8 +1,8 @@
 """Where a peer's frame lies by seeing it: its beacons say where it is in its own frame, discs where in mine (ours).
 
-A disc has no name, and what stands still may be a post, a wall's end or another teammate. So only places between which
-the peer has moved count, and the transform must lay several of them on discs. This needs no wall, and tells twins of
-rooms apart, which no test on two maps can.
+A disc has no name. What stands still may be a post, a wall's end or another teammate, so only places between which the
+peer has moved count; and two robots that drive straight at full speed fit each other under some transform, so the
+places must not lie on a line. This needs no wall, and tells twins of rooms apart, which no test on two maps can.
 """
 
 from __future__ import annotations
@@ -16,6 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from agent.alignment import Alignment, AlignmentConfig, PreparedMap
+from agent.alignment.agreement import agreement
+from agent.alignment.align import pose_of
+from agent.alignment.ranked import refine
 from agent.alignment.transform import Floats, apart, fit, move
 from agent.corner_scan import CornerScan
 from protocol.messages import Pose
@@ -45,6 +49,10 @@ class Consensus(NamedTuple):
     """Sightings that it explains."""
     rival: int
     """Those that the best distinct one explains."""
+    middle: Floats
+    """(2,) of the peer's places."""
+    spread_m: float
+    """Standard deviation of the places that it explains, across the line that fits them best."""
 
 
 def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting]:
@@ -71,7 +79,43 @@ def consensus(
     first = np.cumsum([0, *(len(one.discs) for one in sightings)])
     discs = np.vstack([one.discs for one in sightings])
     best, count, rival = _consensus(places, first, discs, gate_m, base_m, distinct_m, distinct_rad)
-    return Consensus(best, count, rival) if count >= 2 else None
+    if count < 2:
+        return None
+    which = np.empty(len(places), np.int64)
+    _explained(best, places, first, discs, gate_m, which)
+    across = float(np.linalg.eigvalsh(np.cov(places[which >= 0].T, ddof=0))[0])
+    return Consensus(best, count, rival, places.mean(0), math.sqrt(max(across, 0.0)))
+
+
+def align_by_sight(
+    mine: PreparedMap, theirs: PreparedMap, found: Consensus, config: AlignmentConfig, least_corners: int
+) -> Alignment:
+    """The alignment that a consensus gives, put right on the corners of both maps; its reason says if walls agree.
+
+    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`.
+    """
+    none = Alignment(None, "unlike", best=pose_of(found.transform))
+    if mine.walls is None or theirs.walls is None:
+        return none
+    square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
+    fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners, config)
+    best = none
+    for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
+        if apart(t, found.transform, found.middle, config.coarse_m, math.radians(config.distinct_deg)):
+            continue
+        agreed, conflict = agreement(mine.walls, theirs.walls, t, config)
+        score = agreed - config.conflict_weight * conflict
+        reason = "sighted"
+        if inliers < least_corners or agreed < config.min_score_m:
+            reason = "weak"
+        elif conflict > config.max_conflict * agreed:
+            reason = "conflict"
+        pose = pose_of(t)
+        share = agreed / min(mine.length_m, theirs.length_m)
+        transform = pose if reason == "sighted" else None
+        if best is none or score > best.score:
+            best = Alignment(transform, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, pose)
+    return best
 
 
 def squared(transform: Floats, about: Floats, mine: Floats, theirs: Floats) -> Floats:

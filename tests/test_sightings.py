@@ -87,3 +87,10 @@ def test_twins_of_rooms_are_no_obstacle_to_robots_that_see_each_other() -> None:
         metres, degrees = errors(data["transform"], frames[robot], frames[peer], centre)  # type: ignore[arg-type]
         assert metres < 0.1 and degrees < 2.0
         assert run.robots[robot].cooperation.peers[peer].status == "merged"
+
+
+def test_two_robots_that_drive_straight_fit_each_other_but_on_a_line() -> None:
+    """The peer is heard, another teammate is seen: both drive at full speed, so one transform explains all."""
+    way = np.column_stack([np.arange(0.0, 4.0, 0.4), np.zeros(10)])
+    found = found_of(seen(way, [np.array([[1.0, 1.0 + x]]) for x, _ in way.tolist()]))
+    assert found is not None and found.explained == 10 and found.spread_m < 0.01
