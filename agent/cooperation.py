@@ -201,7 +201,7 @@ class Cooperation:
         for peer in self.peers.values():
             if peer.transform is not None and tick % LOOK_TICKS == 0:
                 self._look(tick, peer, pose, scan)
-        self._pursue(tick, pose, errand)
+        self._pursue(tick, own, pose, errand)
         for peer in self.peers.values():
             if self._align_if_grown(tick, peer, own, pose):
                 break
@@ -315,7 +315,7 @@ class Cooperation:
         peer.seen_anew = False
         seen = apart_places(peer.sightings, rule.disc_moved_m)
         turn = math.radians(self.alignment.distinct_deg)
-        found = consensus(seen, rule.sighting_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
+        found = consensus(seen, rule.disc_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
         if found is None or found.explained < rule.sightings or found.spread_m < rule.sighting_spread_m:
             return False
         if found.explained - found.rival < rule.sightings_ahead or found.explained <= peer.seen_proposed:
@@ -323,7 +323,7 @@ class Cooperation:
         mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
         if mine is None or theirs is None:
             return False
-        said = align_by_sight(mine, theirs, found, self.alignment, rule.sighting_corners)
+        said = align_by_sight(mine, theirs, found, self.alignment, rule.least_corners)
         figures = {**said.figures(), "sightings": found.explained, "rival_sightings": found.rival}
         if said.transform is None:
             if found.explained > peer.seen_at:  # else that was said
@@ -416,13 +416,16 @@ class Cooperation:
 
     # the drive
 
-    def _pursue(self, tick: int, pose: Pose, errand: str) -> None:
+    def _pursue(self, tick: int, own: Wireframe, pose: Pose, errand: str) -> None:
         """Go on with the first proposal of the queue, and decide those whose evidence suffices."""
         for name in list(self.queue):
             peer = self.peers[name]
             assert peer.trial is not None
             if peer.trial.verdict is not None:
-                self._decide(tick, peer, peer.trial.verdict, "the evidence decides")
+                if peer.trial.verdict and not self._walls_fit(tick, peer, own):
+                    self._decide(tick, peer, False, "its walls do not fit")
+                else:
+                    self._decide(tick, peer, peer.trial.verdict, "the evidence decides")
         if not self.queue:
             self._goal = None
             return
@@ -442,6 +445,22 @@ class Cooperation:
                 self._decide(tick, peer, False, "undecided")
             else:
                 self._goal, self._detours = place, self._detours + 1
+
+    def _walls_fit(self, tick: int, peer: Peer, own: Wireframe) -> bool:
+        """Whether the newest maps still agree under a transform: no evidence for it, but it must not fail."""
+        assert peer.trial is not None and peer.wireframe is not None
+        mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
+        if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+            return False
+        t = peer.trial.transform
+        fit = refine(t[None], mine.corners, theirs.corners, self.alignment)
+        limits = self.alignment.coarse_m, math.radians(self.alignment.distinct_deg)
+        if not len(fit.transforms) or fit.inliers[0] < self.config.verification.least_corners:
+            return False
+        if apart(fit.transforms[0], t, theirs.corners.centre, *limits):
+            return False
+        agreed, conflict = agreement(mine.walls, theirs.walls, t, self.alignment)
+        return agreed >= self.alignment.min_score_m and conflict <= self.alignment.max_conflict * agreed
 
     def _elsewhere(self, tick: int, peer: Peer, pose: Pose) -> Floats | None:
         """(2,) where to look next: in turns at the peer itself, if it is still heard, and at what only it has seen."""

@@ -48,8 +48,9 @@ class VerificationConfig(Config):
     """Scans that must say the same of a piece of ground before it counts."""
     wall_margin_m: Positive = 0.12
     """A wall this near to where it is predicted is the predicted one: two maps' and the transform's errors, 3 sigma."""
-    disc_gate_m: Positive = 0.2
-    """A disc this near to where it is predicted is the teammate: transform 0.1 m, motion of a tick and the fit."""
+    disc_gate_m: Positive = 0.15
+    """A disc this near to where it is predicted is the teammate: 0.05 m that it drives in a tick, and the transform's
+    error and the fit's of 0.03 m, 3 sigma."""
     disc_far_m: Positive = 2.5
     """A teammate farther off may be missed: it has five beams there."""
     disc_moved_m: Positive = 0.3
@@ -61,13 +62,11 @@ class VerificationConfig(Config):
     """... and as many more than the best distinct transform explains."""
     sighting_spread_m: Positive = 0.2
     """Standard deviation of these places across the line through them; of the wrong fits above, 63 have below 0.17."""
-    sighting_gate_m: Positive = 0.15
-    """A disc this near explains a sighting: 0.05 m that the peer drives in a tick, and three times the fit's 0.03."""
     sighting_base_m: Positive = 0.6
     """Two places of a peer this far apart give a turn, to 5 degrees by discs of 5 cm."""
-    sighting_corners: Annotated[int, Field(ge=2)] = 4
-    """Corners of both maps that must match where sightings give the transform: they make it exact, and young maps of
-    robots that look at each other have few."""
+    least_corners: Annotated[int, Field(ge=2)] = 4
+    """Corners of both maps that match where sightings give the transform, and whenever one is accepted: fewer than for
+    an alignment by maps, as young maps of robots that look at each other have few."""
     growth: Positive = 0.15
     """Later maps are aligned once one of them has gained this share of its corners."""
     time_out_s: Positive = 120.0
