@@ -323,3 +323,13 @@ def test_the_grid_is_turned_with_a_map_that_turned_out_otherwise() -> None:
     pair.show(replace(comb(20), points=comb(20).points @ np.array([[c, s], [-s, c]])))
     pair.run(40)
     assert pair.agrees() and pair.kinds("a")["map"] == 2
+
+
+def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:
+    contacts = Contacts("a", 25)
+    one = Exchange(contacts, TalkConfig(), 5.0)
+    said = {
+        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, sight)]
+        for sight in (False, True)
+    }
+    assert said == {False: [25, 50], True: list(range(5, 51, 5))}
