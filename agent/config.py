@@ -145,6 +145,9 @@ class TalkConfig(Config):
 
     beacon_s: Positive = 5.0
     """Between two beacons: two robots that pass at full speed are within 4 m of each other for 18 s."""
+    sight_beacon_s: Positive = 1.0
+    """The same while a disc is seen and a peer heard whose frame is not known: its places and the discs give it
+    (agent.sightings), and two robots that pass are in sight of each other for some seconds only."""
     map_period_s: Positive = 5.0
     """A peer is told of a changed map at most this often: walls of some seconds cost little more than one."""
     silence_s: Positive = 5.0

@@ -7,6 +7,7 @@ merged, or back to heard. Alignment is tried only when a map has grown, one pair
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -26,12 +27,15 @@ from agent.corner_scan import CornerScan
 from agent.driving import moved
 from agent.ground import Bools, Ground, pieces_of
 from agent.merging import Layer, layer_of
+from agent.sightings import Sighting, align_by_sight, apart_places, consensus
 from agent.verification import Verification
 from protocol.messages import Event, Pose, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
 LOOK_TICKS = 3
 """Received maps are held against every third scan: the robot drives 0.13 m in between."""
+LATE_TICKS = 2
+"""A message older than this says no longer where the peer is: it drives 0.1 m in the time."""
 IN_FRONT_M = 0.8
 """How far before a wall the robot stands to see it."""
 
@@ -57,6 +61,14 @@ class Peer:
     """Where both were when contact was made: the robot in its own frame, the peer in the peer's."""
     places: list[tuple[Pose, Pose]] = field(default_factory=list)
     """The same for messages since."""
+    sightings: deque[Sighting] = field(default_factory=deque)
+    """What was seen at messages, each after one of the two had moved; the newest ones."""
+    seen_anew: bool = False
+    """Whether the newest was not looked at yet."""
+    seen_at: int = 0
+    """Sightings that were explained at the last attempt by them."""
+    seen_proposed: int = 0
+    """The same at the last proposal by them: another one needs more."""
     corners: tuple[int, int] = (0, 0)
     """True corners of both maps at the last attempt."""
     growth: float = 0.0
@@ -67,6 +79,8 @@ class Peer:
     trial: Verification | None = None
     ground: Ground = field(default_factory=Ground)
     layer: Layer | None = None
+    merged_since: int = -1
+    """Tick at which it was merged."""
     merged_tick: int = -1
     """When the merged map was so."""
     agreed_m: float = 0.0
@@ -149,6 +163,12 @@ class Cooperation:
         drive = self.spec.max_speed_mps * (tick - peer.pose_tick) / self.spec.lidar.rate_hz
         return math.hypot(0.01 + error, drive / 3.0), min(math.pi, 0.01 + drive / 0.5)
 
+    def strangers(self, tick: int, contacts: Contacts) -> bool:
+        """Whether a peer is heard whose frame is not known, or not for long."""
+        lately = tick - self.config.verification.return_s * self.spec.lidar.rate_hz
+        heard = (self.peers[name] for name in contacts.present if name in self.peers)
+        return self.config.sharing and any(peer.layer is None or peer.merged_since >= lately for peer in heard)
+
     def rivals(self, tick: int) -> Floats:
         """(k, 3) teammates for the division of frontiers: place, and metres that each may have gone since."""
         if not self.config.division:
@@ -181,7 +201,7 @@ class Cooperation:
         for peer in self.peers.values():
             if peer.transform is not None and tick % LOOK_TICKS == 0:
                 self._look(tick, peer, pose, scan)
-        self._pursue(tick, pose, errand)
+        self._pursue(tick, own, pose, errand)
         for peer in self.peers.values():
             if self._align_if_grown(tick, peer, own, pose):
                 break
@@ -194,15 +214,42 @@ class Cooperation:
             if peer.contact is None or contact.since >= peer.pose_tick:
                 peer.contact = here, contact.pose
                 peer.places = []
+            self._see(tick, peer, pose_tick, Sighting(here, contact.pose, discs, scan))
             peer.pose, peer.pose_tick = contact.pose, pose_tick
             if len(peer.places) < self.config.places_kept:
                 peer.places.append((here, peer.pose))
             trial = peer.trial
-            if trial is not None and tick - peer.pose_tick <= 2:
-                trial.hear(here, peer.pose, self._reach_m)
-                trial.look_for_disc(here, peer.pose, scan, discs, self.spec.radius_m, self.rules)
+            if trial is not None and tick - peer.pose_tick <= LATE_TICKS:
+                self._weigh_meeting(trial, Sighting(here, peer.pose, discs, scan))
         if contact.wireframe is not None and contact.wireframe is not peer.wireframe:
             peer.wireframe, peer.map_tick, peer.news = contact.wireframe, map_tick, True
+
+    def _see(self, tick: int, peer: Peer, pose_tick: int, sighting: Sighting) -> None:
+        """Keep what is seen while the peer says where it is."""
+        may_have_driven = self.spec.max_speed_mps * (pose_tick - peer.pose_tick) / self.spec.lidar.rate_hz
+        if (
+            math.dist(sighting.theirs[:2], peer.pose[:2])
+            > 1.5 * may_have_driven + self.config.verification.disc_moved_m
+        ):
+            peer.sightings.clear()  # it began anew, in another frame
+            peer.seen_at = peer.seen_proposed = 0
+        moved_m = self.config.verification.disc_moved_m
+        last = peer.sightings[-1] if peer.sightings else None
+        moved = last is None or any(
+            math.dist(one[:2], two[:2]) >= moved_m
+            for one, two in ((sighting.here, last.here), (sighting.theirs, last.theirs))
+        )
+        if moved and tick - pose_tick <= LATE_TICKS:
+            peer.sightings.append(sighting)
+            peer.seen_anew = True
+            if len(peer.sightings) > self.config.places_kept:
+                peer.sightings.popleft()
+
+    def _weigh_meeting(self, trial: Verification, sighting: Sighting) -> None:
+        """What a message and the scan of its moment say of the proposal."""
+        here, theirs = sighting.here, sighting.theirs
+        trial.hear(here, theirs, self._reach_m)
+        trial.look_for_disc(here, theirs, sighting.scan, sighting.discs, self.spec.radius_m, self.rules)
 
     def _look(self, tick: int, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences."""
@@ -236,7 +283,7 @@ class Cooperation:
             for now, before in zip(counts, peer.corners, strict=True)
         )
         if not grown or min(counts) < self.alignment.min_corners // 2:
-            return False
+            return peer.status == "heard" and self._align_by_sight(tick, peer, own)
         peer.corners, peer.growth, peer.news = counts, self.config.retry_growth, False
         if peer.contact is None:
             return False
@@ -259,6 +306,34 @@ class Cooperation:
             self.propose(tick, peer.name, said.transform, own, said.figures())
         return True
 
+    def _align_by_sight(self, tick: int, peer: Peer, own: Wireframe) -> bool:
+        """Propose the frame that the sightings of a peer give, if the walls agree; true if walls were compared."""
+        rule = self.config.verification
+        assert peer.wireframe is not None
+        if not (rule.discs and peer.seen_anew):
+            return False
+        peer.seen_anew = False
+        seen = apart_places(peer.sightings, rule.disc_moved_m)
+        turn = math.radians(self.alignment.distinct_deg)
+        found = consensus(seen, rule.disc_gate_m, rule.sighting_base_m, self.alignment.distinct_m, turn)
+        if found is None or found.explained < rule.sightings or found.spread_m < rule.sighting_spread_m:
+            return False
+        if found.explained - found.rival < rule.sightings_ahead or found.explained <= peer.seen_proposed:
+            return False
+        mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
+        if mine is None or theirs is None:
+            return False
+        said = align_by_sight(mine, theirs, found, self.alignment, rule.least_corners)
+        figures = {**said.figures(), "sightings": found.explained, "rival_sightings": found.rival}
+        if said.transform is None:
+            if found.explained > peer.seen_at:  # else that was said
+                self._event("attempt", peer, said.best, f"sighted, {said.reason}", figures)
+            peer.seen_at = found.explained
+            return True
+        peer.alignment, peer.seen_proposed = said, found.explained
+        self.propose(tick, peer.name, said.transform, own, figures, by_sight=True)
+        return True
+
     def _prepared(self, tick: int, own: Wireframe) -> PreparedMap | None:
         if self._mine[0] != tick:
             self._mine = tick, prepare(own, self.alignment)
@@ -276,16 +351,30 @@ class Cooperation:
         mine = np.array([place[0][:2] for place in peer.places])
         return bool((np.hypot(*(theirs - mine).T) <= self._reach_m).all())
 
-    def propose(self, tick: int, name: str, transform: Pose, own: Wireframe, figures: Mapping[str, object]) -> None:
-        """Put a transform of a peer that has been heard on trial: Z = Z + proposal."""
+    def propose(
+        self,
+        tick: int,
+        name: str,
+        transform: Pose,
+        own: Wireframe,
+        figures: Mapping[str, object],
+        by_sight: bool = False,
+    ) -> None:
+        """Put a transform of a peer that has been heard on trial: Z = Z + proposal.
+
+        Earlier meetings count, as the maps did not use them; by_sight: but for the two that give the transform.
+        """
         peer = self.peers[name]
         assert peer.wireframe is not None
         peer.transform, peer.status = np.array(transform), "proposed"
         peer.ground = Ground()
         self._take(peer, self._fresh(peer.wireframe, peer.transform, own))
-        peer.trial = Verification(self.config.verification, peer.transform, peer.ground, tick)
+        used = 2 if by_sight else 0
+        peer.trial = Verification(self.config.verification, peer.transform, peer.ground, tick, used)
+        for sighting in peer.sightings:
+            self._weigh_meeting(peer.trial, sighting)
         self.queue.append(name)
-        self._event("proposed", peer, transform, "aligned", figures)
+        self._event("proposed", peer, transform, "sighted" if by_sight else "aligned", figures)
 
     def _take(self, peer: Peer, fresh: Bools | None = None) -> None:
         """Hold own scans against the peer's newest map from now on."""
@@ -327,13 +416,16 @@ class Cooperation:
 
     # the drive
 
-    def _pursue(self, tick: int, pose: Pose, errand: str) -> None:
+    def _pursue(self, tick: int, own: Wireframe, pose: Pose, errand: str) -> None:
         """Go on with the first proposal of the queue, and decide those whose evidence suffices."""
         for name in list(self.queue):
             peer = self.peers[name]
             assert peer.trial is not None
             if peer.trial.verdict is not None:
-                self._decide(tick, peer, peer.trial.verdict, "the evidence decides")
+                if peer.trial.verdict and not self._walls_fit(tick, peer, own):
+                    self._decide(tick, peer, False, "its walls do not fit")
+                else:
+                    self._decide(tick, peer, peer.trial.verdict, "the evidence decides")
         if not self.queue:
             self._goal = None
             return
@@ -353,6 +445,22 @@ class Cooperation:
                 self._decide(tick, peer, False, "undecided")
             else:
                 self._goal, self._detours = place, self._detours + 1
+
+    def _walls_fit(self, tick: int, peer: Peer, own: Wireframe) -> bool:
+        """Whether the newest maps still agree under a transform: no evidence for it, but it must not fail."""
+        assert peer.trial is not None and peer.wireframe is not None
+        mine, theirs = self._prepared(tick, own), prepare(peer.wireframe, self.alignment)
+        if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+            return False
+        t = peer.trial.transform
+        fit = refine(t[None], mine.corners, theirs.corners, self.alignment)
+        limits = self.alignment.coarse_m, math.radians(self.alignment.distinct_deg)
+        if not len(fit.transforms) or fit.inliers[0] < self.config.verification.least_corners:
+            return False
+        if apart(fit.transforms[0], t, theirs.corners.centre, *limits):
+            return False
+        agreed, conflict = agreement(mine.walls, theirs.walls, t, self.alignment)
+        return agreed >= self.alignment.min_score_m and conflict <= self.alignment.max_conflict * agreed
 
     def _elsewhere(self, tick: int, peer: Peer, pose: Pose) -> Floats | None:
         """(2,) where to look next: in turns at the peer itself, if it is still heard, and at what only it has seen."""
@@ -391,7 +499,7 @@ class Cooperation:
     def merge(self, tick: int, peer: Peer) -> None:
         """Make a peer's map part of the robot's under its transform."""
         peer.status, peer.news, peer.updated = "merged", True, tick
-        peer.refused, peer.agreed_m = 0, 0.0
+        peer.refused, peer.agreed_m, peer.merged_since = 0, 0.0, tick
         self._lay(peer)
 
     def _lay(self, peer: Peer) -> None:

@@ -99,6 +99,7 @@ class Exchange:
         self._axis: int | None = None
         self._greet = False
         self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
+        self._sight_ticks = max(1, round(config.sight_beacon_s * rate_hz))
         self._period_ticks = max(1, round(config.map_period_s * rate_hz))
         self._retry_ticks = max(1, round(config.retry_s * rate_hz))
         self._patience_ticks = max(1, round(config.reassembly_s * rate_hz))
@@ -203,13 +204,15 @@ class Exchange:
 
     # --- talking ------------------------------------------------------------------------------------------------
 
-    def talk(self, tick: int, pose: Pose, wireframe: Wireframe, state: int) -> list[Send]:
+    def talk(self, tick: int, pose: Pose, wireframe: Wireframe, state: int, in_sight: bool = False) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
-        pose and wireframe: the robot's own. state: a number that changes with the wireframe.
+        pose and wireframe: the robot's own. state: a number that changes with the wireframe. in_sight: a peer whose
+        frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
-        if self._greet or tick % self._beacon_ticks == 0:
+        period = self._sight_ticks if in_sight else self._beacon_ticks
+        if self._greet or tick % period == 0 or tick % self._beacon_ticks == 0:
             sends.append(Send(tick=tick, to=EVERYONE, kind=BEACON, payload=Beacon(tick, pose).encode()))
         self._greet = False
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]

@@ -114,7 +114,8 @@ class Robot:
         errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
         command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals)
         self._errand = command.errand
-        sends = self.exchange.talk(tick, pose, self.wireframe, self.version)
+        in_sight = len(scan.discs) > 0 and self.cooperation.strangers(tick, self.contacts)
+        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(

@@ -31,6 +31,8 @@ class Verification:
     ground: Ground
     begun: int
     """Tick of the proposal."""
+    used: int = 0
+    """Sightings of the peer that gave the transform, and so are no evidence for it."""
     nats: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 0.0))
     """Weight of each kind of evidence."""
     discs_seen: int = 0
@@ -38,6 +40,8 @@ class Verification:
     agreed_again: int = 0
     """Later alignments that gave the same transform."""
     _looked_from: Floats | None = None
+    _seen_at: list[tuple[float, float]] = field(default_factory=list)
+    """Places of the peer, in its own frame, at which discs were counted."""
 
     @property
     def weight(self) -> float:
@@ -68,24 +72,26 @@ class Verification:
     ) -> None:
         """Is the peer where the transform puts it? discs (d, 2): seen in this scan, robot's own frame, metres.
 
-        A look counts once either robot has moved on since the last one that did, so that looks are independent.
+        A disc counts once the peer has moved on from all places where one did, as what stands still may be a post or
+        another teammate; free floor once either robot has moved on since the last look.
         """
         x, y = apply(self.transform, np.array([theirs[:2]]))[0].tolist()
         away = math.hypot(x - here[0], y - here[1])
-        if not 2.0 * radius_m <= away <= self.config.disc_far_m:
-            return
-        places = np.array([x, y, here[0], here[1]])
-        if self._looked_from is not None and np.abs(places - self._looked_from).max() < self.config.disc_moved_m:
+        if away < 2.0 * radius_m:
             return
         if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= self.config.disc_gate_m:
-            self.discs_seen += 1
-            self.nats["discs"] += self.config.disc_nats
-        elif sees_place(x, y, radius_m, here, scan.pieces, to_map_frame(scan.pieces, here), scan.sight, rules):
-            self.discs_missed += 1
-            self.nats["discs"] -= self.config.disc_against
-        else:
-            return
-        self._looked_from = places
+            if all(math.dist(theirs[:2], place) >= self.config.disc_moved_m for place in self._seen_at):
+                self._seen_at.append((theirs[0], theirs[1]))
+                self.discs_seen += 1
+        elif away <= self.config.disc_far_m:
+            places = np.array([x, y, here[0], here[1]])
+            if self._looked_from is not None and np.abs(places - self._looked_from).max() < self.config.disc_moved_m:
+                return
+            if sees_place(x, y, radius_m, here, scan.pieces, to_map_frame(scan.pieces, here), scan.sight, rules):
+                self.discs_missed += 1
+                self._looked_from = places
+        gain = self.config.disc_nats * max(self.discs_seen - self.used, 0)
+        self.nats["discs"] = gain - self.config.disc_against * self.discs_missed
 
     def align_again(self, same: bool | None) -> None:
         """Later maps were aligned: the same transform, another one, or none (None)."""

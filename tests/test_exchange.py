@@ -346,3 +346,13 @@ def test_a_part_that_comes_twice_counts_once() -> None:
     assert [event.event for event in hear.hear(1, messages)] == ["contact"]
     more = Heard(tick=2, sender="a", kind="map", payload=Part(9, 0, 2, 3, b"x").encode())
     assert [event.event for event in hear.hear(2, [more])] == ["refused"]
+
+
+def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:
+    contacts = Contacts("a", 25)
+    one = Exchange(contacts, TalkConfig(), 5.0)
+    said = {
+        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, sight)]
+        for sight in (False, True)
+    }
+    assert said == {False: [25, 50], True: list(range(5, 51, 5))}

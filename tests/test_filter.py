@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agent.config import FilterConfig, MapConfig, PerceptionConfig
-from agent.edges import FRONTIER, length, set_tip
+from agent.edges import new_slot, FRONTIER, length, set_tip
 from agent.perception import perceive
 from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter, systematic
@@ -327,3 +327,29 @@ def test_a_corner_moved_by_half_a_metre_goes_also_where_a_wall_now_lies_in_solid
     wireframe = walk.filter.wireframe()
     assert farthest(wireframe, ROOM) < 0.03
     assert np.hypot(*(wireframe.points - moved).T).min() > 0.3
+
+
+def test_a_wall_behind_the_one_that_took_its_corner_goes() -> None:
+    walk = Walk(ROOM, LidarSpec())
+    for pose in ROOM_TOUR:
+        walk.see(pose)
+    edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
+    e = next(k for k in range(n) if edges[k]["alive"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
+    false, count = new_slot(edges, n)
+    walk.filter.counts[0] = count
+    edges[false] = edges[e]
+    tail, head = edges[e]["tip"][0].copy(), edges[e]["tip"][1] + (0.5, 0.0)  # in the solid behind the true one
+    w, u = edges[false], (head - tail) / math.dist(head, tail)
+    w["x"], w["y"] = (tail + head) / 2
+    w["ux"], w["uy"] = u
+    w["tip"] = tail, head
+    w["link"][1], w["label"][1] = -1, Label.OCCLUSION
+    edges[int(edges[e]["link"][0])]["link"][1] = false  # the corner is that of the false one
+    edges[e]["link"][0], edges[e]["label"][0] = -1, Label.OCCLUSION
+    assert farthest(walk.filter.wireframe(), ROOM) > 0.3
+    for k in range(50):
+        walk.see((3.6 + 0.015 * k, 1.2 + 0.01 * k, 0.2))
+    wireframe = walk.filter.wireframe()
+    assert farthest(wireframe, ROOM) < 0.03
+    assert np.hypot(*(wireframe.points - head).T).min() > 0.3
+    assert len(wireframe.edges) == len(ROOM) and (wireframe.labels == Label.NOMINAL).all()

@@ -62,7 +62,8 @@ def test_a_robot_alone_sends_beacons_only() -> None:
 
 
 def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
-    mind = robot()
+    config = AgentConfig.model_validate({"radio": {"sight_beacon_s": 5.0}})  # a corner of this room may pass for a disc
+    mind = Robot("r1", SPEC, config, seed=3)
     sent = []
     for tick in range(24):
         said = [beacon(tick)] if tick == 10 else []

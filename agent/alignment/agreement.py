@@ -43,6 +43,8 @@ class Walls:
     """Walls that come near each cell."""
     free: Floats
     """(m, 2) metres along each wall between which the ground before it is free."""
+    ways: Floats
+    """(m, 3) unit direction of each wall, and its length."""
 
 
 def index_walls(segments: Floats, juts: Bools, config: AlignmentConfig) -> Walls:
@@ -67,7 +69,8 @@ def index_walls(segments: Floats, juts: Bools, config: AlignmentConfig) -> Walls
     begin = np.where(juts[:, 0], -config.strip_far_m, config.strip_end_m)
     end = length + np.where(juts[:, 1], config.strip_far_m, -config.strip_end_m)
     free = np.column_stack([begin, end])
-    return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free)
+    ways = np.column_stack([along / length[:, None], length])
+    return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free, ways)
 
 
 @njit(cache=True)
@@ -139,6 +142,7 @@ def verdicts(samples: Floats, transform: Floats, walls: Walls, config: Alignment
         walls.first,
         walls.members,
         walls.free,
+        walls.ways,
         (config.agree_m, math.cos(math.radians(config.alike_deg)), config.strip_near_m, config.strip_far_m),
     )
     return said
@@ -153,9 +157,11 @@ def _verdicts(
     first: Ints,
     members: Ints,
     free: Floats,
+    ways: Floats,
     rules: tuple[float, float, float, float],
 ) -> NDArray[np.uint8]:
     agree_m, alike, near, far = rules
+    reach = max(agree_m, near, far)
     c, s = math.cos(t[2]), math.sin(t[2])
     columns, rows = first.shape[0], first.shape[1] - 1
     out = np.zeros(samples.shape[0], np.uint8)
@@ -168,11 +174,12 @@ def _verdicts(
         touches = blocked = False
         for n in range(first[i, j], first[i, j + 1]):
             e = members[n]
-            ax, ay, bx, by = segments[e]
-            length = math.hypot(bx - ax, by - ay)
-            vx, vy = (bx - ax) / length, (by - ay) / length
-            along = (x - ax) * vx + (y - ay) * vy
-            off = (y - ay) * vx - (x - ax) * vy
+            dx, dy = x - segments[e, 0], y - segments[e, 1]
+            vx, vy, length = ways[e, 0], ways[e, 1], ways[e, 2]
+            off = dy * vx - dx * vy
+            if abs(off) > reach:
+                continue
+            along = dx * vx + dy * vy
             beyond = max(-along, along - length, 0.0)
             if beyond * beyond + off * off < near * near:
                 touches = True

@@ -138,7 +138,7 @@ def likeness(mine: Corners, theirs: Corners, config: AlignmentConfig) -> Floats:
     angles = _pool(mine, theirs, slice(LENGTHS, ENTRIES))
     weights = config.discount**GENERATIONS
     common = []
-    for one in (mine, theirs):
+    for one in (mine,) if theirs is mine else (mine, theirs):
         log_common = np.zeros(one.values.shape)
         log_common[:, :LENGTHS] = _log_common(one, lengths, slice(0, LENGTHS), False)
         log_common[:, LENGTHS:] = _log_common(one, angles, slice(LENGTHS, ENTRIES), True)
@@ -153,7 +153,7 @@ def likeness(mine: Corners, theirs: Corners, config: AlignmentConfig) -> Floats:
         theirs.kinds,
         theirs.sds,
         theirs.true,
-        common[1],
+        common[-1],
         weights,
         math.log(config.wrong_entry),
         math.log(config.wrong_bound),
@@ -214,6 +214,8 @@ def _log_density(values: Floats, kinds: Ints, sds: Floats, pool: Floats, turn: f
 
 NEGLIGIBLE = -14.0
 """Log-likelihood ratio below which an entry is as good as wrong: 1e-6 against a share of 0.05."""
+FAR_OFF = 81.0
+"""Square of nine deviations: -40 nats, which no rare value makes up for; values are rarer than in one of 1e6 never."""
 
 
 @njit(cache=True)
@@ -253,9 +255,11 @@ def _likeness(
                     if k >= 4:
                         d = (d + math.pi) % (2.0 * math.pi) - math.pi
                     var = a_sds[i, k] ** 2 + b_sds[j, k] ** 2
-                    common = 0.5 * (a_common[i, k] + b_common[j, k])
-                    fits = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
-                    gain = log_wrong  # what nearly all pairs are, without an exponential
+                    gain = log_wrong  # what nearly all pairs are, without logarithm and exponential
+                    fits = NEGLIGIBLE
+                    if d * d < FAR_OFF * var:
+                        common = 0.5 * (a_common[i, k] + b_common[j, k])
+                        fits = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
                     if fits > NEGLIGIBLE:
                         gain = math.log((1.0 - wrong) * math.exp(min(fits, 30.0)) + wrong)
                 elif one == 2 and two == 2:

@@ -90,11 +90,16 @@ class _Watched:
 
 
 def explore(
-    world: Mapping[str, Any], agent: Mapping[str, Any], watch: Watch | None = None, out: Path | None = None
+    world: Mapping[str, Any],
+    agent: Mapping[str, Any],
+    watch: Watch | None = None,
+    out: Path | None = None,
+    enough: Callable[[Episode], bool] | None = None,
 ) -> Explored:
     """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig.
 
-    out: the run directory, None to write nothing.
+    out: the run directory, None to write nothing. enough: asked after every tick; true ends the run there, because
+    what it is for is known.
     """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
     robots: dict[str, Robot] = {}
@@ -109,6 +114,8 @@ def explore(
         if not episodes:
             episodes.append(episode)
         driven(episode)
+        if enough is not None and episode.ended is None and enough(episode):
+            episode.ended = "time"
 
     summary = inprocess.run(config, AgentConfig.model_validate(agent), out, keep, make)
     return Explored(episodes[0], robots, summary, driven)

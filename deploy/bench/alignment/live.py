@@ -16,13 +16,14 @@ from agent.alignment.transform import Floats, apply, compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import RIGHT_DEG, RIGHT_M
 from deploy.bench.alignment.recordings import KEEP, mapped
+from deploy.bench.alignment.tables import wilson
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import path_of
 from deploy.metrics import Truth, score, truth_of
 from protocol.messages import Observation, RobotSpec
-from world.episode import generator
+from world.episode import Episode, generator
 from world.worldfile import load, to_yaml
 
 BUNDLED = ("maze-15", "office", "apartment", "hall", "symmetric")
@@ -30,6 +31,8 @@ SEEDS = 20
 """Of each bundled world: 100 runs."""
 PAIRED_SEEDS = 10
 """Of maze-15 for comparisons (the issue's)."""
+TEAM_SEEDS = 5
+"""Of them for teams of 2 and 5 robots, which have no bar."""
 LIMIT_S = 600.0
 """Simulated seconds of the runs: all robots have seen all before, though some sweep on."""
 UNSHARED_S = 1200.0
@@ -46,23 +49,67 @@ EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 
 
 def cases(quick: bool) -> list[Case]:
-    """Runs over the bundled worlds, and the comparisons in maze-15."""
+    """Runs over the bundled worlds, and the comparisons in maze-15. Each ends when what it is for is known."""
     if quick:
-        return [_case("live/apartment/0", "apartment", 0, limit_s=100.0), _case("alone/0/0", "apartment", 0, start=0)]
-    made = [_case(f"live/{world}/{seed}", world, seed) for seed in range(SEEDS) for world in BUNDLED]
+        return _quick()
+    made = [
+        _case(f"live/{world}/{seed}", world, seed, until=None if _kept_whole(world, seed) else "merged")
+        for seed in range(SEEDS)
+        for world in BUNDLED
+    ]
     for seed in range(PAIRED_SEEDS):
-        made.append(_case(f"unshared/{seed}", "maze-15", seed, {"sharing": False}, limit_s=UNSHARED_S))
-        made.append(_case(f"undivided/3/{seed}", "maze-15", seed, {"division": False}))
-        made += [_case(f"alone/{seed}/{start}", "maze-15", seed, start=start, limit_s=UNSHARED_S) for start in range(3)]
-        for robots in (2, 5):
-            made.append(_case(f"divided/{robots}/{seed}", "maze-15", seed, robots=robots))
-            made.append(_case(f"undivided/{robots}/{seed}", "maze-15", seed, {"division": False}, robots=robots))
-    for seed in range(RANGE_SEEDS):
-        made += [
-            _case(f"range/{range_m:g}/{seed}", "maze-15", seed, range_m=range_m)
-            for range_m in RANGES
-            if range_m != 4.0  # that is the default, and among the runs already
-        ]
+        made.append(_unshared("maze-15", seed))
+        made += [_alone("maze-15", seed, start) for start in range(3)]
+        for robots in (2, 3, 5) if seed < TEAM_SEEDS else (3,):
+            made += _teams("maze-15", seed, robots)
+    made += [
+        _case(f"range/{range_m:g}/{seed}", "maze-15", seed, range_m=range_m)
+        for seed in range(RANGE_SEEDS)
+        for range_m in RANGES
+        if range_m != 4.0  # that is the default, and among the runs already
+    ]
+    return made
+
+
+def _quick() -> list[Case]:
+    """One run of each row, in the smallest world."""
+    world = "apartment"
+    made = [_case(f"live/{world}/0", world, 0, until="merged"), _unshared(world, 0)]
+    made += [_alone(world, 0, start) for start in range(3)]
+    made += [case for robots in (2, 3, 5) for case in _teams(world, 0, robots)]
+    made.append(_case("divided/3/0", world, 0, until="each"))
+    return [*made, _case("range/1000/0", world, 0, range_m=1000.0, until="each")]
+
+
+def _divided(figures: Mapping[str, Figures], robots: int, seed: int) -> Figures | None:
+    """The run with sharing and division of that many robots."""
+    found = figures.get(f"divided/{robots}/{seed}")
+    return figures.get(f"live/maze-15/{seed}") if found is None and robots == 3 else found
+
+
+def _where(figures: Mapping[str, Figures]) -> str:
+    """World of the comparisons."""
+    return next((run["world"] for name, run in figures.items() if name.startswith("unshared/")), "maze-15")
+
+
+def _kept_whole(world: str, seed: int) -> bool:
+    """Runs whose last maps are scored, and whose bytes are compared, go on to their own end."""
+    return world == "maze-15" and seed < PAIRED_SEEDS
+
+
+def _unshared(world: str, seed: int) -> Case:
+    return _case(f"unshared/{seed}", world, seed, {"sharing": False}, limit_s=UNSHARED_S, until="each")
+
+
+def _alone(world: str, seed: int, start: int) -> Case:
+    return _case(f"alone/{seed}/{start}", world, seed, start=start, limit_s=UNSHARED_S, until="each")
+
+
+def _teams(world: str, seed: int, robots: int) -> list[Case]:
+    """With and without division; three robots with it are among the live runs."""
+    made = [_case(f"undivided/{robots}/{seed}", world, seed, {"division": False}, robots=robots, until="team")]
+    if robots != 3:
+        made.append(_case(f"divided/{robots}/{seed}", world, seed, robots=robots, until="team"))
     return made
 
 
@@ -75,9 +122,10 @@ def _case(
     range_m: float = 4.0,
     start: int | None = None,
     limit_s: float = LIMIT_S,
+    until: str | None = None,
 ) -> Case:
     arguments = {"world": world, "seed": seed, "robots": robots, "range_m": range_m, "limit_s": limit_s}
-    return Case(name, measure, {**arguments, "cooperation": cooperation or {}, "start": start})
+    return Case(name, measure, {**arguments, "cooperation": cooperation or {}, "start": start, "until": until})
 
 
 def measure(
@@ -88,8 +136,9 @@ def measure(
     limit_s: float,
     cooperation: Mapping[str, Any],
     start: int | None,
+    until: str | None,
 ) -> Figures:
-    """One run. start: None, or which of three robots' starts a single robot has."""
+    """One run, until `team` or `each` robot has 99 %, until all is `merged`, or to its own end (None)."""
     if start is not None:
         world, robots = alone_from(world, seed, start), 1
     starts = load(path_of(world)).starts(robots, RobotSpec().radius_m, generator(seed, "starts"), drawn=start is None)
@@ -102,8 +151,20 @@ def measure(
         "max_time_s": limit_s,
         "radio": {"range_m": range_m},
     }
-    run = explore(settings, {"cooperation": cooperation}, watched)
+    enough = None if until is None else {"team": _team, "each": _each, "merged": watched.all_merged}[until]
+    run = explore(settings, {"cooperation": cooperation}, watched, enough=enough)
     return watched.figures(run)
+
+
+FULL = 0.99 - 1e-9
+
+
+def _team(episode: Episode) -> bool:
+    return episode.team_coverage >= FULL
+
+
+def _each(episode: Episode) -> bool:
+    return min(episode.coverage.values()) >= FULL
 
 
 def alone_from(world: str, seed: int, start: int) -> str:
@@ -139,6 +200,13 @@ class Watched:
             for peer in robot.contacts.present:
                 if (robot.robot, peer) not in self.due and peer in self.minds:
                     self.see_overlap(t, robot.robot, peer)
+
+    def all_merged(self, episode: Episode) -> bool:
+        """Whether no pair can be merged any more, all have 99 %, and every pair had the time that the issue gives."""
+        since = max(self.due.values(), default=0.0)
+        others = len(self.minds) - 1
+        merged = all(len(mind.cooperation.merged_ticks) == others for mind in self.minds.values())
+        return merged and _each(episode) and episode.t >= since + JOINT_S
 
     def see_overlap(self, t: float, one: str, two: str) -> None:
         """Note that two maps have enough in common."""
@@ -179,6 +247,7 @@ class Watched:
             truth = _truth(self.world, x, y)
             scores[name] = score(mind.wireframe, (x, y, theta), truth)._asdict()
         return {
+            "world": Path(self.world).stem,
             "ended_at": end,
             "robots": run.summary["robots"],
             "team": run.summary["team"],
@@ -278,12 +347,15 @@ def _pairs(live: Mapping[str, Figures]) -> Section:
     for world, runs in _by_world(live).items():
         pairs = [pair for run in runs for pair in run["pairs"]]
         merged = sum(pair["merged"] for pair in pairs)
-        rows.append({"world": world, "pairs": len(pairs), "merged": merged, "share": merged / max(len(pairs), 1)})
+        low, high = wilson(merged, len(pairs))
+        row = {"world": world, "pairs": len(pairs), "merged": merged, "share": merged / max(len(pairs), 1)}
+        rows.append(row | {"interval": f"{low:.2f} to {high:.2f}"})
     columns = [
         Column("world", "world"),
         Column("pairs", "pairs"),
         Column("merged", "merged"),
         Column("share", "share", at_least=0.8),
+        Column("interval", "95 %"),
     ]
     title = "Robot and peer in contact with overlap >= 30 % and 120 s left: merged by the end"
     beside = frozenset(number for number, row in enumerate(rows) if row["world"] != "all")
@@ -326,10 +398,16 @@ def _last_t99(run: Figures) -> float | None:
     return None if any(t is None for t in times) else float(max(times))
 
 
+def _spread(ratios: Sequence[float]) -> str:
+    """Middle half of paired ratios."""
+    low, high = np.quantile(ratios, (0.25, 0.75), method="nearest").tolist()
+    return f"{low:.2f} to {high:.2f}"
+
+
 def _sharing(figures: Mapping[str, Figures]) -> Section:
     ratios, rows = [], []
     for seed in range(PAIRED_SEEDS):
-        on, off = figures.get(f"live/maze-15/{seed}"), figures.get(f"unshared/{seed}")
+        on, off = _divided(figures, 3, seed), figures.get(f"unshared/{seed}")
         if on is None or off is None:
             continue
         with_, without = _last_t99(on), _last_t99(off)
@@ -338,15 +416,16 @@ def _sharing(figures: Mapping[str, Figures]) -> Section:
         rows.append({"seed": str(seed), "on": with_, "off": without, "ratio": ratio})
     if rows:
         middle = median(ratios)
-        rows.append({"seed": "median", "ratio": middle if math.isfinite(middle) else None})
+        rows.append({"seed": "median", "ratio": middle if math.isfinite(middle) else None, "spread": _spread(ratios)})
     columns = [
         Column("seed", "seed"),
         Column("on", "sharing s", digits=0),
         Column("off", "without s", digits=0),
         Column("ratio", "ratio", at_most=0.75),
+        Column("spread", "quarters"),
     ]
     beside = frozenset(range(len(rows) - 1))
-    return Section("sharing", "maze-15: time until every robot has 99 %", columns, rows, beside)
+    return Section("sharing", f"{_where(figures)}: time until every robot has 99 %", columns, rows, beside)
 
 
 def _division(figures: Mapping[str, Figures]) -> Section:
@@ -354,7 +433,7 @@ def _division(figures: Mapping[str, Figures]) -> Section:
     for robots in (2, 3, 5):
         ratios, sooner, with_, without, alone_ = [], [], [], [], []
         for seed in range(PAIRED_SEEDS):
-            divided = figures.get(f"live/maze-15/{seed}" if robots == 3 else f"divided/{robots}/{seed}")
+            divided = _divided(figures, robots, seed)
             undivided = figures.get(f"undivided/{robots}/{seed}")
             alone = [figures.get(f"alone/{seed}/{start}") for start in range(3)]
             times = [run["team"]["t_99"] for run in (divided, undivided, *alone) if run is not None]
@@ -374,6 +453,7 @@ def _division(figures: Mapping[str, Figures]) -> Section:
                     "undivided": median(without),
                     "alone": median(alone_),
                     "ratio": median(ratios),
+                    "spread": _spread(ratios),
                     "sooner": median(sooner),
                 }
             )
@@ -384,17 +464,21 @@ def _division(figures: Mapping[str, Figures]) -> Section:
         Column("undivided", "without s", digits=0),
         Column("alone", "one robot s", digits=0),
         Column("ratio", "to one robot", at_most=0.55),
+        Column("spread", "quarters"),
         Column("sooner", "to without", at_most=1.0),
     ]
     beside = frozenset(number for number, row in enumerate(rows) if row["robots"] != 3)
-    return Section("division", "maze-15: team coverage of 99 %, medians of the seeds", columns, rows, beside)
+    return Section("division", f"{_where(figures)}: team coverage of 99 %, medians of the seeds", columns, rows, beside)
 
 
 def _range(figures: Mapping[str, Figures]) -> Section:
     rows = []
     for range_m in RANGES:
-        names = [f"live/maze-15/{s}" if range_m == 4.0 else f"range/{range_m:g}/{s}" for s in range(RANGE_SEEDS)]
-        runs = [figures[name] for name in names if name in figures]
+        found = [
+            _divided(figures, 3, s) if range_m == 4.0 else figures.get(f"range/{range_m:g}/{s}")
+            for s in range(RANGE_SEEDS)
+        ]
+        runs = [run for run in found if run is not None]
         if not runs:
             continue
         times = [t for run in runs if (t := _last_t99(run)) is not None]
@@ -419,4 +503,4 @@ def _range(figures: Mapping[str, Figures]) -> Section:
         Column("accepted", "accepted"),
         Column("false", "false", at_most=0),
     ]
-    return Section("range", "maze-15, 3 robots, by radio range", columns, rows)
+    return Section("range", f"{_where(figures)}, 3 robots, by radio range", columns, rows)
