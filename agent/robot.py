@@ -31,6 +31,7 @@ from protocol.messages import (
     ScanReport,
     Send,
 )
+from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
@@ -109,9 +110,13 @@ class Robot:
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
         errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
-        command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals)
+        command = self.explorer.step(
+            tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, self.cooperation.viewpoints
+        )
         self._errand = command.errand
-        sends = self.exchange.talk(tick, pose, self.wireframe, self.version)
+        looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
+        ask = () if command.complete else self.cooperation.shares_work_with
+        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask)
         map_bytes = encode_wireframe(self.wireframe)
         return Step(
             self._act(tick, command, events, len(sends), len(map_bytes), started),
