@@ -40,7 +40,7 @@ def is_end(task: Task) -> bool:
 
 
 def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
-    """Tasks that no teammate is nearer to by path; all of them where that leaves none, so that nobody idles.
+    """Tasks that no teammate is nearer to by path.
 
     rivals: (k, 3) places of teammates, and metres by which each must be nearer to have a task.
     """
@@ -50,7 +50,7 @@ def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]
     mine, kept = roads.costs(stands), np.ones(len(tasks), np.bool_)
     for x, y, ahead in rivals:
         kept &= mine <= roads.starting_at(np.array([x, y])).costs(stands) + ahead
-    return [task for task, keep in zip(tasks, kept, strict=True) if keep] or tasks
+    return [task for task, keep in zip(tasks, kept, strict=True) if keep]
 
 
 def first_of_tour(tasks: list[Task], roads: Roads, most: int, detour_m: float) -> Task:

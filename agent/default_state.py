@@ -74,7 +74,8 @@ class DefaultStates:
 
     def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
-        tasks = not_nearer_to(rivals, self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads), roads)
+        tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
+        tasks = not_nearer_to(rivals, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, self.config.tour, math.inf) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:

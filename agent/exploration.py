@@ -404,9 +404,11 @@ class Explorer:
             for roads in self._ways() if len(goals) else ():
                 tasks = self._end_tasks(goals, roads, old)
                 if tasks:
-                    tasks = not_nearer_to(self.rivals, tasks, roads)
-                    tasks += self._pockets(roads, old)
-                    self._pursue(first_of_tour(tasks, roads, self.config.tour, self.config.pocket_detour_m), roads, old)
+                    mine = not_nearer_to(self.rivals, tasks, roads)
+                    mine += not_nearer_to(self.rivals, self._pockets(roads, old), roads)
+                    detour_m = self.config.team_detour_m if len(self.rivals) else self.config.pocket_detour_m
+                    # rather sweep than follow a teammate
+                    self._pursue(first_of_tour(mine or tasks, roads, self.config.tour, detour_m), roads, old)
                     return
             for goal in goals:
                 reason = _TEAMMATE if in_the_way else "no way to a standing point"
@@ -479,9 +481,7 @@ class Explorer:
         return tasks
 
     def _pockets(self, roads: Roads, old: Target | None) -> list[Task]:
-        """Sweeps of what was passed by at too great a distance; not while a team has frontiers left to divide."""
-        if not self.wireframe.own.all():
-            return []
+        """Sweeps of what was passed by at too great a distance."""
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
         samples = self.sweep.passed_by(self.wireframe, self._eyes(), self.here, self.config.pocket_reach_m)

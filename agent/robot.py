@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from agent.config import AgentConfig
 from agent.contacts import Contacts
 from agent.cooperation import Cooperation
+from agent.driving import moved
 from agent.exchange import Exchange
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
+from agent.posts import Posts
 from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter
 from protocol.messages import (
@@ -74,6 +76,7 @@ class Robot:
         self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
         self.exchange = Exchange(self.contacts, config.radio, spec.lidar.rate_hz)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
+        self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
         self.cooperation = Cooperation(
             config.cooperation,
             config.alignment,
@@ -99,11 +102,13 @@ class Robot:
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
-        known = self._known_walls(self.filter.predicted(observation.odometry))
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known)
+        predicted = self.filter.predicted(observation.odometry)
+        known, posts = self._known_walls(predicted), self.posts.seen_from(predicted)
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known, posts)
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
+        self.posts.look(tick, pose, moved(scan.discs, pose), len(heard) > 0)
         own_changed = self._read_own()
         events = self.exchange.hear(tick, heard)
         events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand)
