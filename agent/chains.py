@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
 
+@njit(cache=True)
 def chained(
     tips: Floats, labels: NDArray[np.uint8], following: NDArray[np.int64]
 ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.int32]]:
@@ -16,10 +18,21 @@ def chained(
     tips (m, 2, 2): tail and head of each wall, metres; labels (m, 2) theirs; following (m,): the wall whose tail is
     this one's head, or -1. A shared corner is the head.
     """
-    joined = np.flatnonzero(following >= 0)
-    tails = 2 * following[joined]
-    used = np.ones(2 * len(tips), np.bool_)
-    used[tails] = False
-    index = np.cumsum(used, dtype=np.int32) - 1
-    index[tails] = index[2 * joined + 1]
-    return tips.reshape(-1, 2)[used], labels.reshape(-1)[used], index.reshape(-1, 2)
+    m = len(tips)
+    shared = np.zeros(m, np.bool_)
+    for k in range(m):
+        if following[k] >= 0:
+            shared[following[k]] = True
+    points, names = np.empty((2 * m, 2)), np.empty(2 * m, np.uint8)
+    edges = np.empty((m, 2), np.int32)
+    n = 0
+    for k in range(m):
+        for side in range(2):
+            if side == 0 and shared[k]:
+                continue
+            points[n], names[n], edges[k, side] = tips[k, side], labels[k, side], n
+            n += 1
+    for k in range(m):
+        if following[k] >= 0:
+            edges[following[k], 0] = edges[k, 1]
+    return points[:n].copy(), names[:n].copy(), edges

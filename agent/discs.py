@@ -18,34 +18,42 @@ FEW_BEAMS = 3
 
 
 @njit(cache=True)
-def disc_range(distance: float, offset: float, radius: float) -> float:
-    """Range at which a beam `offset` radians off the centre meets a disc; inf where it misses."""
-    side = distance * math.sin(offset)
-    if abs(side) >= radius or abs(offset) > math.pi / 2:
-        return math.inf
-    return distance * math.cos(offset) - math.sqrt(radius**2 - side**2)
+def _off(r: float, c: float, s: float, distance: float, radius: float) -> float:
+    """By how much a range exceeds that of a disc whose centre lies off the beam by an angle of cosine c and sine s."""
+    side = distance * s
+    if c < 0 or abs(side) >= radius:
+        return -math.inf
+    return r - distance * c + math.sqrt(radius * radius - side * side)
+
+
+@njit(cache=True)
+def _span(distance: float, bearing: float, radius: float, step: float) -> tuple[int, int]:
+    """First and last beam well inside a disc."""
+    half = 0.9 * math.asin(min(radius / distance, 1.0))
+    return math.ceil((bearing - half) / step), math.floor((bearing + half) / step)
 
 
 @njit(cache=True)
 def _residuals(
-    ranges: Floats, distance: float, bearing: float, radius: float, near: float
-) -> tuple[int, int, float, float, float]:
-    """Over the beams well inside a disc: all, those on it, their squared residuals, first and last bearing offset."""
+    ranges: Floats, beams: Floats, distance: float, bearing: float, radius: float, near: float
+) -> tuple[int, int, float, int, int]:
+    """Over the beams well inside a disc: all, those on it, their squared residuals, the first and the last of them.
+
+    beams: (n, 2) cosine and sine of each beam's bearing.
+    """
     n = len(ranges)
-    step = 2 * math.pi / n
-    half = math.asin(min(radius / distance, 1.0))
-    low = math.ceil((bearing - 0.9 * half) / step)
-    high = math.floor((bearing + 0.9 * half) / step)
-    inside, on, total, first, last = 0, 0, 0.0, 1.0, -1.0
+    low, high = _span(distance, bearing, radius, 2 * math.pi / n)
+    cb, sb = math.cos(bearing), math.sin(bearing)
+    on, total, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        offset = k * step - bearing
-        off = ranges[k % n] - disc_range(distance, offset, radius)
-        inside += 1
+        i = k % n
+        c, s = beams[i, 0] * cb + beams[i, 1] * sb, beams[i, 1] * cb - beams[i, 0] * sb
+        off = _off(ranges[i], c, s, distance, radius)
         if abs(off) < near:
             on += 1
             total += off * off
-            first, last = min(first, offset), max(last, offset)
-    return inside, on, total, first, last
+            first, last = min(first, k), max(last, k)
+    return high - low + 1, on, total, first, last
 
 
 @njit(cache=True)
@@ -58,6 +66,9 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
     n = len(ranges)
     step = 2 * math.pi / n
     near = sigmas * noise + 0.1 * radius
+    beams = np.empty((n, 2))
+    for k in range(n):
+        beams[k, 0], beams[k, 1] = math.cos(k * step), math.sin(k * step)
     found = np.empty((n, 3))
     count = 0
     for i in range(n):
@@ -65,26 +76,27 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
             continue
         distance, bearing = ranges[i] + radius, i * step
         beside = math.ceil(math.asin(radius / distance) / step) + 1
-        standing_out = True
-        for k in (i - beside, i + beside):  # most beams end on walls, which go on beside: no need to look closer
-            r = ranges[k % n]
-            standing_out = standing_out and (r > ranges[i] + 0.5 * radius or r < ranges[i] - near)
-        if not standing_out:
+        # most beams end on walls, which go on beside: no need to look closer
+        before, after = ranges[(i - beside) % n], ranges[(i + beside) % n]
+        far, near_by = ranges[i] + 0.5 * radius, ranges[i] - near
+        if near_by <= before <= far or near_by <= after <= far:
             continue
-        inside, on, total, first, last = _residuals(ranges, distance, bearing, radius, near)
+        inside, on, total, first, last = _residuals(ranges, beams, distance, bearing, radius, near)
         if on < 3 or 2 * on < inside:
             continue
         for _ in range(3):  # Gauss-Newton with the two exact derivatives of the range
             a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
-            half = math.asin(min(radius / distance, 1.0))
-            for k in range(math.ceil((bearing - 0.9 * half) / step), math.floor((bearing + 0.9 * half) / step) + 1):
-                offset = k * step - bearing
-                off = ranges[k % n] - disc_range(distance, offset, radius)
+            cb, sb = math.cos(bearing), math.sin(bearing)
+            low, high = _span(distance, bearing, radius, step)
+            for k in range(low, high + 1):
+                c, s = beams[k % n, 0] * cb + beams[k % n, 1] * sb, beams[k % n, 1] * cb - beams[k % n, 0] * sb
+                off = _off(ranges[k % n], c, s, distance, radius)
                 if abs(off) > near:
                     continue
-                root = math.sqrt(radius**2 - (distance * math.sin(offset)) ** 2)
-                by_distance = math.cos(offset) + distance * math.sin(offset) ** 2 / root
-                by_bearing = distance * math.sin(offset) - distance**2 * math.sin(offset) * math.cos(offset) / root
+                side = distance * s
+                root = math.sqrt(radius * radius - side * side)
+                by_distance = c + side * s / root
+                by_bearing = side - side * distance * c / root
                 a11 += by_distance**2
                 a12 += by_distance * by_bearing
                 a22 += by_bearing**2
@@ -97,15 +109,16 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
                 d_distance, d_bearing = b1 / a11, 0.0
             distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
             bearing += max(-step, min(step, d_bearing))
-        inside, on, total, first, last = _residuals(ranges, distance, bearing, radius, near)
+        inside, on, total, first, last = _residuals(ranges, beams, distance, bearing, radius, near)
         if on < 3 or 2 * on < inside or total / noise**2 > max_chi2 * on:
             continue
-        k0, k1 = round((bearing + first) / step), round((bearing + last) / step)
-        run = np.empty(k1 - k0 + 1)
-        angle = np.empty(k1 - k0 + 1)
+        run = np.empty(last - first + 1)
+        angle = np.empty(last - first + 1)
         m = 0
-        for k in range(k0, k1 + 1):
-            if abs(ranges[k % n] - disc_range(distance, k * step - bearing, radius)) < near:
+        cb, sb = math.cos(bearing), math.sin(bearing)
+        for k in range(first, last + 1):
+            c, s = beams[k % n, 0] * cb + beams[k % n, 1] * sb, beams[k % n, 1] * cb - beams[k % n, 0] * sb
+            if abs(_off(ranges[k % n], c, s, distance, radius)) < near:
                 run[m], angle[m] = ranges[k % n], k * step
                 m += 1
         line = fit(beam_sums(run[:m], angle[:m], noise)[m])[2]

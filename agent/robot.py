@@ -88,6 +88,7 @@ class Robot:
         """The map of own scans alone."""
         self.wireframe = Wireframe()
         """The map: the same with merged ones laid over it."""
+        self._map_bytes = encode_wireframe(self.wireframe)
         self.version = 0
         self._laid_tick = -LAY_TICKS
         self._errand = ""
@@ -122,13 +123,14 @@ class Robot:
         looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
         ask = () if command.complete else self.cooperation.shares_work_with
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask)
-        map_bytes = encode_wireframe(self.wireframe)
+        if changed:
+            self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
-            self._act(tick, command, events, len(sends), len(map_bytes), started),
+            self._act(tick, command, events, len(sends), len(self._map_bytes), started),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
             PoseReport(tick=tick, pose=pose, teammates=self.cooperation.teammates(tick)),
-            MapReport(tick=tick, wireframe=map_bytes) if changed else None,
+            MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
         )
 
     def _known_walls(self, pose: Pose) -> NDArray[np.float64]:

@@ -22,12 +22,11 @@ class SeenDiscs:
 
     def expected(self, pose: Pose) -> Floats:
         """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
-        if not self._scans:
-            return np.zeros((0, 3))
         newest = len(self._scans)
-        discs = np.vstack(
-            [np.column_stack((d, np.full(len(d), self.step_m * (newest - k)))) for k, d in enumerate(self._scans)]
-        )
+        seen = [(d, self.step_m * (newest - k)) for k, d in enumerate(self._scans) if len(d)]
+        if not seen:
+            return np.zeros((0, 3))
+        discs = np.vstack([np.column_stack((d, np.full(len(d), slack))) for d, slack in seen])
         c, s = math.cos(pose[2]), math.sin(pose[2])
         x, y = discs[:, 0] - pose[0], discs[:, 1] - pose[1]
         return np.column_stack((c * x + s * y, c * y - s * x, discs[:, 2]))

@@ -35,6 +35,17 @@ def beam_sums(ranges: Floats, bearings: Floats, noise: float) -> Floats:
 
 
 @njit(cache=True)
+def _sums_of_two_turns(ranges: Floats, bearings: Floats, noise: float) -> Floats:
+    """(2 m + 1, 6) prefix sums over the turn and the same turn once more, so that a piece may wrap around."""
+    m = len(ranges)
+    once = beam_sums(ranges, bearings, noise)
+    sums = np.empty((2 * m + 1, 6))
+    sums[: m + 1] = once
+    sums[m + 1 :] = once[1:] + once[m]
+    return sums
+
+
+@njit(cache=True)
 def fit(sums: Floats) -> tuple[float, float, float]:
     """Line a x + b y = 1 and chi-square of six sums; chi-square is inf where the beams fix no line."""
     det = sums[0] * sums[2] - sums[1] * sums[1]
@@ -115,16 +126,22 @@ def piecewise(
     turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix sums of the doubled turn.
     """
     m = len(ranges)
-    doubled_ranges = np.concatenate((ranges, ranges))
-    doubled_bearings = np.concatenate((bearings, bearings + 2 * math.pi))
-    sums = beam_sums(doubled_ranges, doubled_bearings, noise)
-    # A first pass finds a true cut half a turn away from its own ends; the second starts there.
-    trial = _pieces_of_cut(_cheapest_cut(sums, 0, m, min_hits, line_cost, stray_cost), 0)
-    turn = 0
-    for k in range(len(trial)):
-        if abs(trial[k, 0] - m // 2) < abs(turn - m // 2):
-            turn = trial[k, 0]
+    sums = _sums_of_two_turns(ranges, bearings, noise)
+    turn = _true_cut(sums, m // 4, m - m // 4, min_hits, line_cost, stray_cost)
+    if turn < 0:
+        turn = max(_true_cut(sums, 0, m, min_hits, line_cost, stray_cost), 0)
     return _pieces_of_cut(_cheapest_cut(sums, turn, turn + m, min_hits, line_cost, stray_cost), turn), sums
+
+
+@njit(cache=True)
+def _true_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> int:
+    """A beam between first and last at which a line begins, far enough from both to be no work of theirs; or -1."""
+    lines = _pieces_of_cut(_cheapest_cut(sums, first, last, min_hits, line_cost, stray_cost), first)
+    middle, best, turn = (first + last) // 2, (last - first) // 4, -1
+    for k in range(len(lines)):
+        if abs(lines[k, 0] - middle) <= best:
+            turn, best = lines[k, 0], abs(lines[k, 0] - middle)
+    return turn
 
 
 @njit(cache=True)
@@ -138,7 +155,7 @@ def split_and_merge(
     m = len(ranges)
     doubled_ranges = np.concatenate((ranges, ranges))
     doubled_bearings = np.concatenate((bearings, bearings + 2 * math.pi))
-    sums = beam_sums(doubled_ranges, doubled_bearings, noise)
+    sums = _sums_of_two_turns(ranges, bearings, noise)
     x, y = doubled_ranges * np.cos(doubled_bearings), doubled_ranges * np.sin(doubled_bearings)
     turn, widest = 0, -1.0
     for k in range(m):  # the widest step between neighbours is a cut in any case

@@ -26,6 +26,9 @@ _FRONT = np.linspace(-1.2, 1.2, 5)
 """Bearings in radians of the corners of its front, from the direction of the eye; beyond, it may be narrower."""
 _SIDES = 8
 """Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
+_ANGLES = np.arange(_SIDES) * (2 * math.pi / _SIDES)
+_OUTLINE = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), 1) / math.cos(math.pi / _SIDES)
+"""(n, 2) those of a polygon around the unit disc."""
 
 
 @dataclass(slots=True)
@@ -56,9 +59,12 @@ class Teammates:
 
     def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
         """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
-        free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
-        self._fixed.append(discs[~free])
-        discs = discs[free]
+        if len(discs):
+            free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
+            self._fixed.append(discs[~free])
+            discs = discs[free]
+        else:
+            self._fixed.append(discs)
         memory = self.config.teammate_memory_s / self.tick_s
         self.sightings = [s for s in self.sightings if tick - s.seen <= memory or tick < s.avoid_until]
         for x, y in discs.tolist():
@@ -77,9 +83,9 @@ class Teammates:
         What perception takes for a teammate is in no wall of the scan, and what stands in a wall is no teammate:
         without these fronts nothing would keep a robot from driving into it.
         """
-        discs = np.vstack((np.zeros((0, 2)), *self._fixed))
-        if not len(discs):
+        if not any(map(len, self._fixed)):
             return np.zeros((0, 4))
+        discs = np.vstack(self._fixed)
         towards = np.arctan2(*(eye - discs).T[::-1])
         angles = towards[:, None] + _FRONT
         arcs = discs[:, None] + self.radius * np.stack((np.cos(angles), np.sin(angles)), 2)
@@ -101,16 +107,14 @@ class Teammates:
     def obstacles(self, tick: int, clearance_m: float) -> tuple[Floats, Floats]:
         """Teammates that stand, or are to be avoided, as walls (k, 4) and path nodes (j, 2) around them."""
         avoided = [s for s in self.sightings if self._avoided(s, tick)]
+        if not avoided:
+            return np.zeros((0, 4)), np.zeros((0, 2))
         rings = [_ring(s.x, s.y, self.config.teammate_room_m) for s in avoided]
         walls = [np.hstack((ring, np.roll(ring, -1, 0))) for ring in rings]
         nodes = [_ring(s.x, s.y, self.config.teammate_room_m + 1.15 * clearance_m) for s in avoided]
-        if not walls:
-            return np.zeros((0, 4)), np.zeros((0, 2))
         return np.vstack(walls), np.vstack(nodes)
 
 
 def _ring(x: float, y: float, inner_m: float) -> Floats:
     """Corners (n, 2) of a polygon around a disc of this radius."""
-    angles = np.arange(_SIDES) * (2 * math.pi / _SIDES)
-    outer = inner_m / math.cos(math.pi / _SIDES)
-    return np.array((x, y)) + outer * np.stack((np.cos(angles), np.sin(angles)), 1)
+    return np.array((x, y)) + inner_m * _OUTLINE

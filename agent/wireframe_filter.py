@@ -303,13 +303,33 @@ def _between(a: Pose, b: Pose) -> Pose:
 
 def wireframe_of(edges: Edges, publish_after: float) -> Wireframe:
     """Walls that enough scans have hit, as a wireframe; walls that share a corner share a vertex."""
-    shown = np.flatnonzero((edges["alive"] == 1) & (edges["seen"] >= publish_after))
-    walls = edges[shown]
-    place = np.full(len(edges) + 1, -1)  # one more for a link of -1
-    place[shown] = np.arange(len(shown))
-    partner = place[walls["link"]]
-    lonely = (walls["link"] >= 0) & (partner < 0)
-    labels = np.where(lonely, OCCLUSION, walls["label"]).astype(np.uint8)
-    points, labels, chains = chained(walls["tip"], labels, partner[:, 1])
-    likelihood = np.clip((walls["seen"] + 1) / (walls["due"] + 2), 0, 1)
-    return Wireframe(points, labels, chains, likelihood.astype(np.float32), walls["own"].astype(np.bool_))
+    return Wireframe(*_published(edges, publish_after))
+
+
+@njit(cache=True)
+def _published(
+    edges: Edges, publish_after: float
+) -> tuple[Floats, NDArray[np.uint8], NDArray[np.int32], NDArray[np.float32], NDArray[np.bool_]]:
+    """The arrays of that wireframe, in the order of its fields."""
+    place = np.full(len(edges), -1)
+    m = 0
+    for k in range(len(edges)):
+        if edges[k].alive == 1 and edges[k].seen >= publish_after:
+            place[k] = m
+            m += 1
+    tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)
+    likelihood, own = np.empty(m, np.float32), np.empty(m, np.bool_)
+    for k in range(len(edges)):
+        w = place[k]
+        if w < 0:
+            continue
+        e = edges[k]
+        for side in range(2):
+            tips[w, side, 0], tips[w, side, 1] = e.tip[side, 0], e.tip[side, 1]
+            lonely = e.link[side] >= 0 and place[e.link[side]] < 0  # its partner is not shown yet
+            labels[w, side] = OCCLUSION if lonely else e.label[side]
+        following[w] = place[e.link[1]] if e.link[1] >= 0 else -1
+        likelihood[w] = min(max((e.seen + 1.0) / (e.due + 2.0), 0.0), 1.0)
+        own[w] = e.own == 1
+    points, names, chains = chained(tips, labels, following)
+    return points, names, chains, likelihood, own

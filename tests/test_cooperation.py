@@ -148,7 +148,9 @@ def test_a_forced_wrong_merge_is_undone_completely() -> None:
                     robot.wireframe is robot.own and not cooperation.layers and not len(cooperation.viewpoints)
                 )
         peer = cooperation.peers.get("r2")
-        if peer is not None and peer.status == "heard" and not events and peer.wireframe is not None:
+        if observation.tick < 100 or peer is None:  # until both have seen something that can be contradicted
+            return
+        if peer.status == "heard" and not events and peer.wireframe is not None:
             x, y, _ = peer.pose
             there = (-x + 1.0, -y + 0.5, 0.4)  # anywhere but where it is
             cooperation.propose(observation.tick, "r2", there, robot.own, {})

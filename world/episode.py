@@ -33,7 +33,7 @@ from world.coverage import Coverage
 from world.lidar import Lidar
 from world.odometry import Odometry
 from world.physics import Physics
-from world.radio import Radio
+from world.radio import Passage, Radio
 from world.recorder import Recorder, seconds
 from world.worldfile import load
 
@@ -49,6 +49,21 @@ class Inputs(NamedTuple):
 
     heard: list[Heard]
     observation: Observation
+
+
+class Look(NamedTuple):
+    """What one tick showed, for the books."""
+
+    rows: NDArray[np.intp]
+    """(r,) the live robots."""
+    poses: NDArray[np.float64]
+    """(r, 3) true ones."""
+    ranges: NDArray[np.float64]
+    """(r, beams) m, true ones."""
+    met: NDArray[np.intp]
+    """(r, beams) the wall that each beam met, -1 for none."""
+    passages: Sequence[Passage]
+    """What became of messages."""
 
 
 class Outputs(NamedTuple):
@@ -115,6 +130,7 @@ class Episode:
         self._last: dict[str, Action] = {}
         self._step_ms: dict[str, list[float]] = {robot: [] for robot in self.robots}
         self._inputs: dict[str, Inputs] | None = None
+        self._unbooked: Look | None = None
         self._closed = False
         self._recorder = Recorder(out, self.world, self.robots, self.starts, spec.radius_m, reach) if out else None
 
@@ -136,6 +152,7 @@ class Episode:
     @property
     def coverage(self) -> dict[str, float]:
         """Share of the visible wall that each robot has covered, by own beams or merged maps (contracts.md)."""
+        self.book()
         return dict(zip(self.robots, self._coverage.covered.tolist(), strict=True))
 
     @property
@@ -146,6 +163,7 @@ class Episode:
     @property
     def team_coverage(self) -> float:
         """The same for all robots' beams together."""
+        self.book()
         return self._coverage.team
 
     @property
@@ -178,13 +196,7 @@ class Episode:
         ranges, met = self._lidar.trace(poses, np.hstack([self.poses[:, :2], radius]))
         measured = self._lidar.measured(ranges, [self._scanning[row] for row in rows]) if len(rows) else ranges
         met[np.isinf(measured)] = -1  # a beam that returned nothing covers nothing
-        self._coverage.update(self.t, self.tick, rows, poses, ranges, met)
-        if self._recorder:
-            self._recorder.radio(passages)
-            for robot, pose in zip(self.robots, self.poses.tolist(), strict=True):
-                self._recorder.trajectory(self.t, robot, pose)
-            if self._due(METRICS_S):
-                self._write_metrics()
+        self._unbooked = Look(rows, poses, ranges, met, passages)
         return {
             robot: Inputs(
                 heard[robot],
@@ -198,6 +210,22 @@ class Episode:
             for robot, row, scan, pose in zip(self.live, rows.tolist(), measured, poses, strict=True)
         }
 
+    def book(self) -> None:
+        """Account for coverage and radio of this tick, and record them.
+
+        Costs nobody time where a shell calls it while the robots think; otherwise `advance` does it.
+        """
+        look, self._unbooked = self._unbooked, None
+        if look is None:
+            return
+        self._coverage.update(self.t, self.tick, look.rows, look.poses, look.ranges, look.met)
+        if self._recorder:
+            self._recorder.radio(look.passages)
+            for robot, pose in zip(self.robots, self.poses.tolist(), strict=True):
+                self._recorder.trajectory(self.t, robot, pose)
+            if self._due(METRICS_S):
+                self._write_metrics()
+
     def advance(self, outputs: Mapping[str, Outputs]) -> None:
         """Take the answers of all live robots to this tick, and drive to the next.
 
@@ -207,6 +235,7 @@ class Episode:
         live = self.live
         maps = {robot: self._checked(robot, outputs[robot]) for robot in live}
         self.inputs()  # a shell that skipped them still gets the same world
+        self.book()
         commands = np.zeros((len(self.robots), 2))
         for robot in live:
             action, wireframe = outputs[robot].action, maps[robot]
@@ -293,6 +322,7 @@ class Episode:
         if self._closed:
             return
         self._closed = True
+        self.book()
         self.ended = self.ended or ended or "interrupted"
         _, passages = self._radio.deliver(self.tick, self.live, ended=True)
         if not self._recorder:

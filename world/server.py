@@ -211,6 +211,7 @@ class Shell:
                 for heard in inputs.heard:
                     self._say(robot, keys.RADIO, encode(heard))
                 self._say(robot, keys.OBS, encode(inputs.observation))
+            self.episode.book()
             if self.config.real_time is None:
                 self._wait_for_all(time.monotonic() + self.config.silence_s)
             else:
