@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from agent.config import PerceptionConfig
-from agent.discs import disc_range
 from agent.perception import perceive
 from agent.posts import Posts
 from protocol.messages import LidarSpec
@@ -55,7 +54,9 @@ def test_beams_on_a_post_tell_of_walls() -> None:
     ranges = 3.0 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
     ranges[ranges > 3.5] = np.inf
     for k in range(-20, 20):
-        ranges[k] = min(ranges[k], disc_range(0.8, np.radians(k), 0.105))
+        side = 0.8 * np.sin(np.radians(k))
+        if abs(side) < 0.105:
+            ranges[k] = 0.8 * np.cos(np.radians(k)) - np.sqrt(0.105**2 - side**2)
     plain = perceive(ranges, LidarSpec(), PerceptionConfig())
     assert len(plain.discs) == 1
     told = perceive(ranges, LidarSpec(), PerceptionConfig(), posts=plain.discs)
