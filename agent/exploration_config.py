@@ -70,8 +70,8 @@ class ExplorationConfig(Config):
     """Longest detour for a pocket, metres of path. In maze-15, five starts: 104 m until 99 % and 609 s until complete;
     with 8 m 109 m and 637 s."""
     team_detour_m: Annotated[float, Field(ge=0)] = 2.0
-    """The same beside teammates, who share the frontiers: 99 % sooner with 2 m than with 0 or 8 m (means of three
-    seeds in maze-15: 287, 359 and 324 s for the team; all complete after 566, 505 and 581 s)."""
+    """The same beside teammates, who share the frontiers. With 0, 2 and 8 m the team has 99 % after 359, 287 and 324 s
+    and is complete after 505, 566 and 581 s (means of three seeds in maze-15, within their spread)."""
     tour: Annotated[int, Field(ge=2)] = 12
     """Nearest tasks that are put in the best order; more change the next one rarely."""
     least_likelihood: Annotated[float, Field(ge=0, le=1)] = 0.5
