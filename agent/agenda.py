@@ -39,6 +39,20 @@ def is_end(task: Task) -> bool:
     return task.kind in ("frontier", "occlusion")
 
 
+def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
+    """Tasks that no teammate is nearer to by path.
+
+    rivals: (k, 3) places of teammates, and metres by which each must be nearer to have a task.
+    """
+    if not len(rivals) or not tasks:
+        return tasks
+    stands = np.array([task.stand for task in tasks])
+    mine, kept = roads.costs(stands), np.ones(len(tasks), np.bool_)
+    for x, y, ahead in rivals:
+        kept &= mine <= roads.starting_at(np.array([x, y])).costs(stands) + ahead
+    return [task for task, keep in zip(tasks, kept, strict=True) if keep]
+
+
 def first_of_tour(tasks: list[Task], roads: Roads, most: int, detour_m: float) -> Task:
     """The task that a short tour through the `most` nearest of them does first.
 

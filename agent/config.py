@@ -43,6 +43,12 @@ class PerceptionConfig(Config):
     """A disc with its centre this near to a known wall is that wall's end: a teammate's is its radius away."""
     known_wall_m: Positive = 0.3
     """Walls shorter than this are no reason: one may be a teammate's own front."""
+    post_still_s: Positive = 3.0
+    """A disc that has not moved for so long while nobody is heard is a post; explorers stand for 0.8 s at a time."""
+    post_near_m: Positive = 0.06
+    """... nor by more than this: the spread of a disc's place from side to side; a teammate drives it in 0.3 s."""
+    post_silence_s: Positive = 21.0
+    """Nobody is heard where four beacons in a row did not come: one time in 120 at 30 % loss."""
     teammate_radius_m: Positive = 0.105
     """Radius of teammates, all of one kind."""
 

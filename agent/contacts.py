@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from protocol.messages import Event, Pose
 from protocol.wireframe import Wireframe
+
+
+class Seen(NamedTuple):
+    """Where a peer has looked from."""
+
+    points: NDArray[np.float64] = np.zeros((0, 2))
+    """(k, 2) metres, its own frame."""
+    need: NDArray[np.int64] = np.zeros(0, np.int64)
+    """(k,) tick of its map that holds what it saw from there."""
+
+
+NOTHING_SEEN = Seen()
 
 
 @dataclass(slots=True)
@@ -25,6 +41,7 @@ class Contact:
     """Its map, in its own frame."""
     map_tick: int = 0
     """When its map was so; a higher one is news."""
+    seen: Seen = NOTHING_SEEN
 
 
 class Contacts:

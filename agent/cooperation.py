@@ -20,7 +20,7 @@ from agent.alignment.agreement import agreement
 from agent.alignment.ranked import refine
 from agent.alignment.transform import Floats, apart, apply, compose
 from agent.clearance import distances_to_walls
-from agent.contacts import Contact, Contacts
+from agent.contacts import NOTHING_SEEN, Contact, Contacts, Seen
 from agent.contradiction import ViewRules
 from agent.cooperation_config import CooperationConfig
 from agent.corner_scan import CornerScan
@@ -56,6 +56,7 @@ class Peer:
     taken_tick: int = -1
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be, in its own frame."""
+    seen: Seen = NOTHING_SEEN
     pose_tick: int = -1
     contact: tuple[Pose, Pose] | None = None
     """Where both were when contact was made: the robot in its own frame, the peer in the peer's."""
@@ -81,6 +82,8 @@ class Peer:
     layer: Layer | None = None
     merged_since: int = -1
     """Tick at which it was merged."""
+    hidden: Bools = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """(m,) walls that it does not show."""
     merged_tick: int = -1
     """When the merged map was so."""
     agreed_m: float = 0.0
@@ -113,6 +116,9 @@ class Cooperation:
         """Z: peers with a proposal, in order of arrival."""
         self.changed = False
         """Whether a layer of the map has changed in this tick."""
+        self.viewpoints = np.zeros((0, 2))
+        """(k, 2) places in the robot's own frame from where merged peers saw what is in their merged maps."""
+        self._told_views = False
         self._events: list[Event] = []
         self._mine: tuple[int, PreparedMap | None] = (-1, None)
         self._set_out = -1
@@ -136,6 +142,11 @@ class Cooperation:
     def merged_ticks(self) -> dict[str, int]:
         """Peers whose maps are part of the robot's, and when those maps were so."""
         return {name: peer.merged_tick for name, peer in sorted(self.peers.items()) if peer.layer is not None}
+
+    @property
+    def shares_work_with(self) -> list[str]:
+        """Merged peers whose viewpoints are of use."""
+        return [name for name, peer in self.peers.items() if self.config.division and peer.layer is not None]
 
     def teammates(self, tick: int) -> list[TeammatePose]:
         """Where peers with a transform were last heard to be, in the robot's own frame."""
@@ -192,7 +203,7 @@ class Cooperation:
 
         errand: what became of the last tick's errand: `arrived`, `failed` or empty.
         """
-        self._events, self.changed = [], False
+        self._events, self.changed, self._told_views = [], False, False
         if not self.config.sharing:
             return []
         discs = moved(scan.discs, pose)
@@ -205,6 +216,8 @@ class Cooperation:
         for peer in self.peers.values():
             if self._align_if_grown(tick, peer, own, pose):
                 break
+        if self.changed or self._told_views:
+            self._gather_views()
         return self._events
 
     def _hear(self, tick: int, contact: Contact, here: Pose, scan: CornerScan, discs: Floats) -> None:
@@ -223,6 +236,8 @@ class Cooperation:
                 self._weigh_meeting(trial, Sighting(here, peer.pose, discs, scan))
         if contact.wireframe is not None and contact.wireframe is not peer.wireframe:
             peer.wireframe, peer.map_tick, peer.news = contact.wireframe, map_tick, True
+        if contact.seen is not peer.seen:
+            peer.seen, self._told_views = contact.seen, True
 
     def _see(self, tick: int, peer: Peer, pose_tick: int, sighting: Sighting) -> None:
         """Keep what is seen while the peer says where it is."""
@@ -263,6 +278,8 @@ class Cooperation:
         if against >= self.config.unmerge_m and share >= self.config.unmerge_share:
             figures = {"ground_confirmed_m": round(confirmed, 2), "ground_against_m": round(against, 2)}
             self._unmerge(peer, "own scans contradict it", figures)
+        elif (self._hidden(peer) & ~peer.hidden).any():
+            self._lay(peer)
 
     # proposals
 
@@ -504,10 +521,23 @@ class Cooperation:
 
     def _lay(self, peer: Peer) -> None:
         assert peer.taken is not None and peer.transform is not None
-        hidden = peer.ground.hidden(self.config.hidden_after, len(peer.taken.edges))
-        peer.layer = layer_of(peer.taken, peer.transform, hidden, self.config.merge_hits_per_m)
+        peer.hidden = self._hidden(peer)
+        peer.layer = layer_of(peer.taken, peer.transform, peer.hidden, self.config.merge_hits_per_m)
         peer.merged_tick = peer.taken_tick
         self.changed = True
+
+    def _gather_views(self) -> None:
+        """Viewpoints of merged peers, but those whose map is not merged yet: it may hold what was seen from there."""
+        found = [self.viewpoints[:0]]
+        for _, peer in sorted(self.peers.items()):
+            if peer.layer is not None and peer.transform is not None and self.config.division:
+                found.append(apply(peer.transform, peer.seen.points[peer.seen.need <= peer.merged_tick]))
+        self.viewpoints = np.vstack(found)
+
+    def _hidden(self, peer: Peer) -> Bools:
+        """(m,) walls of its merged map that own scans have seen through."""
+        assert peer.taken is not None
+        return peer.ground.hidden(self.config.hidden_after, len(peer.taken.edges))
 
     def _update(self, tick: int, peer: Peer, own: Wireframe) -> None:
         """Take a later map of a merged peer, and refine its transform; refuse one that contradicts."""

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from agent.agenda import Task, first_of_tour
+from agent.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration_config import ExplorationConfig
 from agent.goals import GoalMemory, stands_at_edges
 from agent.planning import Roads, chains
@@ -37,13 +37,16 @@ class DefaultStates:
         self._vertices = 0
         self._vertex_version = -1
 
-    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats) -> Task | None:
-        """The next task, or None if the state has come to its end; poses (k, 2): the kept ones."""
+    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+        """The next task, or None if the state has come to its end.
+
+        poses (k, 2): places from where was looked, the robot's own and its teammates'; rivals: of `not_nearer_to`.
+        """
         state = self.config.default_state
         if state == "ours":
-            return self._sweep(wireframe, roads, poses) or self._least_likely(wireframe, roads)
+            return self._sweep(wireframe, roads, poses, rivals) or self._least_likely(wireframe, roads)
         if state == "interior-sweep":
-            return self._sweep(wireframe, roads, poses)
+            return self._sweep(wireframe, roads, poses, rivals)
         if state == "least-likely":
             return self._least_likely(wireframe, roads)
         if state == "perimeter":
@@ -69,9 +72,10 @@ class DefaultStates:
         elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats) -> Task | None:
-        """First of a short tour of the standing points that show all that is unseen."""
+    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+        """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
         tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
+        tasks = not_nearer_to(rivals, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, self.config.tour, math.inf) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:

@@ -6,16 +6,19 @@ is the tick at which it was so. Both sides keep the maps that the other may stil
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from agent.config import TalkConfig
-from agent.contacts import Contacts
+from agent.contacts import NOTHING_SEEN, Contacts, Seen
 from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, Event, Heard, Pose, Send
 from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
+from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
 NEVER = -(10**9)
@@ -26,6 +29,8 @@ MOST_DOUBLINGS = 3
 """The wait for an acknowledgement doubles up to eight times the first one."""
 WHOLE_BYTES = 1.0
 """A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
+KEPT_VIEWS = 6000
+"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
 MOST_TRIES = 10
 """A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
 
@@ -51,6 +56,8 @@ class Told:
     """State of the robot's map that was last compared with what the peer has, or is being told."""
     untold: str = ""
     """Why the last news could not be told, where it could not."""
+    current: int = 0
+    """Tick until which it has all that was seen."""
 
 
 @dataclass
@@ -77,6 +84,9 @@ class Known:
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the newest, and those that it may still tell changes to."""
     arriving: Arriving | None = None
+    seen: Seen = NOTHING_SEEN
+    seen_until: int = 0
+    """Tick of its last viewpoint that was told."""
 
     @property
     def newest(self) -> int:
@@ -96,6 +106,8 @@ class Exchange:
         """Acknowledgements due: to whom, what, and how many parts there are."""
         self._events: list[Event] = []
         """What happened while talking."""
+        self._asks: dict[str, int] = {}
+        """Who wants to know where the robot looked from, and since when."""
         self._axis: int | None = None
         self._greet = False
         self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
@@ -137,6 +149,8 @@ class Exchange:
             self._take_part(tick, peer, Part.decode(message.payload))
         elif message.kind == ACK:
             self._take_ack(peer, Ack.decode(message.payload))
+        elif message.kind == VIEWS:
+            self._take_views(peer, decode_views(message.payload))
         else:
             raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
 
@@ -148,6 +162,8 @@ class Exchange:
         known = self._known.get(peer)
         if known is not None and known.newest > contact.map_tick:
             contact.wireframe, contact.map_tick = known.maps[known.newest].wireframe(), known.newest
+        if known is not None:
+            contact.seen = known.seen
 
     def _take_part(self, tick: int, peer: str, part: Part) -> None:
         known = self._known.setdefault(peer, Known())
@@ -193,22 +209,46 @@ class Exchange:
         if told is None or ack.version not in told.maps:
             return  # of a former life, or of something long ago
         if ack.missing is None:  # it has lost what it once had: all of it again
-            told.maps, told.acked, told.whole, told.parts, told.compared = {}, 0, [], [], -1
+            told.maps, told.acked, told.whole, told.parts, told.compared, told.current = {}, 0, [], [], -1, 0
         elif ack.missing:
             if told.parts and told.parts[0].version == ack.version:  # else another map is on its way by now
                 told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up some it had
         elif ack.version > told.acked:
-            told.acked, told.tries = ack.version, 0
+            told.acked, told.current, told.tries = ack.version, max(told.current, ack.version), 0
             told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
             told.parts = [p for p in told.parts if p.version > ack.version]
 
+    def _take_views(self, peer: str, views: AskViews | Views) -> None:
+        if isinstance(views, AskViews):
+            self._asks[peer] = views.since
+            return
+        known = self._known.setdefault(peer, Known())
+        if views.until <= known.seen_until or views.since not in (0, known.seen_until):
+            return  # twice, or late; what is missing will be asked for
+        old = known.seen if views.since else NOTHING_SEEN
+        need = np.full(len(views.cells), known.newest)
+        known.seen = Seen(
+            np.vstack((old.points, views.points))[-KEPT_VIEWS:], np.concatenate((old.need, need))[-KEPT_VIEWS:]
+        )
+        known.seen_until = views.until
+
     # --- talking ------------------------------------------------------------------------------------------------
 
-    def talk(self, tick: int, pose: Pose, wireframe: Wireframe, state: int, in_sight: bool = False) -> list[Send]:
+    def talk(
+        self,
+        tick: int,
+        pose: Pose,
+        wireframe: Wireframe,
+        state: int,
+        looked: Looked = NOWHERE,
+        ask: Collection[str] = (),
+        in_sight: bool = False,
+    ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
-        pose and wireframe: the robot's own. state: a number that changes with the wireframe. in_sight: a peer whose
-        frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
+        pose and wireframe: the robot's own, looked: where it looked from, for those that ask. state: a number that
+        changes with the wireframe. ask: peers whose viewpoints are wanted, once a beacon's period. in_sight: a peer
+        whose frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -220,6 +260,26 @@ class Exchange:
         for peer in self.contacts.present:
             kind, parts = self._due(tick, peer, self._told.setdefault(peer, Told()), wireframe, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
+        return sends + self._talk_of_views(tick, state, looked, ask)
+
+    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Collection[str]) -> list[Send]:
+        """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
+        sends = []
+        for peer, since in self._asks.items():
+            told = self._told.get(peer)
+            if told is None:
+                continue
+            if not told.parts and told.compared == state:
+                told.current = tick
+            views = looked.between(since, told.current, self.config.mtu_bytes)
+            if views is not None:
+                sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
+        self._asks = {}
+        if tick % self._beacon_ticks == 0:
+            for peer in self.contacts.present:
+                if peer in ask:
+                    question = AskViews(self._known.setdefault(peer, Known()).seen_until)
+                    sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
     def _due(self, tick: int, peer: str, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.agenda import Task, first_of_tour, is_end
+from agent.agenda import Task, first_of_tour, is_end, not_nearer_to
 from agent.clearance import distances_to_walls, keeps_clear
 from agent.default_state import DefaultStates
 from agent.driving import Driver, Motion, moved
@@ -105,6 +105,10 @@ class Explorer:
         self.teammates = Teammates(self.config, spec.radius_m, self.tick_s)
         self.poses: list[tuple[float, float]] = []
         """Own standing points so far, about every half metre: what was seen, kept sparsely."""
+        self.pose_ticks: list[int] = []
+        """When the robot was there."""
+        self.viewpoints = np.zeros((0, 2))
+        """(k, 2) those of teammates whose maps are merged."""
         self.complete = False
         self.target: Target | None = None
         self.ends: Ends = open_ends(Wireframe())
@@ -133,7 +137,8 @@ class Explorer:
     def nbytes(self) -> int:
         """Bytes of what is kept of the places seen and tried."""
         return (
-            16 * len(self.poses)
+            24 * len(self.poses)
+            + self.viewpoints.nbytes
             + self._barriers.nbytes
             + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
         )
@@ -148,13 +153,15 @@ class Explorer:
         discs: Floats,
         errand: Floats | None = None,
         rivals: Floats | None = None,
+        viewpoints: Floats | None = None,
     ) -> Command:
         """Decide and drive for one tick.
 
         wireframe: the robot's map, and pose (x, y, theta): both in the robot's own frame; version: greater whenever
         the map changed structurally. scan: corners and walls seen now, discs (k, 2): centres of teammates seen now,
         both in the frame of the robot. errand: (2,) a place to be gone to first; rivals: (k, 3) teammates that share
-        the frontiers, and the metres by which they must be nearer to have one; both in the frame of the map.
+        the work, and the metres by which they must be nearer to have a goal; viewpoints: (j, 2) from where teammates
+        have looked. All in the frame of the map.
         Metres, radians.
         """
         self.tick, self.wireframe, self.version, self.pose = tick, wireframe, version, pose
@@ -165,6 +172,7 @@ class Explorer:
         self._take_errand(errand)
         self.rivals = self.rivals[:0] if rivals is None else rivals
         kept = self._keep_pose(self.config.pose_spacing_m)
+        self._take_viewpoints(viewpoints)
         if not len(wireframe.edges):
             self._reason = "drive until a wall is seen"
             return self._command(self._into_the_open())
@@ -181,6 +189,22 @@ class Explorer:
             self.errand = errand
             if errand is not None or (self.target is not None and self.target.task.kind == "errand"):
                 self.target = None
+
+    def _take_viewpoints(self, viewpoints: Floats | None) -> None:
+        """What teammates saw need not be swept; what is taken back with a merge must."""
+        if viewpoints is None or viewpoints is self.viewpoints:
+            return
+        more = len(viewpoints) - len(self.viewpoints)
+        self.viewpoints = viewpoints
+        if more and self.target is not None and self.target.task.samples is not None:
+            self.target = None
+        if more < 0 and self.complete:
+            self.complete, self.target = False, None
+            self._event("resumed", reason="what a teammate saw was taken back", place=_rounded(self.here))
+
+    def _eyes(self) -> Floats:
+        """(k, 2) all places from where was looked."""
+        return np.vstack((np.array(self.poses).reshape(-1, 2), self.viewpoints))
 
     # what is there
 
@@ -205,8 +229,9 @@ class Explorer:
         if self.poses and math.hypot(self.poses[-1][0] - x, self.poses[-1][1] - y) < spacing_m:
             return False
         self.poses.append((x, y))
+        self.pose_ticks.append(self.tick)
         if len(self.poses) > self.config.kept_poses:
-            del self.poses[1::2]
+            del self.poses[1::2], self.pose_ticks[1::2]
         return True
 
     def _read_ends(self) -> None:
@@ -379,9 +404,11 @@ class Explorer:
             for roads in self._ways() if len(goals) else ():
                 tasks = self._end_tasks(goals, roads, old)
                 if tasks:
-                    tasks = self._left_to_teammates(tasks, roads)
-                    tasks += self._pockets(roads, old)
-                    self._pursue(first_of_tour(tasks, roads, self.config.tour, self.config.pocket_detour_m), roads, old)
+                    mine = not_nearer_to(self.rivals, tasks, roads)
+                    mine += not_nearer_to(self.rivals, self._pockets(roads, old), roads)
+                    detour_m = self.config.team_detour_m if len(self.rivals) else self.config.pocket_detour_m
+                    # rather sweep than follow a teammate
+                    self._pursue(first_of_tour(mine or tasks, roads, self.config.tour, detour_m), roads, old)
                     return
             for goal in goals:
                 reason = _TEAMMATE if in_the_way else "no way to a standing point"
@@ -390,7 +417,7 @@ class Explorer:
             if old is not None and not is_end(old.task) and np.isfinite(roads.costs(old.task.stand[None])[0]):
                 self._pursue(old.task, roads, old)
                 return
-            task = self.states.next(self.wireframe, self.version, roads, np.array(self.poses))
+            task = self.states.next(self.wireframe, self.version, roads, self._eyes(), self.rivals)
             if task is not None:
                 self._pursue(task, roads, None)
                 return
@@ -420,16 +447,6 @@ class Explorer:
 
     def _end_errand(self, how: str) -> None:
         self._errand_ended = how
-
-    def _left_to_teammates(self, tasks: list[Task], roads: Roads) -> list[Task]:
-        """Tasks that no teammate is nearer to; all of them where that leaves none, so that nobody idles."""
-        if not len(self.rivals) or not tasks:
-            return tasks
-        stands = np.array([task.stand for task in tasks])
-        mine, kept = roads.costs(stands), np.ones(len(tasks), np.bool_)
-        for x, y, ahead in self.rivals:
-            kept &= mine <= roads.starting_at(np.array([x, y])).costs(stands) + ahead
-        return [task for task, keep in zip(tasks, kept, strict=True) if keep] or tasks
 
     def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None) -> list[Task]:
         """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
@@ -464,12 +481,10 @@ class Explorer:
         return tasks
 
     def _pockets(self, roads: Roads, old: Target | None) -> list[Task]:
-        """Sweeps of what was passed by at too great a distance; not while a team has frontiers left to divide."""
-        if not self.wireframe.own.all():
-            return []
+        """Sweeps of what was passed by at too great a distance."""
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
-        samples = self.sweep.passed_by(self.wireframe, np.array(self.poses), self.here, self.config.pocket_reach_m)
+        samples = self.sweep.passed_by(self.wireframe, self._eyes(), self.here, self.config.pocket_reach_m)
         kept = old.task.stand if old is not None and old.task.kind == "sweep" else None
         tasks = self.sweep.tasks(samples, roads, kept)
         if kept is not None and tasks and (tasks[0].stand == kept).all():
@@ -607,9 +622,10 @@ class Explorer:
         """Whether there would be something to do if no teammate stood in the way."""
         if len(self._again()):
             return True
-        poses = np.array(self.poses)
+        eyes = self._eyes()
         return any(
-            self.states.next(self.wireframe, self.version, roads, poses) for roads in self._ways(teammates=False)
+            self.states.next(self.wireframe, self.version, roads, eyes, self.rivals)
+            for roads in self._ways(teammates=False)
         )
 
     def _wait(self) -> None:

@@ -271,12 +271,14 @@ def perceive(
     config: PerceptionConfig,
     expected: Floats | None = None,
     known: Floats | None = None,
+    posts: Floats | None = None,
 ) -> CornerScan:
     """Corner scan of a full turn.
 
     ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
     treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack
-    (agent.seen_discs). known: (m, 4) metres, walls of the map, in which no teammate stands. All in the robot's frame.
+    (agent.seen_discs). known: (m, 4) metres, walls of the map, in which no teammate stands. posts: (p, 2) metres,
+    what is round and no teammate (agent.posts). All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
     noise = max(spec.noise_m, config.noise_floor_m)
@@ -285,6 +287,8 @@ def perceive(
     discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
     if known is not None and len(known):
         discs = discs[distances_to_walls(discs, known) > config.disc_in_wall_m]
+    if posts is not None and len(posts) and len(discs):
+        discs = discs[np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1) > config.teammate_radius_m]
     hidden = hidden_beams(len(ranges), discs, config.teammate_radius_m)
     if expected is not None and len(expected):
         slack = np.array([0.0, 0.0, config.disc_margin_m])

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from agent.config import AgentConfig
 from agent.contacts import Contacts
 from agent.cooperation import Cooperation
+from agent.driving import moved
 from agent.exchange import Exchange
 from agent.exploration import Command, Configs, Explorer
 from agent.perception import perceive
+from agent.posts import Posts
 from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter
 from protocol.messages import (
@@ -31,6 +33,7 @@ from protocol.messages import (
     ScanReport,
     Send,
 )
+from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
@@ -75,6 +78,7 @@ class Robot:
         talk = config.radio.model_copy(update={"mtu_bytes": mtu})
         self.exchange = Exchange(self.contacts, talk, spec.lidar.rate_hz)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
+        self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
         self.cooperation = Cooperation(
             config.cooperation,
             config.alignment,
@@ -101,21 +105,27 @@ class Robot:
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
-        known = self._known_walls(self.filter.predicted(observation.odometry))
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known)
+        predicted = self.filter.predicted(observation.odometry)
+        known, posts = self._known_walls(predicted), self.posts.seen_from(predicted)
+        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known, posts)
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
+        self.posts.look(tick, pose, moved(scan.discs, pose), len(heard) > 0)
         own_changed = self._read_own()
         events = self.exchange.hear(tick, heard)
         events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
         errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
-        command = self.explorer.step(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals)
+        command = self.explorer.step(
+            tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, self.cooperation.viewpoints
+        )
         self._errand = command.errand
+        looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
+        ask = () if command.complete else self.cooperation.shares_work_with
         in_sight = len(scan.discs) > 0 and self.cooperation.strangers(tick, self.contacts)
-        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, in_sight)
+        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(

@@ -42,7 +42,7 @@ class BitReader:
         """The next `count` bits, at most 64."""
         first, end = self._at >> 3, self._at + count
         if end > 8 * len(self._data):
-            raise ProtocolError("a map ends in the middle of a number")
+            raise ProtocolError("a message ends in the middle of a number")
         last = end + 7 >> 3
         self._at = end
         return int.from_bytes(self._data[first:last]) >> 8 * last - end & ((1 << count) - 1)
@@ -53,11 +53,11 @@ class BitReader:
         while not self.bits(1):
             zeros += 1
             if zeros > MAX_PREFIX:
-                raise ProtocolError("a number in a map is larger than any map has")
+                raise ProtocolError("a number in a message is too large")
         return (1 << zeros + k | self.bits(zeros + k)) - (1 << k)
 
     def finish(self) -> None:
         """Raise ProtocolError unless only the zeros are left that fill the last byte."""
         left = 8 * len(self._data) - self._at
         if left >= 8 or self.bits(left):
-            raise ProtocolError("a map is followed by bytes that do not belong to it")
+            raise ProtocolError("a message is followed by bytes that do not belong to it")

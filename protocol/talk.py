@@ -49,7 +49,7 @@ class Beacon(NamedTuple):
     @classmethod
     def decode(cls, data: bytes) -> Beacon:
         """Raises ProtocolError on anything else than a beacon."""
-        _check_version(data)
+        check_version(data)
         if len(data) != _BEACON.size:
             raise ProtocolError(f"a beacon of {len(data)} bytes instead of {_BEACON.size}")
         _, tick, x, y, turn = _BEACON.unpack(data)
@@ -77,18 +77,18 @@ class Part(NamedTuple):
         single = self.parts == 1
         numbers = [self.version, self.version - self.base if self.base else 0]
         numbers += [] if single else [self.number, self.parts]
-        return bytes([VERSION << 4 | single * _SINGLE]) + b"".join(map(_varint, numbers)) + self.body
+        return first_byte(single * _SINGLE) + b"".join(map(varint, numbers)) + self.body
 
     @classmethod
     def decode(cls, data: bytes) -> Part:
         """Raises ProtocolError on anything else than a part, or of too many."""
-        flags = _check_version(data)
-        version, at = _take(data, 1)
-        back, at = _take(data, at)
+        flags = check_version(data)
+        version, at = take_varint(data, 1)
+        back, at = take_varint(data, at)
         index, count = 0, 1
         if not flags & _SINGLE:
-            index, at = _take(data, at)
-            count, at = _take(data, at)
+            index, at = take_varint(data, at)
+            count, at = take_varint(data, at)
         if not 1 <= count <= MAX_PARTS or index >= count:
             raise ProtocolError(f"part {index + 1} of {count} of a map; at most {MAX_PARTS} are taken")
         if back >= version:
@@ -107,13 +107,13 @@ class Ack(NamedTuple):
         """Two to twelve bytes; count: of the parts."""
         flags = _UNKNOWN if self.missing is None else _PARTIAL if self.missing else 0
         bits = sum(1 << index for index in self.missing or ())
-        return bytes([VERSION << 4 | flags]) + _varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
+        return first_byte(flags) + varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
 
     @classmethod
     def decode(cls, data: bytes) -> Ack:
         """Raises ProtocolError on anything else than an acknowledgement."""
-        flags = _check_version(data)
-        version, at = _take(data, 1)
+        flags = check_version(data)
+        version, at = take_varint(data, 1)
         rest = data[at:]
         if len(rest) > MAX_PARTS // 8 or bool(rest) != (flags == _PARTIAL) or flags > _UNKNOWN:
             raise ProtocolError("an acknowledgement of parts that are none")
@@ -138,7 +138,12 @@ def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
     return [Part(version, base, index, len(pieces), piece) for index, piece in enumerate(pieces)]
 
 
-def _check_version(data: bytes) -> int:
+def first_byte(flags: int) -> bytes:
+    """Of a message: its version, and flags below 16."""
+    return bytes([VERSION << 4 | flags])
+
+
+def check_version(data: bytes) -> int:
     """Flags of the first byte."""
     if not data:
         raise ProtocolError("an empty message")
@@ -147,7 +152,7 @@ def _check_version(data: bytes) -> int:
     return data[0] & 0xF
 
 
-def _varint(value: int) -> bytes:
+def varint(value: int) -> bytes:
     """Seven bits a byte, the lowest first, the highest bit set where more follow (LEB128)."""
     out = bytearray()
     while value > 0x7F:
@@ -157,7 +162,7 @@ def _varint(value: int) -> bytes:
     return bytes(out)
 
 
-def _take(data: bytes, at: int) -> tuple[int, int]:
+def take_varint(data: bytes, at: int) -> tuple[int, int]:
     """A number at a place, and the place after it."""
     value = 0
     for shift in range(0, 42, 7):

@@ -144,7 +144,9 @@ def test_a_forced_wrong_merge_is_undone_completely() -> None:
         for event in step.action.events:
             if event.event == "unmerged":
                 events.append((observation.tick / 5, event.event, event.data))
-                undone.append(robot.wireframe is robot.own and not cooperation.layers)
+                undone.append(
+                    robot.wireframe is robot.own and not cooperation.layers and not len(cooperation.viewpoints)
+                )
         peer = cooperation.peers.get("r2")
         if observation.tick < 100 or peer is None:  # until both have seen something that can be contradicted
             return

@@ -352,7 +352,7 @@ def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:
     contacts = Contacts("a", 25)
     one = Exchange(contacts, TalkConfig(), 5.0)
     said = {
-        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, sight)]
+        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, in_sight=sight)]
         for sight in (False, True)
     }
     assert said == {False: [25, 50], True: list(range(5, 51, 5))}

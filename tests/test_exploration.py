@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -203,6 +204,33 @@ def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reaso
     assert all(data["reason"] for data in given_up)
     assert events[-1].event == "complete"
     assert events[-1].data["unreachable"] == 2
+
+
+def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
+    room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
+    seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])
+    alone, told = explorer(default_state="interior-sweep"), explorer(default_state="interior-sweep")
+    assert not at(room, alone, range(5))[-1].complete
+    step = functools.partial(told.step, wireframe=room, version=1, pose=(0.0, 0.0, 0.0), scan=Wireframe(), discs=NOBODY)
+    assert step(0, viewpoints=seen[:2]).reason == "sweep"
+    more = [step(tick, viewpoints=seen) for tick in range(1, 5)]  # dropped on the way to what is seen by now
+    assert more[-1].complete
+    back = [step(tick, viewpoints=seen[:0]) for tick in range(5, 9)]
+    assert [event.event for command in back for event in command.events] == ["resumed"]
+    assert not back[-1].complete and back[-1].reason == "sweep"
+
+
+def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
+    room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
+    targets = {}
+    for name, rivals in (("alone", np.zeros((0, 3))), ("east", np.array([[4.0, 0.0, 0.0]]))):
+        robot = explorer(default_state="interior-sweep")
+        command = robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=rivals)
+        targets[name] = command.target[0]
+    assert targets["alone"] > 0.5 > targets["east"]
+    robot = explorer(default_state="interior-sweep")
+    behind = np.array([[0.6, 0.0, -10.0]])  # nearer to everything
+    assert robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=behind).reason == "sweep"
 
 
 def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():

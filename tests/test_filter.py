@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agent.config import FilterConfig, MapConfig, PerceptionConfig
-from agent.edges import new_slot, FRONTIER, length, set_tip
+from agent.edges import FRONTIER, length, new_slot, set_tip
 from agent.perception import perceive
 from agent.seen_discs import SeenDiscs
 from agent.wireframe_filter import WireframeFilter, systematic

@@ -1,0 +1,134 @@
+"""Where a robot has looked from, as few bits: asked for by a peer that has merged its map (ours; docs/formats.md).
+
+Places are on a grid of 10 cm, in the order in which the robot was there, each told by how far it is from going
+straight on. A list is known by ticks: all places in (since, until].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.bits import BitReader, BitWriter
+from protocol.errors import ProtocolError
+from protocol.talk import check_version, first_byte, take_varint, varint
+from protocol.wireframe import MAX_COORDINATE_M
+
+VIEWS = "views"
+"""Kind of message, as in radio.csv."""
+
+CELL_M = 0.1
+"""A robot keeps 0.13 m from walls, so the middle of its cell sees what it saw but for slivers."""
+MAX_VIEWPOINTS = 4000
+"""In one message: 2 km of path; ours."""
+
+_ASKS = 1
+"""Flag in the lowest bit of the first byte."""
+_COUNT, _FIRST, _STEP = 4, 6, 1
+"""Orders of the numbers: how many, the first place, and what the others are off the straight way."""
+
+
+class AskViews(NamedTuple):
+    """What I know of your viewpoints; tell me the rest."""
+
+    since: int
+    """Tick of the last one known; 0 for none."""
+
+    def encode(self) -> bytes:
+        """Two to seven bytes."""
+        return first_byte(_ASKS) + varint(self.since)
+
+
+class Views(NamedTuple):
+    """Where the sender has looked from after one tick and until another."""
+
+    since: int
+    """0: from the beginning, and what was told before does not hold any more."""
+    until: int
+    cells: NDArray[np.int64]
+    """(k, 2) in units of CELL_M, the sender's own frame."""
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(k, 2) metres."""
+        return np.asarray(CELL_M * self.cells, np.float64)
+
+    def encode(self) -> bytes:
+        """About five bits a viewpoint."""
+        bits = BitWriter()
+        bits.number(len(self.cells), _COUNT)
+        last = step = (0, 0)
+        order = _FIRST
+        for x, y in self.cells.tolist():
+            for value in (x - last[0] - step[0], y - last[1] - step[1]):
+                bits.number(2 * value if value >= 0 else -2 * value - 1, order)
+            step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
+            last, order = (x, y), _STEP
+        return first_byte(0) + varint(self.until) + varint(self.until - self.since) + bits.data()
+
+
+def decode_views(data: bytes) -> AskViews | Views:
+    """Raises ProtocolError on anything else than one of the two."""
+    flags = check_version(data)
+    tick, at = take_varint(data, 1)
+    if flags == _ASKS and at == len(data):
+        return AskViews(tick)
+    if flags:
+        raise ProtocolError("a message about viewpoints that is none")
+    back, at = take_varint(data, at)
+    if not 0 < back <= tick:
+        raise ProtocolError("viewpoints of the future")
+    reader = BitReader(data[at:])
+    count = reader.number(_COUNT)
+    if not 0 < count <= MAX_VIEWPOINTS:
+        raise ProtocolError(f"{count} viewpoints in one message; 1 to {MAX_VIEWPOINTS} are taken")
+    cells: list[tuple[int, int]] = []
+    last = step = (0, 0)
+    order = _FIRST
+    for _ in range(count):
+        off = [_unfolded(reader.number(order)) for _ in range(2)]
+        x, y = last[0] + step[0] + off[0], last[1] + step[1] + off[1]
+        if CELL_M * max(abs(x), abs(y)) > MAX_COORDINATE_M:
+            raise ProtocolError("a viewpoint out of bounds")
+        step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
+        last, order = (x, y), _STEP
+        cells.append(last)
+    reader.finish()
+    return Views(tick - back, tick, np.array(cells, np.int64))
+
+
+def _unfolded(value: int) -> int:
+    """0, 1, 2, 3, ... as 0, -1, 1, -2, ..."""
+    return value >> 1 if value % 2 == 0 else -(value + 1 >> 1)
+
+
+class Looked(NamedTuple):
+    """Where a robot itself has looked from."""
+
+    ticks: Sequence[int] = ()
+    """(k,) rising: when it was there."""
+    places: Sequence[tuple[float, float]] = ()
+    """(k,) metres, its own frame."""
+
+    def between(self, since: int, until: int, mtu: int) -> Views | None:
+        """What there is to tell in a message of at most mtu bytes, the oldest first; None without anything.
+
+        A robot that began anew after `since` tells all.
+        """
+        if since and self.ticks and since < self.ticks[0]:
+            since = 0
+        known = since or -1
+        chosen = [k for k, tick in enumerate(self.ticks) if known < tick <= until][:MAX_VIEWPOINTS]
+        while chosen and self.ticks[chosen[-1]] > 0:
+            cells = np.round(np.array([self.places[k] for k in chosen]) / CELL_M).astype(np.int64)
+            views = Views(since, self.ticks[chosen[-1]], cells)
+            if len(views.encode()) <= mtu:
+                return views
+            chosen = chosen[: len(chosen) // 2]
+        return None
+
+
+NOWHERE = Looked()
