@@ -28,6 +28,7 @@ from deploy.occupancy_grid import GrowingGrid
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
+from protocol.viewpoints import VIEWS
 from protocol.wireframe import Label, Wireframe
 from world.config import WorldConfig
 
@@ -39,8 +40,8 @@ NAMES = (
     "delta", "full", "json", "grid_raw", "grid_zlib", "grid_delta_zlib", "grid_png", "scans_raw", "scans_zlib",
     "points",
 )  # fmt: skip
-OURS = (MAP, DELTA, RESEND, ACK)
-"""Kinds of messages that are `delta`."""
+OURS = (MAP, DELTA, RESEND, ACK, VIEWS)
+"""Kinds of messages that are `delta`: all but beacons, so viewpoints too, which other forms would need as well."""
 
 _LABELS = {label.name.lower(): label for label in Label}
 States = NDArray[np.uint8]
