@@ -16,7 +16,7 @@ from protocol import keys
 from protocol.codec import decode, encode
 from protocol.errors import LinkError, ProtocolError, RefusedError
 from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, RobotSpec, Welcome
-from protocol.session import open_client, wait_for_matching
+from protocol.session import at_once, open_client, wait_for_matching
 
 if TYPE_CHECKING:
     from agent.robot import Step
@@ -89,8 +89,10 @@ def run_agent(
     not let the robot in; ProtocolError where what it says makes no sense.
     """
     if robot_factory is None:
+        from agent.rehearsal import rehearse
         from agent.robot import Robot
 
+        rehearse()
         robot_factory = Robot
     inbox = inbox or Inbox()
     with open_client(connect, join_timeout_s, robot, secret) as session:
@@ -146,7 +148,7 @@ class Link:
         """Declare all, the token last and only when nothing said would be lost; LinkError on a time-out."""
         block, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         declare = self._declared.enter_context
-        declare(self._session.declare_subscriber(keys.all_in(self._robot), self._inbox.hear))
+        declare(self._session.declare_subscriber(keys.all_in(self._robot), at_once(self._inbox.hear)))
         for channel in keys.OUTPUTS:
             self._publishers[channel] = declare(
                 self._session.declare_publisher(
@@ -155,7 +157,7 @@ class Link:
                     express=True,
                 )
             )
-        wait_for_matching(self._publishers.values(), self._timeout_s)
+        wait_for_matching((self._publishers[channel] for channel in keys.NEEDED), self._timeout_s)
         declare(self._session.liveliness().declare_token(keys.alive(self._robot)))
         return self
 
@@ -169,8 +171,9 @@ class Link:
         put = {channel: publisher.put for channel, publisher in self._publishers.items()}
         for send in step.sends:
             put[keys.RADIO](encode(send))
-        put[keys.SCAN](encode(step.scan))
-        put[keys.POSE](encode(step.pose))
+        for channel, report in ((keys.SCAN, step.scan), (keys.POSE, step.pose)):
+            if self._publishers[channel].matching_status:
+                put[channel](encode(report))
         if step.map is not None:
             put[keys.MAP](encode(step.map))
         put[keys.ACT](encode(step.action))

@@ -53,7 +53,7 @@ def run(
             outputs = {}
             for robot, (heard, observation) in episode.inputs().items():
                 step = minds[robot].step(observation, heard)
-                outputs[robot] = Outputs(step.sends, step.action, step.scan, step.pose, step.map)
+                outputs[robot] = Outputs(step.sends, step.action, step.map)
             episode.advance(outputs)
             if progress is not None:
                 progress(episode)

@@ -111,7 +111,7 @@ def _of_robot(robot: str) -> list[Rule]:
         ("ingress", ["liveliness_token"], [keys.alive(robot)]),
         ("ingress", ["declare_subscriber"], [keys.all_in(robot)]),
         ("egress", _SAMPLES, [keys.all_in(robot)]),
-        # without the world's own wildcard here, the robot's publishers see no subscriber and drop silently
+        # without the others' own wildcards here, the robot's publishers see no subscriber and drop silently
         ("egress", ["declare_subscriber"], [keys.all_out(robot), keys.ALL_OUT]),
         ("ingress", ["query"], services),
         # likewise, the world's queryable is declared under its wildcard

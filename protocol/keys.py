@@ -17,13 +17,14 @@ ACT = "act"
 SCAN = "scan"
 MAP = "map"
 POSE = "pose"
-OUTPUTS = (RADIO, SCAN, MAP, POSE, ACT)
+NEEDED = (RADIO, MAP, ACT)
+"""What the world reads; what else a robot says leaves it only while somebody subscribes to it."""
+OUTPUTS = (*NEEDED, SCAN, POSE)
 
 # Robot asks world: the last part of robots/ID/srv/...
 JOIN = "join"
 
 ALL_OUT = "robots/*/out/**"
-"""The world's one subscriber: one ordered thread for what all robots say."""
 ALL_ALIVE = "robots/*/alive"
 ALL_SRV = "robots/*/srv/**"
 ALL_PUBLIC = "world/pub/**"
@@ -57,6 +58,11 @@ def to_robot(robot: str, channel: str) -> str:
 def from_robot(robot: str, channel: str) -> str:
     """Robot to world: one of OUTPUTS."""
     return f"robots/{robot}/out/{channel}"
+
+
+def from_all(channel: str) -> str:
+    """One of OUTPUTS, from all robots."""
+    return f"robots/*/out/{channel}"
 
 
 def alive(robot: str) -> str:

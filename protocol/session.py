@@ -10,7 +10,7 @@ import re
 import socket
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -149,6 +149,14 @@ def open_client(
 def _cause(error: Exception) -> str:
     """What a zenoh error says last, without its source locations."""
     return str(error).split(" at /")[0].rsplit("[", 1)[-1].strip().rstrip(".")
+
+
+def at_once(hear: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
+    """A callback on the thread that receives, without a thread of its own in between; it must only queue.
+
+    All samples of one sender come in the order in which they were sent, whichever subscriber takes them.
+    """
+    return zenoh.handlers.Callback(hear, indirect=False)
 
 
 def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float) -> None:

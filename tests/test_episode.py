@@ -151,7 +151,7 @@ def test_noisy_odometry_grows_with_the_root_of_the_distance() -> None:
 
 def answer(tick: int, *, speed: float = 0.0, turn: float = 0.0, complete: bool = False) -> Outputs:
     action = Action(tick=tick, speed_mps=speed, turn_rps=turn, complete=complete)
-    return Outputs([], action, None, None, None)
+    return Outputs([], action, None)
 
 
 def unchecked(tick: int, speed: float) -> Action:
@@ -170,8 +170,6 @@ HOSTILE = {
     "no other robot of this run": Outputs(
         [Send(tick=0, to="r9", kind="map", payload=b"")],
         Action(tick=0, speed_mps=0, turn_rps=0, sent=1),
-        None,
-        None,
         None,
     ),
     "a drive command is not finite": answer(0)._replace(action=unchecked(0, math.nan)),

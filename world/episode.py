@@ -21,8 +21,6 @@ from protocol.messages import (
     LinkReport,
     MapReport,
     Observation,
-    PoseReport,
-    ScanReport,
     Send,
     Welcome,
 )
@@ -71,8 +69,6 @@ class Outputs(NamedTuple):
 
     sends: list[Send]
     action: Action
-    scan: ScanReport | None
-    pose: PoseReport | None
     map: MapReport | None
 
 
@@ -286,7 +282,7 @@ class Episode:
         """The new map of a robot's answer, if any; raises BadOutputsError."""
         action = outputs.action
         ticks = {action.tick, *(send.tick for send in outputs.sends)}
-        ticks |= {part.tick for part in (outputs.scan, outputs.pose, outputs.map) if part is not None}
+        ticks |= {outputs.map.tick} if outputs.map is not None else set()
         if ticks != {self.tick}:
             wrong = min(ticks - {self.tick})
             raise BadOutputsError(robot, f"answered for tick {wrong} at tick {self.tick}")

@@ -27,13 +27,11 @@ from protocol.messages import (
     Join,
     LinkTable,
     MapReport,
-    PoseReport,
     Progress,
     Refused,
-    ScanReport,
     Send,
 )
-from protocol.session import open_router, wait_for_matching
+from protocol.session import at_once, open_router, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import BadOutputsError, Episode, Outputs
 from world.wire import Wire
@@ -58,7 +56,7 @@ class Inbox(SimpleQueue[Arrival]):
         self.put(Arrival("", self.STOP))
 
     def hear(self, sample: zenoh.Sample) -> None:
-        """Take a sample of robots/*/out/**."""
+        """Take a sample of what a robot says."""
         key = str(sample.key_expr)
         self.put(Arrival(keys.robot_of(key), keys.channel_of(key), sample.payload.to_bytes()))
 
@@ -95,8 +93,6 @@ class Answer:
 
     sends: list[Send] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    scan: ScanReport | None = None
-    pose: PoseReport | None = None
     map: MapReport | None = None
     action: Action | None = None
     """None until the action came, which is the last of a tick."""
@@ -177,7 +173,8 @@ class Shell:
         self._clock = declare(session.declare_publisher(keys.CLOCK))
         self._links = declare(session.declare_publisher(keys.LINKS))
         self._progress = declare(session.declare_publisher(keys.PROGRESS))
-        declare(session.declare_subscriber(keys.ALL_OUT, self.inbox.hear))
+        for channel in keys.NEEDED:
+            declare(session.declare_subscriber(keys.from_all(channel), at_once(self.inbox.hear)))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
         declare(session.declare_queryable(keys.ALL_SRV, self.inbox.ask))
         declare(session.liveliness().declare_token(keys.WORLD_ALIVE))
@@ -295,7 +292,7 @@ class Shell:
         action = answer.action
         if self._lockstep:
             assert action is not None
-            return Outputs(answer.sends, action, answer.scan, answer.pose, answer.map)
+            return Outputs(answer.sends, action, answer.map)
         if action is None or action.tick < tick:
             self.episode.late_ticks += 1
         self._missed[robot] = 0 if action is not None else self._missed[robot] + 1
@@ -307,8 +304,6 @@ class Shell:
         return Outputs(
             [send.model_copy(update=now) for send in answer.sends],
             action.model_copy(update=now | then | stop),
-            answer.scan and answer.scan.model_copy(update=now),
-            answer.pose and answer.pose.model_copy(update=now),
             answer.map and answer.map.model_copy(update=now),
         )
 
@@ -339,7 +334,7 @@ class Shell:
                 self._kill(robot, "its process or its link ended")
             else:
                 self._phase[robot] = Phase.AWAITED  # before, it may be started again; after, it has left as it should
-        elif what in keys.OUTPUTS and phase == Phase.READY and self._began is not None:
+        elif what in keys.NEEDED and phase == Phase.READY and self._began is not None:
             self._wire.heard(robot, payload)
             try:
                 self._hear(robot, what, payload)
@@ -352,10 +347,6 @@ class Shell:
         match channel:
             case keys.RADIO:
                 answer.sends.append(decode(Send, payload))
-            case keys.SCAN:
-                answer.scan = decode(ScanReport, payload)
-            case keys.POSE:
-                answer.pose = decode(PoseReport, payload)
             case keys.MAP:
                 answer.map = decode(MapReport, payload)
             case keys.ACT:
