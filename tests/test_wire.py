@@ -35,7 +35,7 @@ def test_payload_and_overhead_explain_the_wire_to_a_hundredth(tmp_path: Path) ->
     wire = json.loads((tmp_path / "run" / "bandwidth.json").read_text())["wire"]
     assert list(wire) == ["r1", "r2", "r3"]
     for robot in wire.values():
-        assert robot["to_robot"]["messages"] >= 300 and robot["from_robot"]["messages"] >= 900
+        assert robot["to_robot"]["messages"] >= 300 and robot["from_robot"]["messages"] >= 300
         for flow in robot.values():
             assert flow["wire_bytes"] > flow["payload_bytes"] > 0
             assert abs(flow["wire_bytes"] - flow["payload_bytes"] - flow["overhead_bytes"]) <= 0.01 * flow["wire_bytes"]
