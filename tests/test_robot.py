@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from agent import rehearsal
 from agent.config import AgentConfig
 from agent.robot import Robot
 from protocol.grid_map import quantise
@@ -131,3 +132,21 @@ def test_the_same_observations_give_the_same_step() -> None:
         return out
 
     assert steps() == steps()
+
+
+def test_a_rehearsal_draws_a_map_and_changes_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = robot().step(observation(0), [])
+    made: list[Robot] = []
+
+    def noted(*args: object) -> Robot:
+        made.append(Robot(*args))  # type: ignore[arg-type]
+        return made[-1]
+
+    monkeypatch.setattr(rehearsal, "Robot", noted)
+    monkeypatch.setattr(rehearsal, "_rehearsed", False)
+    rehearsal.rehearse()
+    rehearsal.rehearse()
+    assert len(made) == 1 and len(made[0].wireframe.edges) >= 5 and made[0].explorer.target is not None
+    after = robot().step(observation(0), [])
+    assert after.map == before.map and after.scan == before.scan
+    assert after.action.model_copy(update={"step_ms": 0.0}) == before.action.model_copy(update={"step_ms": 0.0})
