@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.corner_scan import Sight
-from agent.edges import FRONTIER, NOMINAL, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
+from agent.edges import FRONTIER, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
@@ -18,7 +18,10 @@ GRAZING = math.sin(math.radians(8.0))
 """Sine of the flattest view of a wall that is expected to show it; as in the scorer."""
 
 SIDE_BY_SIDE = 0.5
-"""Cosine of the angle between walls that cannot leave one corner: 60 degrees; buildings turn by 90."""
+"""Cosine of the angle between walls that cannot leave one place: 60 degrees; buildings turn by 90."""
+
+BESIDE_M = 0.15
+"""Walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 
 
 class ViewRules(NamedTuple):
@@ -141,21 +144,24 @@ def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewR
 
 @njit(cache=True)
 def _usurped(edges: Edges, count: int, e: int, hit: NDArray[np.bool_], margin: float) -> bool:
-    """Whether a wall that is hit begins, or ends, where this one does, and runs much the same way.
+    """Whether a wall begins, or ends, on one that is hit, and the two part slowly while they run side by side.
 
-    A corner has one wall in and one out (paper III-A): two that leave it side by side would have the solid of one in
-    the free space of the other. A wall displaced by a wrong corner often lies behind the true one, where no view
-    speaks against it. Square ones stay: behind a partition thinner than the margin stands another room's wall.
+    The solid of one would be in the free space of the other: a corner has one wall in and one out (paper III-A). A
+    wall displaced by a wrong corner often lies behind the true one, where no view speaks against it. Square walls
+    stay, since rooms and partitions meet so, and so does a wall that begins where the other ends.
     """
     w = edges[e]
     for side in range(2):
-        if w.label[side] != NOMINAL:
-            continue
+        x, y = w.tip[side, 0], w.tip[side, 1]
         for k in range(count):
             v = edges[k]
-            if not hit[k] or v.probation == 1 or v.label[side] == FRONTIER or v.ux * w.ux + v.uy * w.uy < SIDE_BY_SIDE:
+            if not hit[k] or v.probation == 1 or v.ux * w.ux + v.uy * w.uy < SIDE_BY_SIDE:
                 continue
-            if math.hypot(v.tip[side, 0] - w.tip[side, 0], v.tip[side, 1] - w.tip[side, 1]) < 2 * margin:
+            t, low, high = along(v, x, y), tip_at(v, 0), tip_at(v, 1)
+            beside = high - t if side == 0 else t - low
+            if abs(above(v, x, y)) > 2 * margin or not low - 2 * margin < t < high + 2 * margin or beside < BESIDE_M:
+                continue
+            if abs(above(v, w.tip[1 - side, 0], w.tip[1 - side, 1])) > 2 * margin:
                 return True
     return False
 
