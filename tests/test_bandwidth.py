@@ -81,7 +81,8 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
         rows = list(csv.DictReader(file))
     news = {(row["tick"], row["sender"], row["receiver"]) for row in rows if row["kind"] in ("map", "delta")}
     assert len(news) == len(measured.updates) == sum(len(line["told"]) for line in lines) > 4
-    assert totals["delta"] == sum(int(row["bytes"]) for row in rows if row["kind"] != "beacon")
+    assert totals["delta"] == sum(int(row["bytes"]) for row in rows if row["kind"] not in ("beacon", "views"))
+    assert measured.viewpoint_bytes == sum(int(row["bytes"]) for row in rows if row["kind"] == "views") > 0
     said = [len(json.dumps(line["map"], separators=(",", ":"))) for line in lines for _ in line["told"]]
     assert totals["json"] == sum(said)
     ticks: dict[tuple[str, str], int] = {}

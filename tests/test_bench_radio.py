@@ -35,7 +35,7 @@ def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0,
     sizes |= {"grid_png": 10**5, "scans_raw": 10**7, "scans_zlib": 10**7, "points": 10**6}
     return {
         "run": where,
-        "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "updates": 9, "kinds": {"resend": 2}, "links": 6,
+        "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "viewpoint_bytes": 300, "updates": 9, "kinds": {"resend": 2}, "links": 6,
         "recall": [recall, recall], "precision": [1.0, 1.0], "ended": ["complete"] * 2, "merges": 1,
         "false_merges": false_merges, "range_m": 4.0, "farthest_m": farthest, "delivered": 5, "ended_at": 100.0,
     }  # fmt: skip
@@ -46,6 +46,7 @@ def test_the_median_of_the_seeds_is_judged() -> None:
     figures = {f"perfect/{seed}": run(delta, 1.0) for seed, delta in enumerate(deltas)}
     traffic, bad, reach = traffic_sections(figures | {f"bad/{seed}": run(1000, 0.99) for seed in range(3)})
     assert traffic.met and traffic.rows[-1]["full"] == pytest.approx(950 / 3000)
+    assert traffic.rows[-1]["viewed"] == pytest.approx(1250 / 3000)
     assert bad.met and reach.met
     worse = traffic_sections(figures | {"perfect/0": run(1200, 1.0), "bad/0": run(1, 0.9, 4.1, 1)})
     elsewhere = {name: {**one, "run": "2 robots in apartment"} for name, one in figures.items()}

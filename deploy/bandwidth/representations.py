@@ -40,8 +40,8 @@ NAMES = (
     "delta", "full", "json", "grid_raw", "grid_zlib", "grid_delta_zlib", "grid_png", "scans_raw", "scans_zlib",
     "points",
 )  # fmt: skip
-OURS = (MAP, DELTA, RESEND, ACK, VIEWS)
-"""Kinds of messages that are `delta`: all but beacons, so viewpoints too, which other forms would need as well."""
+OURS = (MAP, DELTA, RESEND, ACK)
+"""Kinds of messages that are `delta`. Viewpoints are no part of the map: like beacons they are counted apart."""
 
 _LABELS = {label.name.lower(): label for label in Label}
 States = NDArray[np.uint8]
@@ -67,6 +67,8 @@ class Measurement:
     sent: list[tuple[float, str, int]]
     """Simulated seconds, robot and bytes of each message that is part of `delta`."""
     beacon_bytes: int
+    viewpoint_bytes: int
+    """Questions and answers of where robots have looked from."""
     explored_m2: dict[str, float]
     """Free area that each robot's grid has at its end."""
 
@@ -79,6 +81,7 @@ class Measurement:
         """Its fields of bandwidth.json."""
         return {
             "beacon_bytes": self.beacon_bytes,
+            "viewpoint_bytes": self.viewpoint_bytes,
             "updates": len(self.updates),
             "explored_m2": {robot: round(area, 2) for robot, area in self.explored_m2.items()},
             "representations": self.totals(),
@@ -99,7 +102,9 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     ours = [row for row in passages if row["kind"] in OURS]
     sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
     offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
-    beacon_bytes = sum(kinds[BEACON]["bytes"] for kinds in offered if BEACON in kinds)
+    beacon_bytes, viewpoint_bytes = (
+        sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS)
+    )
     updates, explored = [], {}
     for robot, what in seen.items():
         if not len(what.ranges):  # dead before it saw anything
@@ -110,7 +115,7 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
             updates += mine.charge(line)
         explored[robot] = mine.explored_m2(len(what.ranges) - 1)
     updates.sort(key=lambda update: update.t)
-    return Measurement(updates, sent, beacon_bytes, explored)
+    return Measurement(updates, sent, beacon_bytes, viewpoint_bytes, explored)
 
 
 def write(run: Path, measurement: Measurement) -> None:

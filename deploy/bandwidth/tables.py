@@ -99,5 +99,6 @@ def _representations(figures: dict[str, Any]) -> Table:
         each = f"{size / figures['updates']:,.1f}" if figures["updates"] else "-"
         per_area = f"{size / area:,.2f}" if area else "-"
         table.add_row(name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", MEANINGS[name])
+    table.add_row("viewpoints", f"{figures['viewpoint_bytes']:,}", "", "", "", "where robots looked from: no map")
     table.add_row("beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
     return table

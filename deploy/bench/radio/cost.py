@@ -124,5 +124,5 @@ def sections(figures: Mapping[str, Figures]) -> list[Section]:
             costs,
             note="Three robots in maze-15, in one process, which is all work.",
         ),
-        Section("wire", "Bytes on the wires", wire, wires, note="Of all links and directions, telemetry included."),
+        Section("wire", "Bytes on the wires", wire, wires, note="Of all links and directions."),
     ]

@@ -63,6 +63,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
         "run": f"{len(run.robots)} robots in {world['world']}",
         "bytes": measurement.totals(),
         "beacon_bytes": measurement.beacon_bytes,
+        "viewpoint_bytes": measurement.viewpoint_bytes,
         "updates": len(measurement.updates),
         "kinds": {kind: sum(row["kind"] == kind for row in rows) for kind in sorted({row["kind"] for row in rows})},
         "links": len(books["links"]),
@@ -98,15 +99,18 @@ def _forms(perfect: Mapping[str, Figures]) -> Section:
     rows: list[dict[str, Any]] = []
     for seed, one in perfect.items():
         ratios = {name: one["bytes"]["delta"] / size if size else None for name, size in one["bytes"].items()}
-        rows.append({"seed": seed, **ratios, "updates": one["updates"], "delta": one["bytes"]["delta"]})
+        delta, full = one["bytes"]["delta"], one["bytes"]["full"]
+        viewed = (delta + one["viewpoint_bytes"]) / full if full else None
+        rows.append({"seed": seed, **ratios, "updates": one["updates"], "delta": delta, "viewed": viewed})
     if rows:
-        known = {name: [row[name] for row in rows if row[name] is not None] for name in [*NAMES, "updates"]}
+        known = {name: [row[name] for row in rows if row[name] is not None] for name in [*NAMES, "updates", "viewed"]}
         rows.append({"seed": "median", **{name: median(values) for name, values in known.items() if values}})
     columns = [
         Column("seed", "seed"),
         Column("updates", "updates", digits=0),
         Column("delta", "delta\nbytes", digits=0),
         Column("full", "delta /\nfull", at_most=1 / 3),
+        Column("viewed", "with view-\npoints"),
         Column("json", "json", digits=4),
         Column("grid_raw", "grid_raw", digits=5),
         Column("grid_zlib", "grid_zlib", at_most=0.1, digits=4),
@@ -118,7 +122,8 @@ def _forms(perfect: Mapping[str, Figures]) -> Section:
     ]
     runs = ", ".join(sorted({one["run"] for one in perfect.values()}))
     judged = runs == JUDGED
-    note = f"{runs}: bytes of delta over those of each form. The median of the seeds is judged, for {JUDGED} only."
+    note = f"{runs}: bytes of delta over those of each form. The median of the seeds is judged, for {JUDGED} only. "
+    note += "`with viewpoints`: delta and what robots said of where they have looked from, over full alone."
     return Section("traffic", "Map traffic", columns, rows, frozenset(range(len(rows) - judged)), note)
 
 
