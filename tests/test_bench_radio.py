@@ -35,7 +35,8 @@ def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0,
     sizes |= {"grid_png": 10**5, "scans_raw": 10**7, "scans_zlib": 10**7, "points": 10**6}
     return {
         "run": where,
-        "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "viewpoint_bytes": 300, "updates": 9, "kinds": {"resend": 2}, "links": 6,
+        "bytes": {"delta": delta, **sizes}, "beacon_bytes": 1, "viewpoint_bytes": 300, "updates": 9,
+        "kinds": {"resend": 2}, "links": 6,
         "recall": [recall, recall], "precision": [1.0, 1.0], "ended": ["complete"] * 2, "merges": 1,
         "false_merges": false_merges, "range_m": 4.0, "farthest_m": farthest, "delivered": 5, "ended_at": 100.0,
     }  # fmt: skip
