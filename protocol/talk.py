@@ -18,8 +18,6 @@ DELTA = "delta"
 RESEND = "resend"
 """Parts of a map or of changes that were not acknowledged in time, once more."""
 ACK = "ack"
-KINDS = (BEACON, MAP, DELTA, RESEND, ACK)
-"""Kinds of messages, as in radio.csv."""
 
 VERSION = 1
 MAX_PARTS = 64
