@@ -24,7 +24,7 @@ from agent.contacts import NOTHING_SEEN, Contact, Contacts, Seen
 from agent.contradiction import ViewRules
 from agent.cooperation_config import CooperationConfig
 from agent.corner_scan import CornerScan
-from agent.driving import moved
+from agent.frames import moved
 from agent.ground import Bools, Ground, pieces_of
 from agent.merging import Layer, layer_of
 from agent.sightings import Sighting, align_by_sight, apart_places, consensus

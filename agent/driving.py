@@ -178,9 +178,3 @@ class Driver:
             if _safe(*pose, share * speed, turn, walls, discs, self.wall_limit, self.disc_limit, seconds):
                 return Motion(share * speed, turn, share < 1.0)
         return Motion(0.0, turn, True)
-
-
-def moved(points: Floats, pose: PoseXYT) -> Floats:
-    """Points (n, 2) of the robot's frame, in the frame of its pose."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return np.asarray(points @ np.array(((c, s), (-s, c))) + np.array(pose[:2]), np.float64)

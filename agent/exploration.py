@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from agent.agenda import Task, first_of_tour, is_end, not_nearer_to
 from agent.clearance import distances_to_walls, keeps_clear
 from agent.default_state import DefaultStates
-from agent.driving import Driver, Motion, moved
+from agent.driving import Driver, Motion
 from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
+from agent.frames import moved
 from agent.goals import Ends, GoalMemory, open_ends, same_wall, stands_of
 from agent.planning import Roads, still_clear
 from agent.sweep import Sweep

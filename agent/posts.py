@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.config import PerceptionConfig
+from agent.frames import seen_from
 
 Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
@@ -55,7 +56,5 @@ class Posts:
 
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) those in reach of a pose, in its frame."""
-        d = self.places - pose[:2]
-        d = d[np.hypot(d[:, 0], d[:, 1]) <= self.reach_m + 1.0]
-        c, s = np.cos(pose[2]), np.sin(pose[2])
-        return np.column_stack((c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]))
+        near = np.hypot(*(self.places - pose[:2]).T) <= self.reach_m + 1.0
+        return seen_from(self.places[near], pose)

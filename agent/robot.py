@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 import zlib
 from collections.abc import Sequence
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 from agent.config import AgentConfig
 from agent.contacts import Contacts
 from agent.cooperation import Cooperation
-from agent.driving import moved
 from agent.exchange import Exchange
 from agent.exploration import Command, Configs, Explorer
+from agent.frames import moved, seen_from
 from agent.perception import perceive
 from agent.posts import Posts
 from agent.seen_discs import SeenDiscs
@@ -142,11 +141,7 @@ class Robot:
         walls = walls[
             np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
         ]
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = walls[:, 0::2] - pose[0], walls[:, 1::2] - pose[1]
-        out = np.empty_like(walls)
-        out[:, 0::2], out[:, 1::2] = c * x + s * y, c * y - s * x
-        return out
+        return seen_from(walls.reshape(-1, 2), pose).reshape(-1, 4)
 
     def _read_own(self) -> bool:
         """Take the filter's best map; true where it differs from the last one."""

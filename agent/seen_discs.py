@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
+
+from agent.frames import moved, seen_from
 
 Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
@@ -27,12 +28,8 @@ class SeenDiscs:
         if not seen:
             return np.zeros((0, 3))
         discs = np.vstack([np.column_stack((d, np.full(len(d), slack))) for d, slack in seen])
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = discs[:, 0] - pose[0], discs[:, 1] - pose[1]
-        return np.column_stack((c * x + s * y, c * y - s * x, discs[:, 2]))
+        return np.column_stack((seen_from(discs[:, :2], pose), discs[:, 2]))
 
     def see(self, pose: Pose, discs: Floats) -> None:
         """Remember the discs (k, 2) of a scan, given in the robot's frame."""
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        x, y = discs[:, 0], discs[:, 1]
-        self._scans.append(np.column_stack((pose[0] + c * x - s * y, pose[1] + s * x + c * y)))
+        self._scans.append(moved(discs, pose))

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from agent.clearance import distance_to_walls
-from agent.driving import Driver, moved, wrap
+from agent.driving import Driver, wrap
 from agent.exploration_config import DrivingConfig, PlanningConfig
+from agent.frames import moved
 from protocol.messages import RobotSpec
 from tests.test_planning import Roads, chain, go, room, two_rooms
 

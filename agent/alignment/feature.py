@@ -128,6 +128,23 @@ def _features(
     return values, kinds, sds
 
 
+@njit(cache=True)
+def like_ways(one: Floats, other: Floats, c: float, s: float, alike: float) -> bool:
+    """Whether a corner's walls (2, 2), turned by the angle of cosine c and sine s, go the ways of another's.
+
+    alike: least cosine between them. Walls that only one of them has say nothing, but one must be shared.
+    """
+    shared = False
+    for way in range(2):
+        ax, ay, bx, by = one[way, 0], one[way, 1], other[way, 0], other[way, 1]
+        if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
+            continue
+        shared = True
+        if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < alike:
+            return False
+    return shared
+
+
 def likeness(mine: Corners, theirs: Corners, config: AlignmentConfig) -> Floats:
     """(n, m) log-likelihood ratio in nats of each pair of vertices: the same corner against a chance one.
 

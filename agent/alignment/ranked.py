@@ -14,7 +14,7 @@ from numba import njit
 
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Bools, Corners, Floats, Ints, likeness
+from agent.alignment.feature import Bools, Corners, Floats, Ints, like_ways, likeness
 from agent.alignment.transform import apart, fit, move
 
 
@@ -250,15 +250,7 @@ def _refine(
                     d2 = dx * dx + (a[i, 1] - y) ** 2
                     if d2 >= best and d2 >= gap[i]:
                         continue
-                    shared, fits = False, True
-                    for way in range(2):
-                        ax, ay, bx, by = a_ways[i, way, 0], a_ways[i, way, 1], b_ways[j, way, 0], b_ways[j, way, 1]
-                        if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
-                            continue
-                        shared = True
-                        if ax * (c * bx - s * by) + ay * (s * bx + c * by) < alike:
-                            fits = False
-                    if by_walls and not (shared and fits):
+                    if by_walls and not like_ways(b_ways[j], a_ways[i], c, s, alike):
                         continue
                     if d2 < best:
                         best = d2

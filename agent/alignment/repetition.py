@@ -16,7 +16,7 @@ from numba import njit
 
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Bools, Corners, Floats
+from agent.alignment.feature import Bools, Corners, Floats, like_ways
 from agent.alignment.ranked import like_transforms, refine
 from agent.alignment.transform import apart, compose, inverse, move
 
@@ -97,15 +97,7 @@ def _same(
         for j in range(b.shape[0]):
             if not b_true[j] or (b[j, 0] - x) ** 2 + (b[j, 1] - y) ** 2 > gate * gate:
                 continue
-            shared, fits = False, True
-            for way in range(2):
-                ax, ay, bx, by = a_ways[i, way, 0], a_ways[i, way, 1], b_ways[j, way, 0], b_ways[j, way, 1]
-                if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
-                    continue
-                shared = True
-                if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < alike:
-                    fits = False
-            if shared and fits:
+            if like_ways(a_ways[i], b_ways[j], c, s, alike):
                 out[i] = True
                 break
     return out

@@ -20,7 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.config import AgentConfig
-from agent.driving import Driver, moved
+from agent.driving import Driver
+from agent.frames import moved
 from agent.perception import perceive
 from agent.robot import Step
 from deploy import inprocess
