@@ -72,8 +72,8 @@ class MapConfig(Config):
     """More of them per view that confirmed it (facts/mapping.md rule 7)."""
     confirmations: Positive = 30.0
     """So many make an end or a wall as sure as it gets: a wrong one has to go within the 50 scans that see it."""
-    max_direction_sd_deg: Positive = 10.0
-    """A new wall's direction must be known this well: five sigma from the next rectilinear one would be 50 degrees."""
+    max_direction_sd_deg: Positive = 5.0
+    """A new wall's direction must be known this well: 3 sigma are 15 degrees; at 10, steps of 5 cm were so far off."""
     min_corner_deg: Positive = 20.0
     """Walls that meet flatter than this share no corner."""
     close_corner_m: Positive = 0.06
