@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.corner_scan import Record
-from agent.edges import FRONTIER, NOMINAL, Edges, above, along, line_sd, spread, tip_at
+from agent.edges import FRONTIER, NOMINAL, WALL, Edges, above, along, line_sd, spread, tip_at
 
 
 class Gates(NamedTuple):
@@ -91,7 +91,7 @@ def associate(
         best = math.inf
         for e in range(count):
             fits[e] = math.inf
-            if edges[e].alive == 0:
+            if edges[e].alive != WALL:
                 continue
             chi2 = cost(edges[e], pieces[k], gates)
             if not math.isfinite(chi2):

@@ -72,20 +72,31 @@ class MapConfig(Config):
     """More of them per view that confirmed it (facts/mapping.md rule 7)."""
     confirmations: Positive = 30.0
     """So many make an end or a wall as sure as it gets: a wrong one has to go within the 50 scans that see it."""
-    max_direction_sd_deg: Positive = 10.0
-    """A new wall's direction must be known this well: five sigma from the next rectilinear one would be 50 degrees."""
+    max_direction_sd_deg: Positive = 5.0
+    """A new wall's direction must be known this well: 3 sigma are 15 degrees; at 10, steps of 5 cm were so far off."""
     min_corner_deg: Positive = 20.0
     """Walls that meet flatter than this share no corner."""
     close_corner_m: Positive = 0.06
     """Open ends this near to where their walls meet are that corner."""
     prolonged_m: Positive = 0.1
     """A corner with no hit this near to it is a guess: beams are 6 cm apart at the lidar's range, and slots wider."""
+    steady: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Share of the scans in view that must have hit a new wall: posts' faces 0.7 to 1, a smear over two of them 0.3."""
+    smear_m: Positive = 0.3
+    """Nothing longer is a smear over the faces of a post or over a step: twice what the widest showed."""
+    straight_sigmas: Positive = 1.2
+    """Hits of a short wall lie this near to its line, root mean square: those of a wall within 0.6 (three beams a scan)
+    to 1.0 (many), of a smear over two faces of a post of 0.1 m, from 1.5 m, 1.3 to 1.8."""
+    wall_hits: Positive = 12.0
+    """Beams that a new wall must show, in one scan or over several: 0.25 m from 1.2 m, where no smear over a 0.1 m step
+    fits a line. With 6, two far views of three beams, each across two faces of a turned post of 0.1 m, made a wall."""
     axis_trust: Positive = 0.8
     """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
     off_axis_deg: Positive = 10.0
     """A new wall this oblique is suspect where walls are rectilinear; their true angles are within 2 degrees."""
-    off_axis_hits: Positive = 12.0
-    """Beams that an oblique new wall must show: 0.25 m from 1.2 m, where no smear over a 0.1 m step fits a line."""
+    oblique_sd_deg: Positive = 3.0
+    """A suspect wall's direction must be known this well, 3 sigma from the axis: 44 beams on 0.1 m, a face of a post,
+    in 7 scans from 0.9 m; 180 on the smear over a step of 0.05 m, which are not seen before the step itself is."""
     view_step_m: Positive = 0.08
     """Samples along a wall when a scan is held against it: half the thickness of a usual wall."""
     view_margin_m: Positive = 0.035
@@ -131,8 +142,9 @@ class FilterConfig(Config):
     """A corner as predicted, or against the prediction."""
     label_odds: Positive = 1.0
     """An end as predicted, or against the prediction."""
-    oblique_wall: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Probability that a suspicious piece (map.off_axis_hits) is a wall: 1 of 10 lay on one in the eight layouts."""
+    early_wall: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Probability that a suspect piece (map.wall_hits, map.oblique_sd_deg) is a wall: 1 of 10 lay on one in the eight
+    layouts."""
     patience_spread: Annotated[float, Field(ge=0, lt=1)] = 0.5
     """Particles draw their patience (map.patience, cut_after) from 1 - this to 1 + this times the default."""
     correct_pose: bool = True

@@ -10,7 +10,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 from agent.corner_scan import Sight
-from agent.edges import FRONTIER, Edges, above, along, doubt, length, new_slot, part, remove, set_tip, tip_at
+from agent.edges import (
+    CANDIDATE,
+    FREE,
+    FRONTIER,
+    Edges,
+    above,
+    along,
+    doubt,
+    length,
+    new_slot,
+    part,
+    remove,
+    set_tip,
+    tip_at,
+)
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
@@ -184,11 +198,13 @@ def contradict(
             hit[walls[k]] = True
     for e in range(count):
         w = edges[e]
-        if w.alive == 0:
+        if w.alive == FREE:
             continue
         size = length(w)
         t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
         if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > sight.reach:
+            if w.alive == CANDIDATE:
+                remove(edges, e)  # forgotten: it has to show itself within one pass
             continue
         side = above(w, pose[0], pose[1])
         skip = min(rules.end_skip, 0.25 * size)
@@ -248,6 +264,9 @@ def contradict(
         w.gap[0, 0], w.gap[0, 1] = w.x + low * w.ux, w.y + low * w.uy
         w.gap[1, 0], w.gap[1, 1] = w.x + high * w.ux, w.y + high * w.uy
         if w.through >= rules.cut_after - w.probation:  # what was cut before is suspect
+            if w.alive == CANDIDATE:
+                remove(edges, e)
+                continue
             if low <= tail + 0.5 * spacing:
                 low = tip_at(w, 0)
             if high >= tail + (n - 1.5) * spacing:

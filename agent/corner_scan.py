@@ -27,6 +27,7 @@ PIECE = np.dtype(
         ("ux", "f8"),  # unit direction, counter-clockwise: free space on the left
         ("uy", "f8"),
         ("spread", "f8"),  # m2, sum of squared distances of the hits from the centroid along the line
+        ("residual", "f8"),  # m2, the same across it: how well the hits fit the line
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
         ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner

@@ -17,9 +17,12 @@ from protocol.wireframe import Label
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
 
+FREE, WALL, CANDIDATE = 0, 1, 2
+"""What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
+
 EDGE = np.dtype(
     [
-        ("alive", "i8"),
+        ("alive", "i8"),  # FREE, WALL or CANDIDATE
         ("own", "i8"),  # 1: seen by this robot itself
         ("hits", "f8"),  # beams on the wall: weight of the line
         ("x", "f8"),  # m, centroid of the hits, on the line
@@ -84,6 +87,22 @@ def length(e: Record) -> float:
 def spread(e: Record) -> float:
     """Sum of squared distances of the hits from the centroid along the wall, m2."""
     return max(e.xx * e.ux * e.ux + 2 * e.xy * e.ux * e.uy + e.yy * e.uy * e.uy, 1e-9)
+
+
+@njit(cache=True)
+def residual(e: Record) -> float:
+    """Sum of squared distances of the hits from the wall's line, m2."""
+    return e.xx * e.uy * e.uy - 2 * e.xy * e.ux * e.uy + e.yy * e.ux * e.ux
+
+
+@njit(cache=True)
+def piece_scatter(p: Record) -> tuple[float, float, float]:
+    """Scatter xx, xy, yy of a piece's hits about its centroid, m2."""
+    return (
+        p.spread * p.ux * p.ux + p.residual * p.uy * p.uy,
+        (p.spread - p.residual) * p.ux * p.uy,
+        p.spread * p.uy * p.uy + p.residual * p.ux * p.ux,
+    )
 
 
 @njit(cache=True)
@@ -174,14 +193,14 @@ def remove(edges: Edges, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)
     part(edges, e, 1)
-    edges[e].alive = 0
+    edges[e].alive = FREE
 
 
 @njit(cache=True)
 def new_slot(edges: Edges, count: int) -> tuple[int, int]:
     """A free record and the new count; (-1, count) if the array is full."""
     for k in range(count):
-        if edges[k].alive == 0:
+        if edges[k].alive == FREE:
             return k, count
     if count < len(edges):
         return count, count + 1

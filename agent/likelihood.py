@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from agent.association import Gates, cost
 from agent.contradiction import GRAZING, ON, THROUGH, UNSEEN, ViewRules, look_at
 from agent.corner_scan import Sight
-from agent.edges import NOMINAL, OCCLUSION, Edges, above, along, length, tip_at
+from agent.edges import NOMINAL, OCCLUSION, WALL, Edges, above, along, length, tip_at
 
 
 class Odds(NamedTuple):
@@ -67,7 +67,7 @@ def log_likelihood(
                 total -= odds.label  # wall ends before its end
     for e in range(count):
         w = edges[e]
-        if w.alive == 0:
+        if w.alive != WALL:
             continue
         size = length(w)
         t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from agent.alignment.transform import Floats, apply
 from agent.association import Gates, associate
 from agent.corner_scan import PIECE
-from agent.edges import Edges, remove
+from agent.edges import CANDIDATE, FREE, WALL, Edges, remove
 from agent.scan_merge import MergeRules, merge_scan
 from protocol.wireframe import Label, Wireframe
 
@@ -78,7 +78,7 @@ def merged(own: Edges, layers: Sequence[Layer], gates: Gates, rules: MergeRules,
 def _published(edges: Edges, count: int, publish_after: float) -> int:
     """Take away what own scans have hit too seldom, as layers must not lean on it."""
     for e in range(count):
-        if edges[e].alive == 1 and edges[e].seen < publish_after:
+        if edges[e].alive != FREE and (edges[e].alive == CANDIDATE or edges[e].seen < publish_after):
             remove(edges, e)
     return count
 
@@ -97,7 +97,7 @@ def _lay(
     count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, rules, 0)
     for k in range(len(pieces)):
         e = walls[k]
-        if e >= 0 and edges[e].alive == 1 and edges[e].seen == 0.0:
+        if e >= 0 and edges[e].alive == WALL and edges[e].seen == 0.0:
             edges[e].due = SCANS
             edges[e].seen = max(publish_after, likelihood[k] * (SCANS + 2.0) - 1.0)
     return count

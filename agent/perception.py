@@ -179,17 +179,20 @@ def _assemble(
         norm = math.hypot(a, b)
         piece = pieces[k]
         piece.ux, piece.uy = -b / norm, a / norm
-        hits, sum_t, sum_tt = 0.0, 0.0, 0.0
+        hits, sum_t, sum_tt, residual = 0.0, 0.0, 0.0, 0.0
         for j in range(cuts[k, 0], cuts[k, 1]):
             angle, r = beams[j % m] * step, ranges[beams[j % m]]
-            if abs(r * (a * math.cos(angle) + b * math.sin(angle)) - 1.0) * norm**-1.0 > 10 * noise:
+            off = (r * (a * math.cos(angle) + b * math.sin(angle)) - 1.0) / norm
+            if abs(off) > 10 * noise:
                 continue  # a stray that the piece was joined across
             t = r * (math.cos(angle) * piece.ux + math.sin(angle) * piece.uy)
             hits += 1.0
             sum_t += t
             sum_tt += t * t
+            residual += off * off
         t = sum_t / hits
         piece.hits, piece.spread = hits, max(sum_tt - hits * t * t, 1e-9)
+        piece.residual = residual
         piece.x, piece.y = a / norm**2 + t * piece.ux, b / norm**2 + t * piece.uy
         piece.bearing[0], piece.bearing[1] = first[k] * step, last[k] * step
         piece.end[0], piece.end[1] = _along(piece, first[k] * step), _along(piece, last[k] * step)

@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 from agent.association import Gates, cost, overlap
 from agent.corner_scan import Record
 from agent.edges import (
+    CANDIDATE,
     FRONTIER,
     NOMINAL,
     OCCLUSION,
+    WALL,
     Edges,
+    above,
     add_hits,
     along,
     doubt,
@@ -25,9 +28,12 @@ from agent.edges import (
     meet,
     new_slot,
     part,
+    piece_scatter,
     remove,
+    residual,
     set_tip,
     settle_corner,
+    spread,
     tip_at,
 )
 
@@ -43,10 +49,14 @@ class MergeRules(NamedTuple):
     min_sine: float
     close_corner: float
     prolonged: float
+    steady: float
+    smear: float
+    straight: float
+    wall_hits: float
     off_axis: float
-    off_axis_hits: float
+    oblique_sd: float
     axis_trust: float
-    oblique_wall: float
+    early_wall: float
 
 
 @njit(cache=True)
@@ -61,10 +71,14 @@ def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
         rules.min_sine,
         rules.close_corner,
         rules.prolonged,
+        rules.steady,
+        rules.smear,
+        rules.straight,
+        rules.wall_hits,
         rules.off_axis,
-        rules.off_axis_hits,
+        rules.oblique_sd,
         rules.axis_trust,
-        rules.oblique_wall,
+        rules.early_wall,
     )
 
 
@@ -242,11 +256,11 @@ def _inner_ends_give_way(edges: Edges, e: int, f: int, rules: MergeRules) -> boo
 def _close_open_corners(edges: Edges, count: int, gates: Gates, rules: MergeRules) -> None:
     """Link an open head and an open tail whose lines meet where both walls end."""
     for e in range(count):
-        if edges[e].alive == 0 or edges[e].link[1] >= 0:
+        if edges[e].alive != WALL or edges[e].link[1] >= 0:
             continue
         best, winner = rules.close_corner, -1
         for f in range(count):
-            if f == e or edges[f].alive == 0 or edges[f].link[0] >= 0:
+            if f == e or edges[f].alive != WALL or edges[f].link[0] >= 0:
                 continue
             if math.hypot(edges[e].tip[1, 0] - edges[f].tip[0, 0], edges[e].tip[1, 1] - edges[f].tip[0, 1]) > 0.5:
                 continue
@@ -269,7 +283,7 @@ def main_axis(edges: Edges, count: int) -> tuple[float, float]:
     """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
     c, s, total = 0.0, 0.0, 1e-9
     for e in range(count):
-        if edges[e].alive == 1:
+        if edges[e].alive == WALL:
             angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
             c += size * math.cos(angle)
             s += size * math.sin(angle)
@@ -278,19 +292,94 @@ def main_axis(edges: Edges, count: int) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def wall_probability(p: Record, axis: float, trust: float, gates: Gates, rules: MergeRules) -> float:
-    """Probability that a new piece of scan shows a wall: its direction is known, and it is no smear over a small step.
+def _bent(size: float, hits: float, squares: float, gates: Gates, rules: MergeRules) -> bool:
+    """Whether hits are no straight wall but a smear: few, over a small step or corner, and off their line.
 
-    Where the walls so far are rectilinear, a short oblique piece is far likelier a few beams across a step or a
-    corner than an oblique wall, so it has to show more beams: the robot sees them when it comes nearer.
+    size: m; squares: m2, sum of squared distances from the line.
     """
-    if gates.noise / math.sqrt(p.spread) > rules.max_direction_sd:
+    return size < rules.smear and squares > hits * (rules.straight * gates.noise) ** 2
+
+
+@njit(cache=True)
+def wall_probability(c: Record, axis: float, trust: float, gates: Gates, rules: MergeRules) -> float:
+    """Probability that a candidate is a wall: its direction is known, and it is no smear over a small step or corner.
+
+    A smear's hits lie beside its line by more than noise, and it comes and goes as the beams fall. Where the walls
+    so far are rectilinear, a short oblique piece is far likelier a smear than an oblique wall, so its direction
+    must be known well: the robot comes nearer. Hits on one line count together, whichever scan they come from, and
+    a short piece is not believed for following the axis: else the oblique face of a post would be known by those of
+    its views alone whose noise turns them there.
+    """
+    sd = gates.noise / math.sqrt(spread(c))
+    off = 4 * (math.atan2(c.uy, c.ux) - axis)
+    oblique = trust >= rules.axis_trust and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > rules.off_axis
+    if (
+        _bent(length(c), c.hits, residual(c), gates, rules)
+        or c.seen < rules.steady * c.due
+        or sd > rules.max_direction_sd
+    ):
         return 0.0
-    if trust < rules.axis_trust or p.hits >= rules.off_axis_hits:
-        return 1.0
-    off = 4 * (math.atan2(p.uy, p.ux) - axis)
-    oblique = abs(math.atan2(math.sin(off), math.cos(off))) / 4
-    return rules.oblique_wall if oblique > rules.off_axis + gates.noise / math.sqrt(p.spread) else 1.0
+    return 1.0 if c.hits >= rules.wall_hits and (sd <= rules.oblique_sd or not oblique) else rules.early_wall
+
+
+@njit(cache=True)
+def _cuts_corner(edges: Edges, count: int, p: Record, rules: MergeRules) -> bool:
+    """Whether a piece begins on one known wall and ends on the next: few beams across their corner fit a line, too."""
+    for e in range(count):
+        f = edges[e].link[1] if edges[e].alive == WALL else -1
+        if f < 0 or edges[e].ux * p.ux + edges[e].uy * p.uy < 0 or edges[f].ux * p.ux + edges[f].uy * p.uy < 0:
+            continue
+        if _reaches(edges[e], p, 0, rules.end_margin) and _reaches(edges[f], p, 1, rules.end_margin):
+            return True
+    return False
+
+
+@njit(cache=True)
+def _reaches(e: Record, p: Record, side: int, margin: float) -> bool:
+    """Whether an end of a piece is within a margin (metres) of a wall."""
+    x, y = p.x + p.end[side] * p.ux, p.y + p.end[side] * p.uy
+    t = along(e, x, y)
+    return abs(above(e, x, y)) < margin and tip_at(e, 0) - margin < t < tip_at(e, 1) + margin
+
+
+@njit(cache=True)
+def _candidate(edges: Edges, count: int, p: Record, gates: Gates) -> tuple[int, int]:
+    """Take a piece that lies on no wall into the candidate on its line, or a new one; its record and the new count.
+
+    The record is -1 if the array is full. A candidate is no part of the map: it links to nothing, and only
+    contradiction and further pieces look at it.
+    """
+    best, e = math.inf, -1
+    for f in range(count):
+        if edges[f].alive == CANDIDATE:
+            chi2 = cost(edges[f], p, gates)
+            if chi2 < best and math.isfinite(overlap(edges[f], p, gates)):
+                best, e = chi2, f
+    xx, xy, yy = piece_scatter(p)
+    if e >= 0:
+        add_hits(edges[e], p.hits, p.x, p.y, xx, xy, yy)
+        t = along(edges[e], p.x, p.y)
+        set_tip(edges[e], 0, min(tip_at(edges[e], 0), t + p.end[0]))
+        set_tip(edges[e], 1, max(tip_at(edges[e], 1), t + p.end[1]))
+        return e, count
+    e, count = new_slot(edges, count)
+    if e >= 0:
+        n = edges[e]
+        n.alive, n.own, n.probation = CANDIDATE, 0, 1
+        n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
+        n.xx, n.xy, n.yy = xx, xy, yy
+        n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
+        for side in range(2):
+            n.label[side], n.slack[side], n.link[side] = OCCLUSION, 0.0, -1
+            n.strength[side], n.conflict[side] = 0.0, 0.0
+            set_tip(n, side, p.end[side])
+    return e, count
+
+
+@njit(cache=True)
+def _is_wall(edges: Edges, e: int) -> bool:
+    """Whether a piece's record is a wall of the map."""
+    return e >= 0 and edges[e].alive == WALL
 
 
 @njit(cache=True)
@@ -308,35 +397,34 @@ def merge_scan(
 
     own: 1 where the robot saw the pieces itself, 0 where a peer did.
 
-    `walls` is updated in place: inserted pieces get their new wall, joined walls are renamed. dice: (k,) in [0, 1),
-    a new piece becomes a wall if its die is below its probability; 0.5 takes the likelier side.
+    `walls` is updated in place: pieces on no wall get their candidate, or the wall that it has become; joined walls are
+    renamed. dice: (k,) in [0, 1), a candidate becomes a wall if its piece's die is below its probability; 0.5 takes the
+    likelier side.
     """
     axis, trust = main_axis(edges, count)
     for k in range(len(pieces)):
         p = pieces[k]
-        scatter = p.spread
         e = walls[k]
+        bent = _bent(p.end[1] - p.end[0], p.hits, p.residual, gates, rules)
         if e < 0:
-            if dice[k] >= wall_probability(p, axis, trust, gates, rules):
+            if bent or _cuts_corner(edges, count, p, rules):
                 continue
-            e, count = new_slot(edges, count)
-            if e < 0:
-                continue
+            e, count = _candidate(edges, count, p, gates)
             walls[k] = e
+            if e < 0 or dice[k] >= wall_probability(edges[e], axis, trust, gates, rules):
+                continue
             n = edges[e]
-            n.alive, n.own, n.probation = 1, own, 1
-            n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
-            n.xx, n.xy, n.yy = scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy
-            n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
+            n.alive, n.own = WALL, own
+            n.misses, n.through = 0.0, 0.0
+            t = along(n, p.x, p.y)
             for side in range(2):
-                n.link[side], n.strength[side], n.conflict[side] = -1, 0.0, 0.0
-                n.label[side], n.slack[side] = p.label[side], p.slack[side]
-                if p.label[side] == NOMINAL:
-                    n.label[side] = OCCLUSION  # until its partner is known
-                set_tip(n, side, p.end[side])
+                n.slack[side] = p.slack[side]
+                # a corner is none until its partner is known
+                n.label[side] = OCCLUSION if p.label[side] == NOMINAL else p.label[side]
+                set_tip(n, side, t + p.end[side])
             continue
         for f in range(count):  # a piece that lies on two walls shows that they are one
-            if f == e or edges[f].alive == 0 or not math.isfinite(cost(edges[f], p, gates)):
+            if f == e or edges[f].alive != WALL or not math.isfinite(cost(edges[f], p, gates)):
                 continue
             if min(overlap(edges[f], p, gates), overlap(edges[e], p, gates)) <= rules.end_margin:
                 continue
@@ -346,22 +434,24 @@ def merge_scan(
                     if walls[j] == f:
                         walls[j] = e
         w = edges[e]
-        add_hits(w, p.hits, p.x, p.y, scatter * p.ux * p.ux, scatter * p.ux * p.uy, scatter * p.uy * p.uy)
+        if not bent:
+            xx, xy, yy = piece_scatter(p)
+            add_hits(w, p.hits, p.x, p.y, xx, xy, yy)
         w.own = max(w.own, own)
     for k in range(len(pieces)):
         p, e = pieces[k], walls[k]
-        if e < 0:
+        if not _is_wall(edges, e) or _bent(p.end[1] - p.end[0], p.hits, p.residual, gates, rules):
             continue
         t = along(edges[e], p.x, p.y)
         for side in range(2):
             if p.label[side] != NOMINAL:
                 _see_end(edges, e, side, p.label[side], t + p.end[side], p.slack[side], rules)
-            elif walls[p.link[side]] < 0:
+            elif not _is_wall(edges, walls[p.link[side]]):
                 _see_end(edges, e, side, OCCLUSION, t + p.end[side], 0.0, rules)
-        if p.label[1] == NOMINAL and walls[p.link[1]] >= 0:
+        if p.label[1] == NOMINAL and _is_wall(edges, walls[p.link[1]]):
             _see_corner(edges, e, walls[p.link[1]], p.gap[1], pieces[p.link[1]].gap[0], rules)
     for e in range(count):
-        if edges[e].alive == 1 and edges[e].link[1] >= 0:
+        if edges[e].alive == WALL and edges[e].link[1] >= 0:
             settle_corner(edges, e)
     _close_open_corners(edges, count, gates, rules)
     return count

@@ -15,7 +15,7 @@ from agent.chains import chained
 from agent.config import FilterConfig, MapConfig
 from agent.contradiction import ViewRules, contradict, patient_view
 from agent.corner_scan import CornerScan, Sight
-from agent.edges import EDGE, OCCLUSION, Edges
+from agent.edges import EDGE, OCCLUSION, WALL, Edges
 from agent.likelihood import Odds, log_likelihood
 from agent.matrix3 import lower_root, times
 from agent.merging import Layer, merge_gates, merged
@@ -165,10 +165,14 @@ class WireframeFilter:
             math.sin(math.radians(config.min_corner_deg)),
             config.close_corner_m,
             config.prolonged_m,
+            config.steady,
+            config.smear_m,
+            config.straight_sigmas,
+            config.wall_hits,
             math.radians(config.off_axis_deg),
-            config.off_axis_hits,
+            math.radians(config.oblique_sd_deg),
             config.axis_trust,
-            filter_config.oblique_wall,
+            filter_config.early_wall,
         )
         self._views = ViewRules(
             config.view_step_m,
@@ -314,7 +318,7 @@ def _published(
     place = np.full(len(edges), -1)
     m = 0
     for k in range(len(edges)):
-        if edges[k].alive == 1 and edges[k].seen >= publish_after:
+        if edges[k].alive == WALL and edges[k].seen >= publish_after:
             place[k] = m
             m += 1
     tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)
