@@ -53,8 +53,12 @@ class Arrival(NamedTuple):
 class Inbox(SimpleQueue[Arrival]):
     """What came in, in order; safe to fill from callbacks and signal handlers."""
 
-    GONE, BACK, STOP = "world gone", "world back", "stop"
+    WORLD, STOP = "world", "stop"
     stopped = False
+    world_up = False
+    """Whether the world's liveliness token is there."""
+    turns = 0
+    """How often that has changed: who saw another number has been to another world, or to none."""
 
     def stop(self) -> None:
         """End the run of this robot at its next tick."""
@@ -67,7 +71,9 @@ class Inbox(SimpleQueue[Arrival]):
 
     def watch(self, sample: zenoh.Sample) -> None:
         """Take a change of the world's liveliness token."""
-        self.put(Arrival(self.BACK if sample.kind == zenoh.SampleKind.PUT else self.GONE))
+        self.world_up = sample.kind == zenoh.SampleKind.PUT
+        self.turns += 1
+        self.put(Arrival(self.WORLD))
 
 
 def run_agent(
@@ -100,32 +106,58 @@ def run_agent(
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         ended = None
         while ended is None:  # again where the world was gone and is back, as a new run
-            welcome = join(session, robot, inbox, join_timeout_s)
-            if welcome is None:
+            joined = join(session, robot, inbox, join_timeout_s)
+            if joined is None:
                 return "interrupted"
+            welcome, turns = joined
             mind = robot_factory(robot, welcome.spec, config, welcome.seed)
+            # closed as soon as the world is gone: an old token that is told to the next one would hide the new one
             with Link(session, robot, welcome.lockstep, inbox, join_timeout_s) as link:
-                ended = live(mind, link, inbox, reconnect_s)
+                ended = live(mind, link, inbox, turns)
+            ended = ended or await_world(inbox, reconnect_s)
     return ended
 
 
-def join(session: zenoh.Session, robot: str, inbox: Inbox, timeout_s: float) -> Welcome | None:
+def join(session: zenoh.Session, robot: str, inbox: Inbox, timeout_s: float) -> tuple[Welcome, int] | None:
     """Ask the world to let `robot` in, again and again for timeout_s seconds; None where the inbox is stopped.
 
-    Raises RefusedError where the world says no, LinkError where it says nothing.
+    Returns the answer and the inbox's turns of the world that gave it. Raises RefusedError where the world says no,
+    LinkError where it says nothing.
     """
     question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(session.info.zid())))
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         if inbox.stopped:
             return None
+        turns = inbox.turns
+        if not inbox.world_up:
+            time.sleep(RETRY_S)
+            continue
         for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=ANSWER_S):
-            if reply.ok is not None:
-                return decode(Welcome, reply.ok.payload.to_bytes())
+            if reply.ok is not None and inbox.turns == turns:  # else nobody knows which world has answered
+                return decode(Welcome, reply.ok.payload.to_bytes()), turns
             if reply.err is not None and (refused := _refused(reply.err.payload.to_bytes())):
                 raise RefusedError(f"the world does not let {robot} in: {refused.reason}")
         time.sleep(RETRY_S)
     raise LinkError(f"the world does not answer {robot} within {timeout_s:g} s: is it busy, or something else?")
+
+
+def await_world(inbox: Inbox, timeout_s: float) -> str | None:
+    """Wait for a world that is gone, and forget what it said; why the run ended after all, or None.
+
+    Raises LinkError where it is not back in timeout_s seconds.
+    """
+    deadline = time.monotonic() + timeout_s
+    while not (inbox.world_up and inbox.empty()):
+        try:
+            channel, payload = inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+        except Empty:
+            raise LinkError(f"the world is gone for {timeout_s:g} s: look at its last words for why") from None
+        if channel == keys.END:  # its last word may come after the news of its end
+            return decode(End, payload).reason
+        if inbox.stopped:
+            return "interrupted"
+    return None
 
 
 def _refused(payload: bytes) -> Refused | None:
@@ -179,19 +211,14 @@ class Link:
         put[keys.ACT](encode(step.action))
 
 
-def live(mind: Mind, link: Link, inbox: Inbox, reconnect_s: float) -> str | None:
-    """Tick by tick until the run ends; returns why, or None where the world was gone and is back.
+def live(mind: Mind, link: Link, inbox: Inbox, turns: int) -> str | None:
+    """Tick by tick until the run ends; returns why, or None where the world that was joined is gone.
 
-    A slow world is waited for without end; one whose liveliness token is gone, only for reconnect_s seconds.
+    turns: the inbox's when that world let the robot in. A slow world is waited for without end.
     """
     heard: list[Heard] = []
-    deadline = None
-    while True:
-        patience = None if deadline is None else max(0.0, deadline - time.monotonic())
-        try:
-            channel, payload = inbox.get(timeout=patience)
-        except Empty:
-            raise LinkError(f"the world is gone for {reconnect_s:g} s: look at its last words for why") from None
+    while not inbox.stopped:
+        channel, payload = inbox.get()
         match channel:
             case keys.RADIO:
                 heard.append(decode(Heard, payload))
@@ -206,11 +233,8 @@ def live(mind: Mind, link: Link, inbox: Inbox, reconnect_s: float) -> str | None
                 heard = []
             case keys.END:
                 return decode(End, payload).reason
-            case Inbox.STOP:
-                return "interrupted"
-            case Inbox.GONE:
-                deadline = time.monotonic() + reconnect_s
-            case Inbox.BACK if deadline is not None:
+            case Inbox.WORLD if inbox.turns != turns:
                 return None
             case _:
                 pass  # the world's token at the start, or a channel of a later version
+    return "interrupted"

@@ -185,7 +185,8 @@ def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
     assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
 
 
-def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path) -> None:
+@pytest.mark.parametrize("after_s", [0.02, 0.3, 1.0], ids=["while it is joined", "just joined", "in the run"])
+def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path, after_s: float) -> None:
     (tmp_path / "tiny.yaml").write_text(ROOM)
     with open_router() as (_, endpoint):
         pass  # a port that was free
@@ -203,7 +204,7 @@ def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path)
         with ThreadPoolExecutor() as pool:
             robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), reconnect_s=15.0, robot_factory=endless)
             assert first.stdout is not None and "listening" in first.stdout.readline()
-            time.sleep(1.0)
+            time.sleep(after_s)
             first.kill()
             second = world("second", "4")
             assert robot.result(20) == "time"

@@ -15,14 +15,15 @@ from typing import Any
 import pytest
 
 from agent.config import AgentConfig
-from agent.process import run_agent
+from agent.process import Arrival, await_world, join, run_agent
+from agent.process import Inbox as AgentInbox
 from deploy import inprocess
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol import keys
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import LinkError, RefusedError
-from protocol.messages import Join, Refused
+from protocol.messages import PROTOCOL_VERSION, End, Join, Refused
 from protocol.session import open_client, open_router
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Sleeper, Wanderer, endless
@@ -119,8 +120,6 @@ def refusal(session: Any, robot: str, question: Join | bytes) -> str:
 
 
 def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> None:
-    from agent.process import Inbox as AgentInbox
-
     config = tiny_config(tmp_path, robots=2, until=2.0)
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
         inbox = AgentInbox()
@@ -131,6 +130,39 @@ def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> 
         time.sleep(0.2)
         both = [pool.submit(agent, world, robot) for robot in ("r1", "r2")]
         assert [one.result(10) for one in both] == ["time", "time"]
+
+
+def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=2.0)
+    with World(config, tmp_path / "out") as world, open_client(world.endpoint.result(JOIN_S)) as session:
+        inbox = AgentInbox()
+        inbox.world_up, asked = True, []
+
+        class Between:
+            """A session of a robot whose world came back before its first question was answered."""
+
+            info = session.info
+
+            def get(self, *question: Any, **more: Any) -> Any:
+                asked.append(question)
+                inbox.turns += 2 * (len(asked) == 1)
+                return session.get(*question, **more)
+
+        joined = join(Between(), "r1", inbox, 5.0)  # type: ignore[arg-type]
+        assert joined is not None and joined[1] == inbox.turns == 2
+        assert len(asked) == 2  # and the second time it was let in again
+        assert "another r1 is there already" in refusal(session, "r1", Join(version=PROTOCOL_VERSION, robot="r1"))
+
+
+def test_the_last_word_of_a_world_counts_after_its_end() -> None:
+    inbox = AgentInbox()
+    inbox.put(Arrival(keys.OBS, b"late"))
+    inbox.put(Arrival(keys.END, encode(End(reason="time"))))
+    assert await_world(inbox, 0.1) == "time"
+    with pytest.raises(LinkError, match=r"the world is gone for 0\.1 s"):
+        await_world(inbox, 0.1)
+    inbox.stop()
+    assert await_world(inbox, 0.1) == "interrupted"
 
 
 def test_missing_robots_are_named(tmp_path: Path) -> None:

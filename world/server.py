@@ -388,6 +388,8 @@ class Shell:
         match self._phase.get(robot):
             case None:
                 return f"no {robot} takes part, only {', '.join(self.episode.robots)}"
+            case Phase.WELCOMED if self._sessions[robot] == join.session:
+                pass  # it asks again where a world before this one was gone while it asked
             case Phase.WELCOMED | Phase.READY:
                 return f"another {robot} is there already"
             case Phase.DEAD:
