@@ -324,13 +324,23 @@ def wall_probability(c: Record, axis: float, trust: float, gates: Gates, rules: 
 
 @njit(cache=True)
 def _cuts_corner(edges: Edges, count: int, p: Record, rules: MergeRules) -> bool:
-    """Whether a piece begins on one known wall and ends on the next: few beams across their corner fit a line, too."""
+    """Whether a piece is of a few beams across a known corner or step, which fit a line, too.
+
+    It begins on one known wall and ends on the next, or, short and oblique, on one beside it that goes the same way.
+    """
+    short = p.end[1] - p.end[0] < rules.smear
     for e in range(count):
-        f = edges[e].link[1] if edges[e].alive == WALL else -1
-        if f < 0 or edges[e].ux * p.ux + edges[e].uy * p.uy < 0 or edges[f].ux * p.ux + edges[f].uy * p.uy < 0:
+        a = edges[e]
+        if a.alive != WALL or a.ux * p.ux + a.uy * p.uy < 0 or not _reaches(a, p, 0, rules.end_margin):
             continue
-        if _reaches(edges[e], p, 0, rules.end_margin) and _reaches(edges[f], p, 1, rules.end_margin):
-            return True
+        steps = short and min(abs(a.ux * p.uy - a.uy * p.ux), a.ux * p.ux + a.uy * p.uy) > math.sin(rules.off_axis)
+        for f in range(count):
+            b = edges[f]
+            if f == e or b.alive != WALL or b.ux * p.ux + b.uy * p.uy < 0:
+                continue
+            beside = steps and b.ux * a.ux + b.uy * a.uy > math.cos(rules.off_axis)
+            if (f == a.link[1] or beside) and _reaches(b, p, 1, rules.end_margin):
+                return True
     return False
 
 

@@ -403,3 +403,17 @@ def test_a_smear_over_a_small_step_is_no_oblique_wall() -> None:
         segments = walk.filter.wireframe().segments()
         angles = np.degrees(np.arctan2(segments[:, 3] - segments[:, 1], segments[:, 2] - segments[:, 0]))
         assert np.abs((angles + 45) % 90 - 45).max() < 10
+
+
+@pytest.mark.parametrize("seed", [8, 9])
+def test_from_one_wall_to_the_next_over_a_step_is_no_oblique_wall_however_often_it_is_seen(seed: int) -> None:
+    """In pal_home_w the beams over a step of 5 cm between known walls fitted a line well enough by and by, as of 9."""
+    walk = Walk(ring((0, 0), (6, 0), (6, 2), (3, 2), (3, 2.05), (0, 2.05)), LidarSpec(), seed=seed)
+    y = np.random.default_rng(seed).uniform(0.5, 1.5)
+    far, near = 2 - y / 2, 2 - y
+    stops = ((5, 0.7), (3.2, 1.0), (2.7, far), (2.2, far), (1.6, far), (2.2, near), (2.7, near))
+    for pose in round_tour(*stops, step=0.05):
+        walk.see(pose)
+    segments = walk.filter.wireframe().segments()
+    angles = np.degrees(np.arctan2(segments[:, 3] - segments[:, 1], segments[:, 2] - segments[:, 0]))
+    assert np.abs((angles + 45) % 90 - 45).max() < 10
