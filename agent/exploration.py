@@ -326,8 +326,8 @@ class Explorer:
         record.stands.append((float(target.task.stand[0]), float(target.task.stand[1])))
         self._recall()
         if target.stands < self.config.standing_points:
-            for roads in self._ways():
-                tasks = self._end_tasks(np.array([self._end_of(target.task)]), roads)
+            for close, roads in self._views():
+                tasks = self._end_tasks(np.array([self._end_of(target.task)]), roads, close=close)
                 if tasks:
                     self._pursue(tasks[0], roads, target)
                     assert self.target is not None
@@ -391,6 +391,12 @@ class Explorer:
                 walls, nodes = np.vstack((walls, standing)), np.vstack((nodes, beside))
             yield Roads(self.planning, self.wireframe, self.here, clearance, walls, nodes)
 
+    def _views(self) -> Iterator[tuple[bool, Roads]]:
+        """Roads, each with whether to look into slots from close by: last, where no other view is left."""
+        for close in (False, True):
+            for roads in self._ways():
+                yield close, roads
+
     def _decide(self) -> None:
         """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
         self._decided_tick, self._decided_version = self.tick, self.version
@@ -402,8 +408,8 @@ class Explorer:
             return
         in_the_way = self.teammates.in_the_way(self.tick)
         for goals in (self._fresh(), self._again()):
-            for roads in self._ways() if len(goals) else ():
-                tasks = self._end_tasks(goals, roads, old)
+            for close, roads in self._views() if len(goals) else ():
+                tasks = self._end_tasks(goals, roads, old, close)
                 if tasks:
                     mine = not_nearer_to(self.rivals, tasks, roads)
                     mine += not_nearer_to(self.rivals, self._pockets(roads, old), roads)
@@ -449,10 +455,11 @@ class Explorer:
     def _end_errand(self, how: str) -> None:
         self._errand_ended = how
 
-    def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None) -> list[Task]:
+    def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None, close: bool = False) -> list[Task]:
         """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, self.config.same_place_m)
-        stands = stands_of(self.ends, goals, self.config.grazing_rad)
+        grazing_rad = self.config.close_grazing_rad if close else self.config.grazing_rad
+        stands = stands_of(self.ends, goals, grazing_rad, close)
         good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
         for goal in goals[self._tried[goals] >= 0]:
             for x, y in self.memory.tried[self._tried[goal]].stands:
