@@ -326,8 +326,8 @@ class Explorer:
         record.stands.append((float(target.task.stand[0]), float(target.task.stand[1])))
         self._recall()
         if target.stands < self.config.standing_points:
-            for close, roads in self._views():
-                tasks = self._end_tasks(np.array([self._end_of(target.task)]), roads, close=close)
+            for roads in self._ways():
+                tasks = self._end_tasks(np.array([self._end_of(target.task)]), roads)
                 if tasks:
                     self._pursue(tasks[0], roads, target)
                     assert self.target is not None
@@ -391,12 +391,6 @@ class Explorer:
                 walls, nodes = np.vstack((walls, standing)), np.vstack((nodes, beside))
             yield Roads(self.planning, self.wireframe, self.here, clearance, walls, nodes)
 
-    def _views(self) -> Iterator[tuple[bool, Roads]]:
-        """Roads, each with whether to look into slots from close by: last, where no other view is left."""
-        for close in (False, True):
-            for roads in self._ways():
-                yield close, roads
-
     def _decide(self) -> None:
         """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
         self._decided_tick, self._decided_version = self.tick, self.version
@@ -407,8 +401,9 @@ class Explorer:
             self._park(old)
             return
         in_the_way = self.teammates.in_the_way(self.tick)
-        for goals in (self._fresh(), self._again()):
-            for close, roads in self._views() if len(goals) else ():
+        # into slots from close by, once, where no fresh end can be seen on at ease
+        for goals, views in ((self._fresh(), (False, True)), (self._again(), (False,))):
+            for close, roads in ((close, roads) for close in views if len(goals) for roads in self._ways()):
                 tasks = self._end_tasks(goals, roads, old, close)
                 if tasks:
                     mine = not_nearer_to(self.rivals, tasks, roads)
