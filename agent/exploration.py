@@ -401,9 +401,10 @@ class Explorer:
             self._park(old)
             return
         in_the_way = self.teammates.in_the_way(self.tick)
-        for goals in (self._fresh(), self._again()):
-            for roads in self._ways() if len(goals) else ():
-                tasks = self._end_tasks(goals, roads, old)
+        # into slots from close by, once, where no fresh end can be seen on at ease
+        for goals, views in ((self._fresh(), (False, True)), (self._again(), (False,))):
+            for close, roads in ((close, roads) for close in views if len(goals) for roads in self._ways()):
+                tasks = self._end_tasks(goals, roads, old, close)
                 if tasks:
                     mine = not_nearer_to(self.rivals, tasks, roads)
                     mine += not_nearer_to(self.rivals, self._pockets(roads, old), roads)
@@ -449,10 +450,11 @@ class Explorer:
     def _end_errand(self, how: str) -> None:
         self._errand_ended = how
 
-    def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None) -> list[Task]:
+    def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None, close: bool = False) -> list[Task]:
         """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, self.config.same_place_m)
-        stands = stands_of(self.ends, goals, self.config.grazing_rad)
+        grazing_rad = self.config.close_grazing_rad if close else self.config.grazing_rad
+        stands = stands_of(self.ends, goals, grazing_rad, close)
         good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
         for goal in goals[self._tried[goals] >= 0]:
             for x, y in self.memory.tried[self._tried[goal]].stands:

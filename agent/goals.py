@@ -41,6 +41,9 @@ def _offsets(along: tuple[float, ...], off: tuple[float, ...]) -> Floats:
 _FRONTIER = _offsets(_FRONTIER_ALONG, _FRONTIER_OFF)
 _OCCLUSION = _offsets(_OCCLUSION_ALONG, _OCCLUSION_OFF)
 _EDGE = _offsets(_EDGE_ALONG, _EDGE_OFF)
+_CLOSE_FRONTIER = _offsets((-0.6, -0.4, -0.2, 0.0), (0.14, 0.2))
+_CLOSE_OCCLUSION = _offsets((0.04, 0.08, 0.13), (0.15, 0.25, 0.4, 0.6))
+"""The same for a view into a slot too narrow to stand in: beside a wall, hardly beyond the end, and flat."""
 
 
 class Ends(NamedTuple):
@@ -95,16 +98,24 @@ def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:
     return one
 
 
-def stands_of(ends: Ends, which: Ints, grazing_rad: float) -> Stands:
-    """Points from which the hidden continuation of the chosen ends should come into view."""
+def stands_of(ends: Ends, which: Ints, grazing_rad: float, close: bool = False) -> Stands:
+    """Points from which the hidden continuation of the chosen ends should come into view.
+
+    close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
+    """
     points, targets, goal = [], [], []
-    for frontier, offsets in ((True, _FRONTIER), (False, _OCCLUSION)):
+    for frontier in (True, False):
         chosen = which[ends.frontier[which] == frontier]
         if not len(chosen):
             continue
         p, u, n = ends.points[chosen], ends.along[chosen], ends.free[chosen]
+        if frontier:
+            offsets, target = _CLOSE_FRONTIER if close else _FRONTIER, p + _BEYOND_M * u + _TOUCH_M * n
+        elif close:
+            offsets, target = _CLOSE_OCCLUSION, p + _TOUCH_M * u - _BEYOND_M * n
+        else:
+            offsets, target = _OCCLUSION, p + _BEYOND_M * u
         stand = p[:, None] + offsets[:, :1] * u[:, None] + offsets[:, 1:] * n[:, None]
-        target = p + _BEYOND_M * u + (_TOUCH_M * n if frontier else 0.0)
         view = stand - target[:, None]
         # a frontier's wall goes on along u, seen from the side n; an occluded wall leaves the end towards -n
         across = (view * (n if frontier else u)[:, None]).sum(2)

@@ -15,6 +15,7 @@ from agent.agenda import Task
 from agent.exploration import Configs, Explorer, Target
 from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
 from agent.goals import GoalMemory, open_ends, same_wall, stands_of
+from agent.planning import Roads
 from agent.teammates import Teammates
 from agent.visibility import all_seen
 from protocol.messages import RobotSpec
@@ -26,6 +27,7 @@ from world.worldfile import World, from_document, load
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "shared" / "worlds"
 SPEC = RobotSpec()
+PLANNING = PlanningConfig()
 NOBODY = np.zeros((0, 2))
 
 
@@ -98,6 +100,18 @@ def test_the_sweep_finds_posts_that_no_wall_following_sees():
     walls_only = explore(hall, 900, config=configs(default_state="least-likely", pockets=False))[0]
     assert walls_only.complete_s is not None
     assert walls_only.path_m < swept.path_m
+
+
+def test_behind_a_cabinet_it_looks_into_the_slot_that_it_cannot_enter():
+    """Without a view from close by, the cabinet's side and the wall's end beside it are given up (recall 0.942)."""
+    room = drawn(
+        [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0)],
+        [(0.2, 3), (0.2, 2.55), (0.7, 2.55), (0.7, 3)],
+        spawn=(1.5, 1.0, 0.0),
+    )
+    trial = explore(room, 200)[0]
+    assert_well_explored(trial, 0.965)
+    assert trial.unreachable == 0
 
 
 @pytest.mark.parametrize("state", ["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"])
@@ -332,6 +346,31 @@ def test_from_standing_points_the_hidden_wall_is_in_view(seed):
     seen = all_seen(stands.points, np.ascontiguousarray(beyond[stands.goal]), world.segments)
     shown = [seen[stands.goal == goal].any() for goal in range(len(ends.points))]
     assert np.mean(shown) > 0.9
+
+
+SLOTS = {
+    "a cabinet's side": ([(0.7, 2.5), (0.2, 2.5)], [(0, 3), (0, 0)], Label.OCCLUSION, (0.201, 2.6)),
+    "a wall behind a chair": ([(-3, 0), (0.1, 0)], [(0, 0.12), (0, 0.6), (0.6, 0.6), (0.6, 0.12), (0, 0.12)],
+                              Label.FRONTIER, (0.2, 0.001)),
+}  # fmt: skip
+"""A wall with its open end second, what makes the slot beside it, and a place that the end hides."""
+
+
+@pytest.mark.parametrize("slot", SLOTS)
+def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
+    wall, beside, label, hidden = SLOTS[slot]
+    wireframe = chain(wall, beside)
+    wireframe.labels[1] = label
+    ends = open_ends(wireframe)
+    roads = Roads(PLANNING, wireframe, np.array([1.0, 1.5]), PLANNING.tight_clearance_m)
+    shown = []
+    for grazing_rad, close in ((0.35, False), (0.05, True)):
+        stands = stands_of(ends, np.array([0]), grazing_rad, close)
+        good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+        seen = all_seen(stands.points, np.broadcast_to(hidden, stands.points.shape).copy(), roads.walls)
+        shown.append((int(good.sum()), int((good & seen).sum())))
+    assert shown[0][0] == 0
+    assert shown[1][1] > 0
 
 
 def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
