@@ -7,8 +7,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.exploration_config import ExplorationConfig
 from agent.planning import Roads
-from agent.tour import open_tour
+from agent.tour import open_tour, tour_cost
 
 Floats = NDArray[np.float64]
 
@@ -32,6 +33,8 @@ class Task(NamedTuple):
     """Metres of path that this standing point is worse than its place tells."""
     samples: Floats | None = None
     """(n, 2) samples of free area that a sweep is to see from there."""
+    begun: bool = False
+    """Whether the robot is on its way there."""
 
 
 def is_end(task: Task) -> bool:
@@ -53,21 +56,29 @@ def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]
     return [task for task, keep in zip(tasks, kept, strict=True) if keep]
 
 
-def first_of_tour(tasks: list[Task], roads: Roads, most: int, detour_m: float) -> Task:
-    """The task that a short tour through the `most` nearest of them does first.
+def first_of_tour(tasks: list[Task], roads: Roads, config: ExplorationConfig, detour_m: float) -> Task:
+    """The task that a short tour through the nearest of them does first.
 
-    An open end is not kept waiting for a sweep that is more than detour_m (metres) off the way to it.
+    An open end is not kept waiting for a sweep that is more than detour_m (metres) off the way to it. The task that
+    is begun is left only where the best tour is better by config.switch_gain_m than the best that goes on with it.
     """
     stands = np.array([task.stand for task in tasks])
     costs = np.minimum(roads.costs(stands) + np.array([task.extra_m for task in tasks]), _FAR_M)
-    near = np.argsort(costs, kind="stable")[:most]
+    near: list[int] = np.lexsort((costs, [not task.begun for task in tasks]))[: config.tour].tolist()
     table = np.zeros((len(near) + 1, len(near) + 1))
     table[0, 1:] = costs[near]
     for k, stand in enumerate(stands[near]):
         table[k + 1, 1:] = np.minimum(roads.starting_at(stand).costs(stands[near]), _FAR_M)
-    order = open_tour(table)[1:]
-    ends = [k for k in order if is_end(tasks[int(near[k - 1])])]
-    for k in order:
-        if not ends or k == ends[0] or table[0, k] + table[k, ends[0]] - table[0, ends[0]] <= detour_m:
-            return tasks[int(near[k - 1])]
+    ends = np.array([False, *(is_end(tasks[k]) for k in near)])
+    order = open_tour(table, ends, config.haste)
+    if tasks[near[0]].begun:
+        going_on = np.append(0, 1 + open_tour(table[1:, 1:], ends[1:], config.haste))
+        best = tour_cost(order, table, ends, config.haste)
+        if tour_cost(going_on, table, ends, config.haste) <= best + config.switch_gain_m:
+            return tasks[near[0]]
+    visits: list[int] = order.tolist()
+    first_end = next((k for k in visits if ends[k]), 0)
+    for k in visits[1:]:
+        if not first_end or table[0, k] + table[k, first_end] - table[0, first_end] <= detour_m:
+            return tasks[near[k - 1]]
     raise AssertionError("the first open end ends the loop")

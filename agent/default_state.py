@@ -76,7 +76,7 @@ class DefaultStates:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
         tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
         tasks = not_nearer_to(rivals, tasks, roads) or tasks  # nobody idles
-        return first_of_tour(tasks, roads, self.config.tour, math.inf) if tasks else None
+        return first_of_tour(tasks, roads, self.config, math.inf) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
         """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""

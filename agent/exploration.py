@@ -410,7 +410,7 @@ class Explorer:
                     mine += not_nearer_to(self.rivals, self._pockets(roads, old), roads)
                     detour_m = self.config.team_detour_m if len(self.rivals) else self.config.pocket_detour_m
                     # rather sweep than follow a teammate
-                    self._pursue(first_of_tour(mine or tasks, roads, self.config.tour, detour_m), roads, old)
+                    self._pursue(first_of_tour(mine or tasks, roads, self.config, detour_m), roads, old)
                     return
             for goal in goals:
                 reason = _TEAMMATE if in_the_way else "no way to a standing point"
@@ -471,14 +471,14 @@ class Explorer:
             if found is not None:
                 k = here[found[0]]
                 goal = int(goal_of[k])
-                less = self.config.switch_gain_m if kept >= 0 and once[kept] == wall else 0.0
                 tasks.append(
                     Task(
                         "frontier" if self.ends.frontier[goal] else "occlusion",
                         self.ends.points[goal],
                         points[k],
                         self.ends.along[goal],
-                        float(extra[k]) - less,
+                        float(extra[k]),
+                        begun=kept >= 0 and bool(once[kept] == wall),
                     )
                 )
         return tasks
@@ -491,7 +491,7 @@ class Explorer:
         kept = old.task.stand if old is not None and old.task.kind == "sweep" else None
         tasks = self.sweep.tasks(samples, roads, kept)
         if kept is not None and tasks and (tasks[0].stand == kept).all():
-            tasks[0] = tasks[0]._replace(extra_m=-self.config.switch_gain_m)
+            tasks[0] = tasks[0]._replace(begun=True)
         return tasks
 
     def _pursue(self, task: Task, roads: Roads, old: Target | None) -> None:

@@ -22,6 +22,7 @@ from protocol.wireframe import Label, Wireframe
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_UNASKED, _BARRED = -2, -1
 _SLACK = 0.98
 """A start nearer to a wall than the clearance may go on at this share of its distance, so that it gets away."""
 
@@ -63,8 +64,10 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
 
 
 @njit(cache=True)
-def _hurdles(ax: float, ay: float, bx: float, by: float, hurdles: Floats) -> int:
-    """How many hurdles the motion a-b crosses."""
+def _join(ax: float, ay: float, bx: float, by: float, walls: Floats, hurdles: Floats, clearance: float) -> int:
+    """How many hurdles the straight motion a-b crosses, -1 if it does not keep the clearance from the walls."""
+    if not keeps_clear(ax, ay, bx, by, walls, clearance):
+        return _BARRED
     n = 0
     for k in range(hurdles.shape[0]):
         if crosses(ax, ay, bx, by, hurdles[k, 0], hurdles[k, 1], hurdles[k, 2], hurdles[k, 3]):
@@ -74,9 +77,19 @@ def _hurdles(ax: float, ay: float, bx: float, by: float, hurdles: Floats) -> int
 
 @njit(cache=True)
 def _shortest(
-    start: Floats, start_clearance: float, nodes: Floats, walls: Floats, hurdles: Floats, clearance: float, toll: float
+    start: Floats,
+    start_clearance: float,
+    nodes: Floats,
+    joins: Ints,
+    walls: Floats,
+    hurdles: Floats,
+    clearance: float,
+    toll: float,
 ) -> tuple[Floats, Ints]:
-    """Dijkstra from start: cost (k,) of each node, inf where there is no way, and the node before it, -1: the start."""
+    """Dijkstra from start: cost (k,) of each node, inf where there is no way, and the node before it, -1: the start.
+
+    joins: (k, k) what `_join` said of two nodes, filled in as it is asked.
+    """
     n = nodes.shape[0]
     cost = np.full(n, math.inf)
     before = np.full(n, -1)
@@ -84,15 +97,22 @@ def _shortest(
     at, at_cost = -1, 0.0
     while True:
         px, py = (start[0], start[1]) if at < 0 else (nodes[at, 0], nodes[at, 1])
-        limit = start_clearance if at < 0 else clearance
         for j in range(n):
             if settled[j]:
                 continue
             qx, qy = nodes[j, 0], nodes[j, 1]
             new = at_cost + math.hypot(qx - px, qy - py)
-            if new >= cost[j] or not keeps_clear(px, py, qx, qy, walls, limit):
+            if new >= cost[j]:
                 continue
-            new += toll * _hurdles(px, py, qx, qy, hurdles)
+            if at < 0:
+                join = _join(px, py, qx, qy, walls, hurdles, start_clearance)
+            else:
+                if joins[at, j] == _UNASKED:
+                    joins[at, j] = joins[j, at] = _join(px, py, qx, qy, walls, hurdles, clearance)
+                join = joins[at, j]
+            if join == _BARRED:
+                continue
+            new += toll * join
             if new < cost[j]:
                 cost[j], before[j] = new, at
         at = -1
@@ -122,18 +142,37 @@ def _reach(
     """Cost of the goal if below worst, and the node before it: -1 the start, -2 none."""
     best, last = worst, -2
     direct = math.hypot(goal[0] - start[0], goal[1] - start[1])
-    if direct < best and keeps_clear(start[0], start[1], goal[0], goal[1], walls, start_clearance):
-        direct += toll * _hurdles(start[0], start[1], goal[0], goal[1], hurdles)
-        if direct < best:
-            best, last = direct, -1
+    if direct < best:
+        join = _join(start[0], start[1], goal[0], goal[1], walls, hurdles, start_clearance)
+        if join != _BARRED and direct + toll * join < best:
+            best, last = direct + toll * join, -1
     for j in range(nodes.shape[0]):
         new = cost[j] + math.hypot(goal[0] - nodes[j, 0], goal[1] - nodes[j, 1])
-        if new >= best or not keeps_clear(nodes[j, 0], nodes[j, 1], goal[0], goal[1], walls, clearance):
+        if new >= best:
             continue
-        new += toll * _hurdles(nodes[j, 0], nodes[j, 1], goal[0], goal[1], hurdles)
-        if new < best:
-            best, last = new, j
+        join = _join(nodes[j, 0], nodes[j, 1], goal[0], goal[1], walls, hurdles, clearance)
+        if join != _BARRED and new + toll * join < best:
+            best, last = new + toll * join, j
     return best, last
+
+
+@njit(cache=True)
+def _costs(
+    start: Floats,
+    start_clearance: float,
+    nodes: Floats,
+    cost: Floats,
+    goals: Floats,
+    walls: Floats,
+    hurdles: Floats,
+    clearance: float,
+    toll: float,
+) -> Floats:
+    """Cost (g,) of each of goals (g, 2), inf where there is no way."""
+    out = np.empty(goals.shape[0])
+    for i in range(goals.shape[0]):
+        out[i], _ = _reach(start, start_clearance, nodes, cost, goals[i], walls, hurdles, clearance, toll, math.inf)
+    return out
 
 
 @njit(cache=True)
@@ -222,14 +261,16 @@ class Roads:
         if more_nodes is not None and len(more_nodes):
             nodes = np.vstack((nodes, more_nodes))
         self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
+        self._joins = np.full((len(self.nodes),) * 2, _UNASKED)
         self._start(start)
 
     def _start(self, start: Floats) -> None:
         self.start = np.ascontiguousarray(start, np.float64)
         self.start_clearance = min(self.clearance, _SLACK * distance_to_walls(start[0], start[1], self.walls))
         self.cost, self.before = _shortest(
-            self.start, self.start_clearance, self.nodes, self.walls, self.hurdles, self.clearance, self.toll
-        )
+            self.start, self.start_clearance, self.nodes, self._joins,
+            self.walls, self.hurdles, self.clearance, self.toll,
+        )  # fmt: skip
 
     def starting_at(self, start: Floats) -> Roads:
         """The same roads from another start (2,)."""
@@ -263,13 +304,11 @@ class Roads:
 
     def costs(self, goals: Floats) -> Floats:
         """Path cost (g,) in metres of each of goals (g, 2); inf where there is no way."""
-        out = np.full(len(goals), math.inf)
-        for k, goal in enumerate(np.ascontiguousarray(goals)):
-            out[k], _ = _reach(
-                self.start, self.start_clearance, self.nodes, self.cost, goal,
-                self.walls, self.hurdles, self.clearance, self.toll, math.inf,
-            )  # fmt: skip
-        return out
+        costs: Floats = _costs(
+            self.start, self.start_clearance, self.nodes, self.cost, np.ascontiguousarray(goals, np.float64),
+            self.walls, self.hurdles, self.clearance, self.toll,
+        )  # fmt: skip
+        return costs
 
 
 def still_clear(path: Floats, walls: Floats, clearance_m: float) -> bool:

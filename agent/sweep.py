@@ -41,9 +41,11 @@ def sweep_radius(config: ExplorationConfig, lidar: LidarSpec) -> float:
 
 @njit(cache=True)
 def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
-    """Whether each of points (n, 2) is seen from any of eyes (k, 2) within the radius, past walls (m, 4)."""
-    n = points.shape[0]
-    out = np.zeros(n, np.bool_)
+    """Whether each of points (n, 2) is seen from any of eyes (k, 2) within the radius, past walls (m, 4).
+
+    The points are in the order of y, as those of a lattice are.
+    """
+    out = np.zeros(points.shape[0], np.bool_)
     near = np.empty(walls.shape)
     for e in range(eyes.shape[0] - 1, -1, -1):
         x, y = eyes[e]
@@ -57,7 +59,8 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bool
             ):
                 near[m] = walls[k]
                 m += 1
-        for i in range(n):
+        first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
+        for i in range(first, last):
             if out[i]:
                 continue
             dx, dy = points[i, 0] - x, points[i, 1] - y
@@ -104,7 +107,7 @@ def _cover(views: Bools, least: int, keep: bool) -> NDArray[np.int64]:
 
 
 def lattice(x0: float, y0: float, x1: float, y1: float, step: float) -> Floats:
-    """Points (n, 2) of a square lattice through the origin inside a box, metres."""
+    """Points (n, 2) of a square lattice through the origin inside a box, in the order of y; metres."""
     xs = np.arange(math.ceil(x0 / step), math.floor(x1 / step) + 1) * step
     ys = np.arange(math.ceil(y0 / step), math.floor(y1 / step) + 1) * step
     return np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)

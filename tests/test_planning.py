@@ -14,7 +14,6 @@ from agent.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from agent.exploration_config import ExplorationConfig, PlanningConfig
 from agent.planning import Roads, chains, hurdles_of, still_clear
 from agent.sweep import Sweep, free_face
-from agent.tour import open_tour
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
 
@@ -149,23 +148,6 @@ def test_no_walls_no_obstacles():
     into, out_of = chains(empty)
     assert len(into) == len(out_of) == 0
     assert go(Roads(CONFIG, empty, np.zeros(2), 0.2), 3.0, 4.0)[0] == pytest.approx(5.0)
-
-
-def test_tours_are_short():
-    """Within 10 % of the best open tour of eight random places, by trying all orders."""
-    import itertools
-
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        places = rng.uniform(0, 10, (8, 2))
-        cost = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
-        order = open_tour(cost)
-        assert order[0] == 0
-        assert sorted(order) == list(range(8))
-        best = min(
-            sum(cost[a, b] for a, b in itertools.pairwise((0, *rest))) for rest in itertools.permutations(range(1, 8))
-        )
-        assert sum(cost[a, b] for a, b in itertools.pairwise(order)) <= 1.1 * best
 
 
 def test_the_free_face_leaves_out_what_is_solid():
