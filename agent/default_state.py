@@ -115,7 +115,7 @@ class DefaultStates:
             self._lap = _lap(wireframe)
         while len(self._lap):
             point = self._lap[0]
-            if roads.standable(point[None])[0] and np.isfinite(roads.costs(point[None])[0]):
+            if roads.standable(point[None])[0] and roads.reached(point[None])[0]:
                 return Task("perimeter", point, point)
             self._lap = self._lap[1:]
         return None

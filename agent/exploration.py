@@ -416,7 +416,7 @@ class Explorer:
                 reason = _TEAMMATE if in_the_way else "no way to a standing point"
                 self._abandon(self.ends.points[goal], self.ends.along[goal], reason)
         for roads in self._ways():
-            if old is not None and not is_end(old.task) and np.isfinite(roads.costs(old.task.stand[None])[0]):
+            if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 self._pursue(old.task, roads, old)
                 return
             task = self.states.next(self.wireframe, self.version, roads, self._eyes(), self.rivals)

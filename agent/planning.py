@@ -21,6 +21,7 @@ from protocol.wireframe import Label, Wireframe
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 _UNASKED, _BARRED = -2, -1
 _SLACK = 0.98
@@ -176,6 +177,22 @@ def _costs(
 
 
 @njit(cache=True)
+def _reached(
+    start: Floats, start_clearance: float, nodes: Floats, cost: Floats, goals: Floats, walls: Floats, clearance: float
+) -> Bools:
+    """Whether each of goals (g, 2) is reached from the start or from a node that is."""
+    out = np.zeros(goals.shape[0], np.bool_)
+    for i in range(goals.shape[0]):
+        x, y = goals[i]
+        out[i] = keeps_clear(start[0], start[1], x, y, walls, start_clearance)
+        for j in range(nodes.shape[0]):
+            if out[i]:
+                break
+            out[i] = cost[j] < math.inf and keeps_clear(nodes[j, 0], nodes[j, 1], x, y, walls, clearance)
+    return out
+
+
+@njit(cache=True)
 def _nearest(
     start: Floats,
     start_clearance: float,
@@ -278,7 +295,7 @@ class Roads:
         other._start(start)
         return other
 
-    def standable(self, points: Floats) -> NDArray[np.bool_]:
+    def standable(self, points: Floats) -> Bools:
         """Whether each of points (n, 2) keeps the clearance."""
         return np.asarray(distances_to_walls(np.ascontiguousarray(points), self.walls) >= self.clearance)
 
@@ -301,6 +318,14 @@ class Roads:
             last = int(self.before[last])
         way.append(self.start)
         return which, cost, np.array(way[::-1])
+
+    def reached(self, goals: Floats) -> Bools:
+        """Whether there is a way to each of goals (g, 2)."""
+        goals = np.ascontiguousarray(goals, np.float64)
+        reached: Bools = _reached(
+            self.start, self.start_clearance, self.nodes, self.cost, goals, self.walls, self.clearance
+        )
+        return reached
 
     def costs(self, goals: Floats) -> Floats:
         """Path cost (g,) in metres of each of goals (g, 2); inf where there is no way."""

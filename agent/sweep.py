@@ -18,7 +18,7 @@ from agent.agenda import Task
 from agent.exploration_config import ExplorationConfig
 from agent.goals import open_ends
 from agent.planning import Roads
-from agent.visibility import sees
+from agent.visibility import hidden_by
 from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
 
@@ -60,12 +60,16 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bool
                 near[m] = walls[k]
                 m += 1
         first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
+        last_hid = near[:0]  # what hid one point hides most of its neighbours
         for i in range(first, last):
-            if out[i]:
+            px, py = points[i]
+            if out[i] or (px - x) ** 2 + (py - y) ** 2 > radius * radius or hidden_by(x, y, px, py, last_hid) >= 0:
                 continue
-            dx, dy = points[i, 0] - x, points[i, 1] - y
-            if dx * dx + dy * dy <= radius * radius and sees(x, y, points[i, 0], points[i, 1], near[:m]):
+            k = hidden_by(x, y, px, py, near[:m])
+            if k < 0:
                 out[i] = True
+            else:
+                last_hid = near[k : k + 1]
     return out
 
 
@@ -179,7 +183,7 @@ class Sweep:
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
         if first is not None:
             points = np.vstack((first, points))
-        points = points[np.isfinite(roads.costs(points))]
+        points = points[roads.reached(points)]
         if not len(points):
             return []
         views = _views(unseen, points, roads.walls, self.radius)

@@ -17,12 +17,12 @@ _BESIDE_RAD = 1e-4
 
 
 @njit(cache=True)
-def sees(ax: float, ay: float, bx: float, by: float, walls: Floats) -> bool:
-    """Whether no wall cuts the line of sight a-b."""
+def hidden_by(ax: float, ay: float, bx: float, by: float, walls: Floats) -> int:
+    """Row of a wall that cuts the line of sight a-b, -1 if none does."""
     for k in range(walls.shape[0]):
         if crosses(ax, ay, bx, by, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]):
-            return False
-    return True
+            return k
+    return -1
 
 
 @njit(cache=True)
@@ -30,7 +30,7 @@ def all_seen(eyes: Floats, targets: Floats, walls: Floats) -> NDArray[np.bool_]:
     """Whether each of targets (n, 2) is seen from the eye (n, 2) of the same row."""
     out = np.empty(eyes.shape[0], np.bool_)
     for k in range(eyes.shape[0]):
-        out[k] = sees(eyes[k, 0], eyes[k, 1], targets[k, 0], targets[k, 1], walls)
+        out[k] = hidden_by(eyes[k, 0], eyes[k, 1], targets[k, 0], targets[k, 1], walls) < 0
     return out
 
 
