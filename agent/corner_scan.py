@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.chains import chained
+from agent.geometry.chains import chained
 from protocol.wireframe import Label, Wireframe
 
 NOMINAL = int(Label.NOMINAL)

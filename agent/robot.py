@@ -10,16 +10,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.communication.contacts import Contacts
+from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
-from agent.contacts import Contacts
-from agent.cooperation import Cooperation
-from agent.exchange import Exchange
-from agent.exploration import Command, Configs, Explorer
-from agent.frames import moved, seen_from
-from agent.perception import perceive
-from agent.posts import Posts
-from agent.seen_discs import SeenDiscs
-from agent.wireframe_filter import WireframeFilter
+from agent.cooperation.team import Cooperation
+from agent.exploration.explorer import Command, Configs, Explorer
+from agent.geometry.frames import moved, seen_from
+from agent.mapping.particle_filter import WireframeFilter
+from agent.perception.perceive import perceive
+from agent.perception.posts import Posts
+from agent.perception.seen_discs import SeenDiscs
 from protocol.messages import (
     Action,
     Event,

@@ -262,7 +262,7 @@ def agent(
     set_: Set = None,
 ) -> None:
     """Run one robot."""
-    from agent.process import Inbox, run_agent
+    from agent.shell.process import Inbox, run_agent
     from deploy.config import load
     from protocol.access import read_secrets
 

@@ -11,8 +11,8 @@ import yaml
 from pydantic import ValidationError
 
 from agent.config import AgentConfig
+from protocol.settings import NotNegative, Positive
 from world.config import ServerConfig, WorldConfig
-from world.radio_config import NotNegative, Positive
 
 
 class ConfigError(ValueError):

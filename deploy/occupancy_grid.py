@@ -10,8 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from agent.kernels import kernel
 
 Floats = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ def grid_of(
     return grid.grid
 
 
-@njit(cache=True)
+@kernel
 def _integrate(
     log_odds: Floats,
     mark: NDArray[np.int64],

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from deploy.config import RunConfig
 
 if TYPE_CHECKING:
-    from agent.process import RobotFactory
+    from agent.shell.process import RobotFactory
 
 GRACE_S = 3.0
 """What a child has left to end by itself once its launcher is dead; the promise is 5 s for all."""
@@ -69,7 +69,7 @@ def agent_process(
     robot_factory: RobotFactory | None,
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
-    from agent.process import Inbox, run_agent
+    from agent.shell.process import Inbox, run_agent
     from protocol.errors import LinkError, ProtocolError
 
     inbox = Inbox()

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agent.clearance import distance_to_walls
-from agent.exploration import Command, Configs, Explorer
-from agent.exploration_config import DrivingConfig, ExplorationConfig, PlanningConfig
+from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
+from agent.exploration.explorer import Command, Configs, Explorer
+from agent.geometry.clearance import distance_to_walls
 from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Label, Wireframe

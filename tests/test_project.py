@@ -36,7 +36,7 @@ def locked() -> dict[str, list[Requirement]]:
 
 
 def test_a_robot_reaches_neither_truth_nor_pictures() -> None:
-    code = "import agent.process, agent.robot, sys; print(*{name.split('.')[0] for name in sys.modules})"
+    code = "import agent.shell.process, agent.robot, sys; print(*{name.split('.')[0] for name in sys.modules})"
     loaded = set(run(sys.executable, "-c", code).split())
     assert "protocol" in loaded
     assert loaded.isdisjoint({"world", "deploy", "pymunk", "matplotlib", "rich", "psutil", "pytest"})

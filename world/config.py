@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from protocol.messages import RobotSpec
-from world.radio_config import Config, NotNegative, Positive, RadioConfig
+from protocol.settings import Config, NotNegative, Positive
+from world.radio_config import RadioConfig
 
 
 class PhysicsConfig(Config):

@@ -4,20 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import Field, StringConstraints
 
 from protocol.messages import RobotId
+from protocol.settings import Chance, Config, NotNegative, Positive
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Chance = Annotated[float, Field(ge=0, le=1)]
 LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}$")]
-
-
-class Config(BaseModel):
-    """Immutable and free of unknown keys, so that a typing error in a file is found."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class LineOfSight(Config):
@@ -87,7 +79,7 @@ class Asymmetric(Config):
     kind: Literal["asymmetric"] = "asymmetric"
     most: Chance = 0.5
     """A link's loss is drawn between 0 and this."""
-    links: dict[LinkName, Chance] = {}
+    links: dict[LinkName, Chance] = Field(default_factory=dict)
     """Losses that are not drawn, such as "r1>r2": 1.0."""
 
     def __str__(self) -> str:
@@ -101,7 +93,7 @@ class Blackout(Config):
     kind: Literal["blackout"] = "blackout"
     begin_s: NotNegative
     end_s: NotNegative
-    robots: list[RobotId] = []
+    robots: list[RobotId] = Field(default_factory=list)
     """Who neither sends nor hears; empty: nobody does."""
 
     def __str__(self) -> str:
@@ -148,7 +140,7 @@ class RadioConfig(Config):
     """A disc around the sender, judged at the sending tick (paper III: robots within radio range); null for none."""
     mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = 1200
     """The longest message that goes on the air: below what any IP link carries in one piece."""
-    models: list[Model] = []
+    models: list[Model] = Field(default_factory=list)
 
     def __str__(self) -> str:
         reach = f"range {self.range_m:g} m" if self.range_m else "no range limit"

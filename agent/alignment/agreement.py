@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.transform import Floats, inverse
+from agent.geometry.transform import Floats, inverse
+from agent.kernels import kernel
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -73,7 +73,7 @@ def index_walls(segments: Floats, juts: Bools, config: AlignmentConfig) -> Walls
     return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free, ways)
 
 
-@njit(cache=True)
+@kernel
 def _fill(
     segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int, reach: float
 ) -> tuple[Ints, Ints]:
@@ -148,7 +148,7 @@ def verdicts(samples: Floats, transform: Floats, walls: Walls, config: Alignment
     return said
 
 
-@njit(cache=True)
+@kernel
 def _verdicts(
     samples: Floats,
     t: Floats,

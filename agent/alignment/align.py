@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from agent.alignment.agreement import Walls, index_walls
+from agent.alignment.candidates import Candidates, ranked
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.congruent_sets import congruent_sets
 from agent.alignment.feature import Corners, corners
 from agent.alignment.icp import icp
 from agent.alignment.meeting import Meeting, Place, place_of
-from agent.alignment.ranked import Candidates, ranked
 from agent.alignment.repetition import rival_score
-from agent.alignment.transform import Floats, apart
+from agent.geometry.transform import Floats, apart
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
 

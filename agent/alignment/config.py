@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from agent.base_config import Config, Positive
+from protocol.settings import Config, Positive
 
 
 class AlignmentConfig(Config):

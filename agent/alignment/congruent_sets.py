@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from agent.alignment.agreement import Walls
+from agent.alignment.candidates import Candidates, by_corners
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, Floats, Ints
-from agent.alignment.ranked import Candidates, by_corners
-from agent.alignment.transform import fit
+from agent.geometry.transform import fit
+from agent.kernels import kernel
 
 DRAWS_PER_BASE = 50
 """Four points are drawn at most so often for one base; clouds on a line have none."""
@@ -82,7 +82,7 @@ def draw_bases(points: Floats, config: AlignmentConfig, rng: np.random.Generator
     return np.array(bases, np.int64).reshape(-1, 4)
 
 
-@njit(cache=True)
+@kernel
 def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[float, float]:
     """Shares of a-b and c-d at which their lines cross; -1 if they are nearly parallel."""
     rx, ry, sx, sy = b[0] - a[0], b[1] - a[1], d[0] - c[0], d[1] - c[1]
@@ -93,7 +93,7 @@ def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[float, float]
     return (wx * sy - wy * sx) / cross, (wx * ry - wy * rx) / cross
 
 
-@njit(cache=True)
+@kernel
 def _crossed(points: Floats, four: Ints, side: float) -> Ints:
     """The four vertices paired so that their diagonals cross and no side is short; -1 first where there is none."""
     out = np.full(4, -1)
@@ -112,7 +112,7 @@ def _crossed(points: Floats, four: Ints, side: float) -> Ints:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _cloud_cells(points: Floats, cell: float) -> tuple[float, float, int, int, float, Ints, Ints]:
     """Points by square cells: lower left corner, columns, rows, cell size, begins, members."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
@@ -135,7 +135,7 @@ def _cloud_cells(points: Floats, cell: float) -> tuple[float, float, int, int, f
     return x0, y0, columns, rows, size, begins, members
 
 
-@njit(cache=True)
+@kernel
 def _matched(
     source: Floats,
     target: Floats,
@@ -167,7 +167,7 @@ def _matched(
     return count
 
 
-@njit(cache=True)
+@kernel
 def _congruent(
     source: Floats,
     target: Floats,

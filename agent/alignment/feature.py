@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from agent.alignment.config import AlignmentConfig
+from agent.kernels import kernel
 from protocol.wireframe import Label, Wireframe
 
 Floats = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _directions(points: Floats, parent: Ints, child: Ints) -> Floats:
     return unit
 
 
-@njit(cache=True)
+@kernel
 def _features(
     points: Floats, true: Bools, sd: Floats, parent: Ints, child: Ints, angle_sd: float
 ) -> tuple[Floats, Ints, Floats]:
@@ -128,7 +128,7 @@ def _features(
     return values, kinds, sds
 
 
-@njit(cache=True)
+@kernel
 def like_ways(one: Floats, other: Floats, c: float, s: float, alike: float) -> bool:
     """Whether a corner's walls (2, 2), turned by the angle of cosine c and sine s, go the ways of another's.
 
@@ -202,7 +202,7 @@ FLAT_WEIGHT = 2.0
 """Number of values that this spread counts for."""
 
 
-@njit(cache=True)
+@kernel
 def _log_density(values: Floats, kinds: Ints, sds: Floats, pool: Floats, turn: float) -> Floats:
     """Kernel density at exact values (blurred by twice their deviation), share above at bounds; logs."""
     out = np.zeros(values.shape[0])
@@ -235,7 +235,7 @@ FAR_OFF = 81.0
 """Square of nine deviations: -40 nats, which no rare value makes up for; values are rarer than in one of 1e6 never."""
 
 
-@njit(cache=True)
+@kernel
 def _likeness(
     a: Floats,
     a_kinds: Ints,

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from agent.alignment.agreement import Walls
+from agent.alignment.candidates import Candidates, by_corners
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, Floats
-from agent.alignment.ranked import Candidates, by_corners
-from agent.alignment.transform import fit, move
+from agent.geometry.transform import fit, move
+from agent.kernels import kernel
 
 
 def icp(
@@ -29,7 +29,7 @@ def icp(
     return by_corners(found, mine, theirs, my_walls, their_walls, config)
 
 
-@njit(cache=True)
+@kernel
 def _closest(source: Floats, target: Floats, turns: Floats, gate: float, rounds: int) -> Floats:
     """(k, 3) where the closest points settle from each turn."""
     out = np.empty((turns.shape[0], 3))

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from agent.alignment.transform import compose, inverse
-from agent.clearance import distances_to_walls
+from agent.geometry.clearance import distances_to_walls
+from agent.geometry.transform import compose, inverse
+from agent.kernels import kernel
 from protocol.messages import Pose
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ def place_of(points: Floats, child: Ints, walls: Floats) -> Place:
     return Place(walls, rings, ring_of[members], area > 0)
 
 
-@njit(cache=True)
+@kernel
 def _rings(child: Ints) -> tuple[Ints, int]:
     """(n,) the closed ring that each vertex belongs to, or -1, and how many there are."""
     n = child.shape[0]
@@ -68,7 +68,7 @@ def _rings(child: Ints) -> tuple[Ints, int]:
     return ring, count
 
 
-@njit(cache=True)
+@kernel
 def _on_the_free_side(points: Floats, rings: Floats, ring: Ints, outer: Bools) -> Bools:
     """Whether each point is inside all outer rings and outside all others."""
     out = np.ones(points.shape[0], np.bool_)

@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from agent.alignment.agreement import Walls, agreement
+from agent.alignment.candidates import like_transforms, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Bools, Corners, Floats, like_ways
-from agent.alignment.ranked import like_transforms, refine
-from agent.alignment.transform import apart, compose, inverse, move
+from agent.geometry.transform import apart, compose, inverse, move
+from agent.kernels import kernel
 
 
 def patterns(one: Corners, config: AlignmentConfig, rng: np.random.Generator) -> Floats:
@@ -76,7 +76,7 @@ def same_corners(one: Corners, transform: Floats, other: Corners, config: Alignm
     )
 
 
-@njit(cache=True)
+@kernel
 def _same(
     a: Floats,
     a_true: Bools,

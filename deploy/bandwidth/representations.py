@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from agent.config import TalkConfig
+from agent.communication.config import TalkConfig
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig

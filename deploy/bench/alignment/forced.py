@@ -10,8 +10,8 @@ import numpy as np
 
 from agent.alignment import prepare
 from agent.alignment.align import candidates, pose_of
-from agent.alignment.transform import Floats, apply, compose, inverse
-from agent.cooperation import Peer
+from agent.cooperation.team import Peer
+from agent.geometry.transform import Floats, apply, compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.live import errors, right, true_transform
 from deploy.bench.bars import Column, Section

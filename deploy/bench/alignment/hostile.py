@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from agent.alignment.transform import Floats, apply, compose, inverse
 from agent.config import AgentConfig
+from agent.geometry.transform import Floats, apply, compose, inverse
 from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bench.alignment.pairs import moved, random_pose

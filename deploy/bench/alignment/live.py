@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.alignment.transform import Floats, apply, compose, inverse
+from agent.geometry.transform import Floats, apply, compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import RIGHT_DEG, RIGHT_M
 from deploy.bench.alignment.recordings import KEEP, mapped

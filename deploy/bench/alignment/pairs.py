@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.alignment.transform import apply, compose, inverse
+from agent.geometry.transform import apply, compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe

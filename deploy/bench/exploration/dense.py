@@ -16,13 +16,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from agent.config import AgentConfig
-from agent.driving import Driver
-from agent.frames import moved
-from agent.perception import perceive
+from agent.exploration.driving import Driver
+from agent.geometry.frames import moved
+from agent.kernels import kernel
+from agent.perception.perceive import perceive
 from agent.robot import Step
 from deploy import inprocess
 from deploy.bench.bars import Column, Section
@@ -61,7 +61,7 @@ MOST_RATIO = 1.1
 """Our path to 99 % over the dense one's."""
 
 
-@njit(cache=True)
+@kernel
 def _frontiers(log_odds: Floats, candidates: Bools, least: int) -> Bools:
     """Those of the candidates that lie beside unknown cells, in 8-connected groups of at least so many."""
     nx, ny = log_odds.shape
@@ -99,7 +99,7 @@ def _frontiers(log_odds: Floats, candidates: Bools, least: int) -> Bools:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _grown(cells: Bools, radius: float) -> Bools:
     """All cells whose middle is nearer than the radius (in cells) to that of a given one."""
     nx, ny = cells.shape
@@ -116,7 +116,7 @@ def _grown(cells: Bools, radius: float) -> Bools:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _heard(ranges: Floats, blind: float) -> Floats:
     """Ranges (beams,), nan where silence may come of a wall too near to be seen."""
     n = len(ranges)
@@ -133,7 +133,7 @@ def _heard(ranges: Floats, blind: float) -> Floats:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
     """Cells (k, 2) of the shortest way over free cells to the nearest goal (Dijkstra, 8 neighbours); empty if none.
 
@@ -174,7 +174,7 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
     return np.empty((0, 2), np.int64)
 
 
-@njit(cache=True)
+@kernel
 def _straight(free: Bools, i: int, j: int, a: int, b: int) -> bool:
     """Whether the straight way between two cells is free, looked at every third of a cell."""
     n = 3 * max(abs(a - i), abs(b - j), 1)

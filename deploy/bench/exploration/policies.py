@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import get_args
 
-from agent.exploration_config import DefaultState
+from agent.exploration.config import DefaultState
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.exploration.runs import grouped, measure_run, median, settings

@@ -25,13 +25,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numba import njit
 from numpy.typing import NDArray
 
-from agent.clearance import keeps_clear
-from agent.exploration_config import PlanningConfig
-from agent.planning import Roads
-from agent.visibility import visible_ring
+from agent.exploration.config import PlanningConfig
+from agent.exploration.planning import Roads
+from agent.geometry.clearance import keeps_clear
+from agent.geometry.visibility import visible_ring
+from agent.kernels import kernel
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.exploration.runs import grouped, seeds, settings, worlds
@@ -57,7 +57,7 @@ MOST = 25
 RAYS = 180
 
 
-@njit(cache=True)
+@kernel
 def _to_nodes(points: Floats, nodes: Floats, walls: Floats) -> Floats:
     """(n,) distance from the nearest of points (k, 2) in line of sight to each of nodes (n, 2); inf where none is."""
     out = np.full(nodes.shape[0], math.inf)
@@ -70,7 +70,7 @@ def _to_nodes(points: Floats, nodes: Floats, walls: Floats) -> Floats:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
     """Distance between points (k, 2) and (m, 2) in line of sight if below best, else best."""
     for i in range(a.shape[0]):
@@ -158,7 +158,7 @@ class _Sets:
         return out
 
 
-@njit(cache=True)
+@kernel
 def held_karp(cost: Floats, rounds: int = 200) -> float:
     """Lower bound of the shortest open tour through all rows of cost (n, n) from row 0 (Held and Karp 1970, 1971).
 
@@ -202,7 +202,7 @@ def held_karp(cost: Floats, rounds: int = 200) -> float:
     return best
 
 
-@njit(cache=True)
+@kernel
 def best_bound(cost: Floats) -> tuple[float, int]:
     """Greatest bound over subsets of the rows of cost (n, n) with row 0, and their number but for it.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.perception import perceive
+from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures

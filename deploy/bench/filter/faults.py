@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from agent.edges import EDGE, OCCLUSION, Edges, new_slot, remove, settle_corner
+from agent.mapping.edges import EDGE, OCCLUSION, Edges, new_slot, remove, settle_corner
 from deploy.metrics import Truth, distance_to
 from protocol.wireframe import Label, Wireframe
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.corner_scan import CornerScan
-from agent.perception import perceive
+from agent.mapping.particle_filter import WireframeFilter
+from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
-from agent.wireframe_filter import WireframeFilter
 from deploy.bench.explored import explore
 from deploy.metrics import Truth, to_world
 from protocol.messages import Observation, RobotSpec

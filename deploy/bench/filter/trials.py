@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.visibility import all_seen
-from agent.wireframe_filter import WireframeFilter
+from agent.geometry.visibility import all_seen
+from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw

@@ -167,5 +167,5 @@ def _range(perfect: Mapping[str, Figures], bad: Mapping[str, Figures]) -> Sectio
         Column("farthest_m", "farthest m", digits=4),
         Column("beyond", "runs with a delivery beyond the range", at_most=0),
     ]
-    note = "From trajectories/ and radio.csv; 50 more runs are in tests/test_air.py."
+    note = "From trajectories/ and radio.csv; 50 more runs are in tests/world/test_air.py."
     return Section("range", "Range", columns, [row] if runs else [], note=note)

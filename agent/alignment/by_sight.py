@@ -1,0 +1,198 @@
+"""Where a peer's frame lies by seeing it: its beacons say where it is in its own frame, discs where in mine (ours).
+
+A disc has no name. What stands still may be a post, a wall's end or another teammate, so only places between which the
+peer has moved count; and two robots that drive straight at full speed fit each other under some transform, so the
+places must not lie on a line. This needs no wall, and tells twins of rooms apart, which no test on two maps can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.alignment import Alignment, AlignmentConfig, PreparedMap
+from agent.alignment.agreement import agreement
+from agent.alignment.align import pose_of
+from agent.alignment.candidates import refine
+from agent.corner_scan import CornerScan
+from agent.geometry.transform import Floats, apart, fit, move
+from agent.kernels import kernel
+from protocol.messages import Pose
+
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What a robot saw when it heard a peer say where it is."""
+
+    here: Pose
+    """The robot in its own frame."""
+    theirs: Pose
+    """The peer in the peer's frame."""
+    discs: Floats
+    """(d, 2) discs seen, the robot's own frame, metres."""
+    scan: CornerScan
+
+
+class Consensus(NamedTuple):
+    """The transform that lays most places of the peer on discs."""
+
+    transform: Floats
+    """(3,) the peer's frame in the robot's own."""
+    explained: int
+    """Sightings that it explains."""
+    rival: int
+    """Those that the best distinct one explains."""
+    middle: Floats
+    """(2,) of the peer's places."""
+    spread_m: float
+    """Standard deviation of the places that it explains, across the line that fits them best."""
+
+
+def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting]:
+    """Sightings with a disc, each of the peer at a place at least `moved_m` from those before."""
+    kept: list[Sighting] = []
+    for one in sightings:
+        x, y, _ = one.theirs
+        if len(one.discs) and all(math.hypot(x - o.theirs[0], y - o.theirs[1]) >= moved_m for o in kept):
+            kept.append(one)
+    return kept
+
+
+def consensus(
+    sightings: Sequence[Sighting], gate_m: float, base_m: float, distinct_m: float, distinct_rad: float
+) -> Consensus | None:
+    """Two sightings give a transform; the one that explains most of them, to `gate_m`. None where no two fit.
+
+    base_m: two places this far apart give a turn. Distinct transforms differ by more than distinct_m at the middle of
+    the peer's places, or by distinct_rad.
+    """
+    if len(sightings) < 2:
+        return None
+    places = np.array([one.theirs[:2] for one in sightings])
+    first = np.cumsum([0, *(len(one.discs) for one in sightings)])
+    discs = np.vstack([one.discs for one in sightings])
+    best, count, rival = _consensus(places, first, discs, gate_m, base_m, distinct_m, distinct_rad)
+    if count < 2:
+        return None
+    which = np.empty(len(places), np.int64)
+    _explained(best, places, first, discs, gate_m, which)
+    across = float(np.linalg.eigvalsh(np.cov(places[which >= 0].T, ddof=0))[0])
+    return Consensus(best, count, rival, places.mean(0), math.sqrt(max(across, 0.0)))
+
+
+def align_by_sight(
+    mine: PreparedMap, theirs: PreparedMap, found: Consensus, config: AlignmentConfig, least_corners: int
+) -> Alignment:
+    """The alignment that a consensus gives, put right on the corners of both maps; its reason says if walls agree.
+
+    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`.
+    """
+    none = Alignment(None, "unlike", best=pose_of(found.transform))
+    if mine.walls is None or theirs.walls is None:
+        return none
+    square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
+    fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners, config)
+    best = none
+    for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
+        if apart(t, found.transform, found.middle, config.coarse_m, math.radians(config.distinct_deg)):
+            continue
+        agreed, conflict = agreement(mine.walls, theirs.walls, t, config)
+        score = agreed - config.conflict_weight * conflict
+        reason = "sighted"
+        if inliers < least_corners or agreed < config.min_score_m:
+            reason = "weak"
+        elif conflict > config.max_conflict * agreed:
+            reason = "conflict"
+        pose = pose_of(t)
+        share = agreed / min(mine.length_m, theirs.length_m)
+        transform = pose if reason == "sighted" else None
+        if best is none or score > best.score:
+            best = Alignment(transform, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, pose)
+    return best
+
+
+def squared(transform: Floats, about: Floats, mine: Floats, theirs: Floats) -> Floats:
+    """(3,) a transform turned about a point (2,) of their map so that most walls (m, 4) are parallel or square.
+
+    A few sightings within a room give the turn to some degrees only; walls at right angles give it modulo a quarter.
+    """
+    turn = float(_main_way(mine) - _main_way(theirs) - transform[2])
+    turn = (turn + math.pi / 4) % (math.pi / 2) - math.pi / 4
+    x, y = move(transform, about[0], about[1])
+    theta = float(transform[2]) + turn
+    c, s = math.cos(theta), math.sin(theta)
+    return np.array([x - c * about[0] + s * about[1], y - s * about[0] - c * about[1], theta])
+
+
+def _main_way(walls: Floats) -> float:
+    """Direction of most wall modulo a quarter turn, radians."""
+    along = (walls[:, 2] - walls[:, 0]) + 1j * (walls[:, 3] - walls[:, 1])
+    length = np.abs(along)
+    return float(np.angle((along**4 / np.maximum(length, 1e-9) ** 3).sum())) / 4.0
+
+
+@kernel
+def _explained(t: Floats, places: Floats, first: Ints, discs: Floats, gate_m: float, which: Ints) -> int:
+    """Sightings that a transform explains; which (n,): the disc of each, or -1."""
+    count = 0
+    for i in range(places.shape[0]):
+        x, y = move(t, places[i, 0], places[i, 1])
+        which[i] = -1
+        best = gate_m * gate_m
+        for k in range(first[i], first[i + 1]):
+            d2 = (discs[k, 0] - x) ** 2 + (discs[k, 1] - y) ** 2
+            if d2 <= best:
+                best = d2
+                which[i] = k
+        if which[i] >= 0:
+            count += 1
+    return count
+
+
+@kernel
+def _consensus(
+    places: Floats, first: Ints, discs: Floats, gate_m: float, base_m: float, distinct_m: float, distinct_rad: float
+) -> tuple[Floats, int, int]:
+    n = places.shape[0]
+    middle = np.array([places[:, 0].mean(), places[:, 1].mean()])
+    which, source, target = np.empty(n, np.int64), np.empty((n, 2)), np.empty((n, 2))
+    best, t = np.zeros(3), np.zeros(3)
+    count = rival = 0
+    for look in range(2):  # the best, then the best that is distinct from it
+        for i in range(n):
+            for j in range(i + 1, n):
+                px, py = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
+                if math.hypot(px, py) < base_m:
+                    continue
+                for a in range(first[i], first[i + 1]):
+                    for b in range(first[j], first[j + 1]):
+                        qx, qy = discs[b, 0] - discs[a, 0], discs[b, 1] - discs[a, 1]
+                        if abs(math.hypot(px, py) - math.hypot(qx, qy)) > gate_m:
+                            continue
+                        source[0], source[1], target[0], target[1] = places[i], places[j], discs[a], discs[b]
+                        t[:] = fit(source, target, 2)
+                        found = _explained(t, places, first, discs, gate_m, which)
+                        if look == 0 and found > count:
+                            count = found
+                            best[:] = t
+                        elif look == 1 and found > rival and apart(best, t, middle, distinct_m, distinct_rad):
+                            rival = found
+        if look == 0 and count >= 2:
+            for _ in range(3):
+                _explained(best, places, first, discs, gate_m, which)
+                m = 0
+                for i in range(n):
+                    if which[i] >= 0:
+                        source[m], target[m] = places[i], discs[which[i]]
+                        m += 1
+                if m >= 2:
+                    best[:] = fit(source, target, m)
+            count = _explained(best, places, first, discs, gate_m, which)
+    return best, count, rival

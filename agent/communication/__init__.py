@@ -1,0 +1,1 @@
+"""Whom a robot hears, and what it tells them (paper III)."""

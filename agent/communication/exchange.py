@@ -1,0 +1,344 @@
+"""Maps from robot to robot over a radio that loses messages: whole at first contact, later what changed (ours).
+
+Each peer is told the changes to the map that it last acknowledged, and nothing while it has all. A version of a map
+is the tick at which it was so. Both sides keep the maps that the other may still refer to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agent.communication.config import TalkConfig
+from agent.communication.contacts import NOTHING_SEEN, Contacts, Seen
+from protocol.errors import ProtocolError
+from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
+from protocol.map_codec import decode_map, encode_map
+from protocol.messages import EVERYONE, Event, Heard, Pose, Send
+from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
+from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
+from protocol.wireframe import Wireframe
+
+NEVER = -(10**9)
+"""A tick long ago."""
+KEPT_MAPS = 8
+"""Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
+MOST_DOUBLINGS = 3
+"""The wait for an acknowledgement doubles up to eight times the first one."""
+WHOLE_BYTES = 1.0
+"""A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
+KEPT_VIEWS = 6000
+"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+MOST_TRIES = 10
+"""A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
+
+
+@dataclass
+class Told:
+    """What a peer was told of the robot's own map."""
+
+    acked: int = 0
+    """Version that it has; 0: none."""
+    maps: dict[int, GridMap] = field(default_factory=dict)
+    """By version: the one that it has, and those that it was told since."""
+    whole: list[Part] = field(default_factory=list)
+    """The last news in all its parts."""
+    parts: list[Part] = field(default_factory=list)
+    """Those of them that are on their way, and not acknowledged."""
+    sent: int = NEVER
+    """Tick at which they, or the last ones, were sent."""
+    update: int = NEVER
+    """Tick of the last news."""
+    tries: int = 0
+    compared: int = -1
+    """State of the robot's map that was last compared with what the peer has, or is being told."""
+    untold: str = ""
+    """Why the last news could not be told, where it could not."""
+    current: int = 0
+    """Tick until which it has all that was seen."""
+
+
+@dataclass
+class Arriving:
+    """Parts of a map that is not whole yet."""
+
+    version: int
+    base: int
+    count: int
+    last: int
+    """Tick of the newest part."""
+    bodies: dict[int, bytes] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> frozenset[int]:
+        """Parts that are not there."""
+        return frozenset(range(self.count)) - self.bodies.keys()
+
+
+@dataclass
+class Known:
+    """What a peer told of its map."""
+
+    maps: dict[int, GridMap] = field(default_factory=dict)
+    """By version: the newest, and those that it may still tell changes to."""
+    arriving: Arriving | None = None
+    seen: Seen = NOTHING_SEEN
+    seen_until: int = 0
+    """Tick of its last viewpoint that was told."""
+
+    @property
+    def newest(self) -> int:
+        """Version of its map as known; 0: none."""
+        return max(self.maps, default=0)
+
+
+class Exchange:
+    """One robot's part of all exchanges of maps."""
+
+    def __init__(self, contacts: Contacts, config: TalkConfig, rate_hz: float) -> None:
+        """rate_hz: ticks a second."""
+        self.contacts, self.config = contacts, config
+        self._told: dict[str, Told] = {}
+        self._known: dict[str, Known] = {}
+        self._answers: list[tuple[str, Ack, int]] = []
+        """Acknowledgements due: to whom, what, and how many parts there are."""
+        self._events: list[Event] = []
+        """What happened while talking."""
+        self._asks: dict[str, int] = {}
+        """Who wants to know where the robot looked from, and since when."""
+        self._axis: int | None = None
+        self._greet = False
+        self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
+        self._sight_ticks = max(1, round(config.sight_beacon_s * rate_hz))
+        self._period_ticks = max(1, round(config.map_period_s * rate_hz))
+        self._retry_ticks = max(1, round(config.retry_s * rate_hz))
+        self._patience_ticks = max(1, round(config.reassembly_s * rate_hz))
+
+    # --- hearing ------------------------------------------------------------------------------------------------
+
+    def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
+        """Take a tick's messages; returns `contact`, `lost`, `refused` and the last talk's `untold` events.
+
+        A bad message meets nobody.
+        """
+        events, self._events = self._events, []
+        refused: dict[str, str] = {}
+        for message in heard:
+            peer = message.sender
+            try:
+                self._take(tick, peer, message)
+            except ProtocolError as error:
+                refused.setdefault(peer, str(error))
+                continue
+            if met := self.contacts.hear(tick, peer):
+                self._greet = True
+                told = self._told.setdefault(peer, Told())
+                told.sent, told.tries = NEVER, 0  # what did not arrive before goes out at once
+                events += met
+            self._tell_contact(peer, message)
+        events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
+        return events + self.contacts.forget(tick)
+
+    def _take(self, tick: int, peer: str, message: Heard) -> None:
+        """What a message changes but the contact; raises ProtocolError for a bad one."""
+        if message.kind == BEACON:
+            Beacon.decode(message.payload)
+        elif message.kind in (MAP, DELTA, RESEND):
+            self._take_part(tick, peer, Part.decode(message.payload))
+        elif message.kind == ACK:
+            self._take_ack(peer, Ack.decode(message.payload))
+        elif message.kind == VIEWS:
+            self._take_views(peer, decode_views(message.payload))
+        else:
+            raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
+
+    def _tell_contact(self, peer: str, message: Heard) -> None:
+        contact = self.contacts.present[peer]
+        if message.kind == BEACON:
+            beacon = Beacon.decode(message.payload)
+            contact.pose, contact.pose_tick = beacon.pose, beacon.tick
+        known = self._known.get(peer)
+        if known is not None and known.newest > contact.map_tick:
+            contact.wireframe, contact.map_tick = known.maps[known.newest].wireframe(), known.newest
+        if known is not None:
+            contact.seen = known.seen
+
+    def _take_part(self, tick: int, peer: str, part: Part) -> None:
+        known = self._known.setdefault(peer, Known())
+        if part.version in known.maps:
+            self._answer(peer, Ack(part.version), part.parts)
+            return
+        if part.version < known.newest:
+            return  # overtaken by a newer one
+        if part.base and part.base not in known.maps:
+            self._answer(peer, Ack(part.version, None), part.parts)
+            return
+        arriving = known.arriving
+        if arriving is not None and tick - arriving.last > self._patience_ticks:
+            arriving = None
+        if arriving is not None and part.version < arriving.version:
+            return
+        if arriving is None or part.version > arriving.version:
+            arriving = Arriving(part.version, part.base, part.parts, tick)
+        elif (arriving.base, arriving.count) != (part.base, part.parts):
+            raise ProtocolError("two parts of one map that do not fit each other")
+        bodies = arriving.bodies | {part.number: part.body}
+        if sum(map(len, bodies.values())) > MAX_BODY:
+            raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
+        arriving.bodies, arriving.last = bodies, tick
+        known.arriving = arriving
+        if not arriving.missing:
+            known.arriving = None
+            body = b"".join(arriving.bodies[index] for index in range(arriving.count))
+            whole = decode_map(body, known.maps[part.base] if part.base else None)
+            known.maps = {v: old for v, old in known.maps.items() if v >= part.base}
+            known.maps[part.version] = whole
+            for version in sorted(known.maps)[:-KEPT_MAPS]:
+                del known.maps[version]
+        self._answer(peer, Ack(part.version, arriving.missing), part.parts)
+
+    def _answer(self, peer: str, ack: Ack, count: int) -> None:
+        """Acknowledge at this tick's end: one answer a peer and version, the last word."""
+        self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
+        self._answers.append((peer, ack, count))
+
+    def _take_ack(self, peer: str, ack: Ack) -> None:
+        told = self._told.get(peer)
+        if told is None or ack.version not in told.maps:
+            return  # of a former life, or of something long ago
+        if ack.missing is None:  # it has lost what it once had: all of it again
+            told.maps, told.acked, told.whole, told.parts, told.compared, told.current = {}, 0, [], [], -1, 0
+        elif ack.missing:
+            if told.parts and told.parts[0].version == ack.version:  # else another map is on its way by now
+                told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up some it had
+        elif ack.version > told.acked:
+            told.acked, told.current, told.tries = ack.version, max(told.current, ack.version), 0
+            told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
+            told.parts = [p for p in told.parts if p.version > ack.version]
+
+    def _take_views(self, peer: str, views: AskViews | Views) -> None:
+        if isinstance(views, AskViews):
+            self._asks[peer] = views.since
+            return
+        known = self._known.setdefault(peer, Known())
+        if views.until <= known.seen_until or views.since not in (0, known.seen_until):
+            return  # twice, or late; what is missing will be asked for
+        old = known.seen if views.since else NOTHING_SEEN
+        need = np.full(len(views.cells), known.newest)
+        known.seen = Seen(
+            np.vstack((old.points, views.points))[-KEPT_VIEWS:], np.concatenate((old.need, need))[-KEPT_VIEWS:]
+        )
+        known.seen_until = views.until
+
+    # --- talking ------------------------------------------------------------------------------------------------
+
+    def talk(
+        self,
+        tick: int,
+        pose: Pose,
+        wireframe: Wireframe,
+        state: int,
+        looked: Looked = NOWHERE,
+        ask: Collection[str] = (),
+        in_sight: bool = False,
+    ) -> list[Send]:
+        """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
+
+        pose and wireframe: the robot's own, looked: where it looked from, for those that ask. state: a number that
+        changes with the wireframe. ask: peers whose viewpoints are wanted, once a beacon's period. in_sight: a peer
+        whose frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
+        """
+        sends = []
+        period = self._sight_ticks if in_sight else self._beacon_ticks
+        if self._greet or tick % period == 0 or tick % self._beacon_ticks == 0:
+            sends.append(Send(tick=tick, to=EVERYONE, kind=BEACON, payload=Beacon(tick, pose).encode()))
+        self._greet = False
+        sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
+        self._answers = []
+        for peer in self.contacts.present:
+            kind, parts = self._due(tick, peer, self._told.setdefault(peer, Told()), wireframe, state)
+            sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
+        return sends + self._talk_of_views(tick, state, looked, ask)
+
+    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Collection[str]) -> list[Send]:
+        """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
+        sends = []
+        for peer, since in self._asks.items():
+            told = self._told.get(peer)
+            if told is None:
+                continue
+            if not told.parts and told.compared == state:
+                told.current = tick
+            views = looked.between(since, told.current, self.config.mtu_bytes)
+            if views is not None:
+                sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
+        self._asks = {}
+        if tick % self._beacon_ticks == 0:
+            for peer in self.contacts.present:
+                if peer in ask:
+                    question = AskViews(self._known.setdefault(peer, Known()).seen_until)
+                    sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
+        return sends
+
+    def _due(self, tick: int, peer: str, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
+        """News, or what was not acknowledged in time."""
+        late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
+        if told.parts and not late:
+            return RESEND, []
+        half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
+        if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
+            told.compared = state
+            news = self._tellable(tick, peer, told, wireframe)
+            if news:
+                told.tries = told.tries + 1 if told.parts else 0
+                told.whole, told.parts, told.sent, told.update = news, news, tick, tick
+                return DELTA if news[0].base else MAP, news
+        if told.parts:
+            told.tries += 1
+            told.sent = tick
+        return RESEND, list(told.parts)
+
+    def _tellable(self, tick: int, peer: str, told: Told, wireframe: Wireframe) -> list[Part]:
+        """News; none, and an event the first time, where they are more than travels."""
+        try:
+            news, told.untold = self._news(tick, told, wireframe), ""
+        except ProtocolError as error:
+            if not told.untold:
+                self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
+            told.untold = str(error)
+            return []
+        return news
+
+    def _news(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
+        """The parts that bring a peer up to date; none where it is, or where that is on its way.
+
+        Raises ProtocolError where they are more than travels.
+        """
+        config = self.config
+        axis = main_axis(wireframe)
+        slack = config.axis_slack_deg / 90 * AXIS_STEPS
+        if self._axis is None or abs((axis - self._axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
+            self._axis = axis
+        base = told.maps.get(told.acked)
+        if base is not None and base.axis != self._axis:
+            base = None
+        new = quantise(wireframe, config.cell_mm, self._axis, base, config.slack_cells, config.level_slack)
+        if base is not None and new.alike(base) and not told.parts:
+            return []
+        coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
+        if base is not None and len(coded.data) > WHOLE_BYTES * len(new.cells):
+            whole = encode_map(new, likelihoods=config.likelihoods)
+            if len(whole.data) <= len(coded.data):
+                coded, version = whole, 0
+        pending = told.maps.get(told.parts[0].version) if told.parts else None
+        if pending is not None and pending.alike(coded.map):
+            return []
+        if not len(new.cells) and base is None:
+            return []
+        parts = in_parts(tick, version, coded.data, config.mtu_bytes)
+        told.maps[tick] = coded.map
+        for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
+            del told.maps[old]
+        return parts

@@ -1,0 +1,1 @@
+"""Trust, but verify: proposals, their evidence, and merged maps (paper IV)."""

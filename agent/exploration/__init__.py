@@ -1,0 +1,1 @@
+"""Where a robot goes and how it drives there (paper IV)."""

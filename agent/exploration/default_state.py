@@ -1,0 +1,150 @@
+"""What a robot does when no frontier is left: the four default states of the paper (IV-B), and ours. All end."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
+from agent.exploration.config import ExplorationConfig
+from agent.exploration.frontiers import GoalMemory, stands_at_edges
+from agent.exploration.planning import Roads, chains
+from agent.exploration.sweep import Sweep
+from agent.geometry.visibility import all_seen
+from protocol.wireframe import Wireframe
+
+Floats = NDArray[np.float64]
+
+_PERIMETER_STEP_M = 1.5
+"""Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""
+_PERIMETER_OFF_M = 0.5
+"""Distance of these points from the wall."""
+
+
+class DefaultStates:
+    """The configured default state, which proposes tasks until it has none."""
+
+    def __init__(self, config: ExplorationConfig, sweep: Sweep, rng: np.random.Generator) -> None:
+        self.config = config
+        self.sweep = sweep
+        self.rng = rng
+        self._edges = GoalMemory(config)
+        self._lap: Floats | None = None
+        self._vertices = 0
+        self._vertex_version = -1
+
+    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+        """The next task, or None if the state has come to its end.
+
+        poses (k, 2): places from where was looked, the robot's own and its teammates'; rivals: of `not_nearer_to`.
+        """
+        state = self.config.default_state
+        if state == "ours":
+            return self._sweep(wireframe, roads, poses, rivals) or self._least_likely(wireframe, roads)
+        if state == "interior-sweep":
+            return self._sweep(wireframe, roads, poses, rivals)
+        if state == "least-likely":
+            return self._least_likely(wireframe, roads)
+        if state == "perimeter":
+            return self._perimeter(wireframe, roads)
+        return self._random_vertex(wireframe, version, roads)
+
+    def ended(self) -> str:
+        """Why there is nothing left to do."""
+        return {
+            "ours": "no frontier left, all free area seen, every edge likely or looked at",
+            "interior-sweep": "no frontier left, all free area seen",
+            "least-likely": "no frontier left, every edge likely or looked at",
+            "perimeter": "no frontier left, perimeter followed",
+            "random-vertex": "no frontier left, random vertices showed nothing new",
+        }[self.config.default_state]
+
+    def done(self, task: Task) -> None:
+        """The task is not to be proposed again: the robot stood where it asked, or could not."""
+        if task.kind == "sweep":
+            self.sweep.stood(task.stand)
+        elif task.kind == "edge":
+            self._edges.note(task.place, task.along).attempts += 1
+        elif task.kind == "perimeter" and self._lap is not None:
+            self._lap = self._lap[1:]
+
+    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+        """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
+        tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
+        tasks = not_nearer_to(rivals, tasks, roads) or tasks  # nobody idles
+        return first_of_tour(tasks, roads, self.config, math.inf) if tasks else None
+
+    def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
+        """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""
+        for k in np.argsort(wireframe.likelihood, kind="stable"):
+            if wireframe.likelihood[k] >= self.config.least_likelihood:
+                break
+            a, b = wireframe.points[wireframe.edges[k]]
+            middle, along = 0.5 * (a + b), (b - a) / max(math.hypot(*(b - a)), 1e-9)
+            if self._edges.note(middle, along).attempts >= self.config.attempts:
+                continue
+            stands = stands_at_edges(wireframe, np.array([k]))
+            good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+            found = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
+            if found is not None:
+                return Task("edge", middle, stands.points[good][found[0]], along)
+        return None
+
+    def _random_vertex(self, wireframe: Wireframe, version: int, roads: Roads) -> Task | None:
+        """Vertices at random [paper], until so many in a row changed nothing."""
+        if version != self._vertex_version:
+            self._vertex_version, self._vertices = version, 0
+        while self._vertices < self.config.vertex_visits:
+            self._vertices += 1
+            point = wireframe.points[int(self.rng.integers(len(wireframe.points)))]
+            angles = np.arange(12) * (math.pi / 6)
+            around = point + 0.5 * np.stack((np.cos(angles), np.sin(angles)), 1)
+            around = around[roads.standable(around)]
+            found = roads.nearest(around, np.zeros(len(around)))
+            if found is not None:
+                return Task("vertex", point, around[found[0]])
+        return None
+
+    def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Task | None:
+        """Once around, along the longest chain of walls [paper: the outer perimeter]."""
+        if self._lap is None:
+            self._lap = _lap(wireframe)
+        while len(self._lap):
+            point = self._lap[0]
+            if roads.standable(point[None])[0] and roads.reached(point[None])[0]:
+                return Task("perimeter", point, point)
+            self._lap = self._lap[1:]
+        return None
+
+
+def _lap(wireframe: Wireframe) -> Floats:
+    """Points (k, 2) off the longest chain, in its order."""
+    into, out_of = chains(wireframe)
+    left = set(range(len(into)))
+    longest: list[int] = []
+    best = 0.0
+    for start in [v for v in range(len(into)) if into[v] < 0] + list(range(len(into))):
+        chain, v = [], start
+        while v >= 0 and v in left:
+            left.discard(v)
+            chain.append(v)
+            v = int(out_of[v])
+        if v >= 0 and chain and v == chain[0]:
+            chain.append(v)
+        if len(chain) > 1:
+            length = float(shapely.length(shapely.linestrings(wireframe.points[chain])))
+            if length > best:
+                best, longest = length, chain
+    points = []
+    for a, b in itertools.pairwise(longest):
+        p, q = wireframe.points[a], wireframe.points[b]
+        d = q - p
+        length = math.hypot(*d)
+        n = max(1, math.ceil(length / _PERIMETER_STEP_M))
+        free = np.array((-d[1], d[0])) / max(length, 1e-9)
+        points += [p + d * (k + 0.5) / n + _PERIMETER_OFF_M * free for k in range(n)]
+    return np.array(points).reshape(-1, 2)

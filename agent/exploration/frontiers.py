@@ -1,0 +1,195 @@
+"""Goals of exploration: the open ends of walls, where to stand to see on, and what became of them (ours).
+
+The paper drives to the closest frontier vertex (IV, Algorithm 1). Ours stands where the hidden continuation of the
+wall should come into view, treats occlusion ends alike, and remembers what it tried (facts/mapping.md, rules 9, 10).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.exploration.config import ExplorationConfig
+from agent.exploration.planning import chains
+from protocol.wireframe import Label, Wireframe
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_BEYOND_M = 0.08
+"""How far beyond its end the hidden part of a wall is looked for; a tenth of a doorway."""
+_TOUCH_M = 0.02
+"""... and how far off the wall, so that the line of sight does not end in it."""
+
+_FRONTIER_ALONG = (-0.3, 0.2, 0.7, 1.3)
+_FRONTIER_OFF = (0.3, 0.6, 1.0, 1.6, 2.3)
+_OCCLUSION_ALONG = (0.2, 0.5, 1.0, 1.6)
+_OCCLUSION_OFF = (1.2, 0.6, 0.25, 0.0, -0.4)
+_EDGE_ALONG = (-0.6, 0.0, 0.6)
+_EDGE_OFF = (0.5, 1.0, 1.6)
+"""Standing points in metres along the wall beyond its end, and off it on the free side."""
+
+
+def _offsets(along: tuple[float, ...], off: tuple[float, ...]) -> Floats:
+    return np.array([(a, b) for a in along for b in off])
+
+
+_FRONTIER = _offsets(_FRONTIER_ALONG, _FRONTIER_OFF)
+_OCCLUSION = _offsets(_OCCLUSION_ALONG, _OCCLUSION_OFF)
+_EDGE = _offsets(_EDGE_ALONG, _EDGE_OFF)
+_CLOSE_FRONTIER = _offsets((-0.6, -0.4, -0.2, 0.0), (0.14, 0.2))
+_CLOSE_OCCLUSION = _offsets((0.04, 0.08, 0.13), (0.15, 0.25, 0.4, 0.6))
+"""The same for a view into a slot too narrow to stand in: beside a wall, hardly beyond the end, and flat."""
+
+
+class Ends(NamedTuple):
+    """Open ends of walls, as arrays over g ends, frame of the map."""
+
+    points: Floats
+    """(g, 2) metres."""
+    along: Floats
+    """(g, 2) unit: where the wall goes on."""
+    free: Floats
+    """(g, 2) unit: off the wall, on its free side."""
+    frontier: NDArray[np.bool_]
+    """(g,): the wall goes on; else it turns away (occlusion)."""
+
+
+class Stands(NamedTuple):
+    """Standing points, as arrays over s points."""
+
+    points: Floats
+    """(s, 2) metres."""
+    targets: Floats
+    """(s, 2) metres: what must be in view from there."""
+    goal: Ints
+    """(s,): which goal it serves."""
+
+
+def open_ends(wireframe: Wireframe) -> Ends:
+    """The frontier and occlusion ends of the chains of a map; nominal ends ask for nothing."""
+    into, out_of = chains(wireframe)
+    unsure = wireframe.labels != Label.NOMINAL
+    head = np.flatnonzero(unsure & (into >= 0) & (out_of < 0))
+    tail = np.flatnonzero(unsure & (into < 0) & (out_of >= 0))
+    ends = np.concatenate((head, tail))
+    points = wireframe.points[ends]
+    along = points - wireframe.points[np.concatenate((into[head], out_of[tail]))]
+    along = along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
+    sign = np.where(np.arange(len(ends)) < len(head), 1.0, -1.0)[:, None]
+    free = sign * np.stack((-along[:, 1], along[:, 0]), 1)
+    return Ends(points, along, free, wireframe.labels[ends] == Label.FRONTIER)
+
+
+def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:
+    """Per end (g,) the lowest end that faces it across a gap in one wall, or itself: they count once."""
+    d = ends.points[None, :] - ends.points[:, None]
+    ahead = (d * ends.along[:, None]).sum(2)
+    aside = np.abs((d * ends.free[:, None]).sum(2))
+    facing = (ends.free @ ends.free.T > 0.95) & (ends.along @ ends.along.T < -0.95)
+    facing &= (ahead > 0) & (ahead < gap_m) & (aside < off_m) & ends.frontier[:, None] & ends.frontier[None, :]
+    one = np.arange(len(ends.points))
+    for i, j in np.argwhere(facing):
+        one[max(i, j)] = min(one[i], one[j], i, j)
+    return one
+
+
+def stands_of(ends: Ends, which: Ints, grazing_rad: float, close: bool = False) -> Stands:
+    """Points from which the hidden continuation of the chosen ends should come into view.
+
+    close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
+    """
+    points, targets, goal = [], [], []
+    for frontier in (True, False):
+        chosen = which[ends.frontier[which] == frontier]
+        if not len(chosen):
+            continue
+        p, u, n = ends.points[chosen], ends.along[chosen], ends.free[chosen]
+        if frontier:
+            offsets, target = _CLOSE_FRONTIER if close else _FRONTIER, p + _BEYOND_M * u + _TOUCH_M * n
+        elif close:
+            offsets, target = _CLOSE_OCCLUSION, p + _TOUCH_M * u - _BEYOND_M * n
+        else:
+            offsets, target = _OCCLUSION, p + _BEYOND_M * u
+        stand = p[:, None] + offsets[:, :1] * u[:, None] + offsets[:, 1:] * n[:, None]
+        view = stand - target[:, None]
+        # a frontier's wall goes on along u, seen from the side n; an occluded wall leaves the end towards -n
+        across = (view * (n if frontier else u)[:, None]).sum(2)
+        good = across >= math.sin(grazing_rad) * np.hypot(view[..., 0], view[..., 1])
+        points.append(stand[good])
+        targets.append(np.broadcast_to(target[:, None], stand.shape)[good])
+        goal.append(np.broadcast_to(chosen[:, None], good.shape)[good])
+    return _stack(points, targets, goal)
+
+
+def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
+    """Points in front of the chosen edges, on their free side."""
+    a, b = wireframe.points[wireframe.edges[which, 0]], wireframe.points[wireframe.edges[which, 1]]
+    u = (b - a) / np.maximum(np.hypot(*(b - a).T), 1e-9)[:, None]
+    n = np.stack((-u[:, 1], u[:, 0]), 1)
+    middle = 0.5 * (a + b)
+    stand = middle[:, None] + _EDGE[:, :1] * u[:, None] + _EDGE[:, 1:] * n[:, None]
+    target = np.broadcast_to((middle + _TOUCH_M * n)[:, None], stand.shape)
+    goal = np.broadcast_to(which[:, None], stand.shape[:2])
+    return _stack([stand.reshape(-1, 2)], [target.reshape(-1, 2)], [goal.reshape(-1)])
+
+
+def _stack(points: list[Floats], targets: list[Floats], goal: list[Ints]) -> Stands:
+    if not points:
+        return Stands(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64))
+    return Stands(np.concatenate(points), np.concatenate(targets), np.concatenate(goal))
+
+
+@dataclass(slots=True)
+class Tried:
+    """What became of a goal."""
+
+    x: float
+    y: float
+    angle: float
+    """Direction in which the wall goes on, radians."""
+    attempts: int = 0
+    blocked: int = 0
+    """Times when a teammate was in the way; these are no attempts."""
+    version: int = -1
+    """Map version at the last attempt."""
+    stands: list[tuple[float, float]] = field(default_factory=list)
+    """Standing points that did not help."""
+    reason: str = ""
+    unreachable: bool = False
+
+
+class GoalMemory:
+    """Goals that were given up, by place and direction, as map vertices come and go."""
+
+    def __init__(self, config: ExplorationConfig) -> None:
+        self.config = config
+        self.tried: list[Tried] = []
+        self._table = np.zeros((0, 4))
+
+    def find(self, points: Floats, along: Floats) -> Ints:
+        """Per goal (g,) the index of what is remembered of it, or -1."""
+        if not len(self.tried) or not len(points):
+            return np.full(len(points), -1)
+        d2 = ((points[:, None] - self._table[None, :, :2]) ** 2).sum(2)
+        like = along @ self._table[:, 2:].T > math.cos(self.config.same_direction_rad)
+        d2 = np.where(like & (d2 < self.config.same_place_m**2), d2, np.inf)
+        best = d2.argmin(1)
+        return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
+
+    def note(self, point: Floats, along: Floats) -> Tried:
+        """The record of a goal, a new one if there is none; the oldest goes when there are too many."""
+        k = int(self.find(point[None], along[None])[0])
+        if k >= 0:
+            return self.tried[k]
+        if len(self.tried) >= self.config.remembered:
+            del self.tried[0]
+            self._table = self._table[1:]
+        record = Tried(float(point[0]), float(point[1]), math.atan2(along[1], along[0]))
+        self.tried.append(record)
+        self._table = np.vstack((self._table, (*point, *along)))
+        return record

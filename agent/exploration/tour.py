@@ -1,0 +1,79 @@
+"""In which order to visit several places (ours): nearest first, improved by moves and reversals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.kernels import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@kernel
+def tour_cost(order: Ints, cost: Floats, waits: Bools, haste: float) -> float:
+    """Cost of a tour: its length where haste is 0, twice the mean way to the places that wait where it is 1.
+
+    order: (k,) rows of cost (n, n); waits: (n,) which places are in the mean. If none is, the length counts less.
+    """
+    left = 0
+    for k in range(1, order.shape[0]):
+        left += waits[order[k]]
+    each = 2.0 * haste / max(left, 1)
+    total = 0.0
+    for k in range(order.shape[0] - 1):
+        total += cost[order[k], order[k + 1]] * (1.0 - haste + each * left)
+        left -= waits[order[k + 1]]
+    return total
+
+
+@kernel
+def open_tour(cost: Floats, waits: Bools, haste: float) -> Ints:
+    """Order (n,) in which to visit all rows of cost (n, n), starting from row 0 and ending anywhere.
+
+    Nearest neighbour, then reversals of stretches (2-opt) and moves of single places until none makes the tour
+    cheaper by `tour_cost`.
+    """
+    n = cost.shape[0]
+    order = np.zeros(n, np.int64)
+    left = np.ones(n, np.bool_)
+    left[0] = False
+    for k in range(1, n):
+        best, which = math.inf, -1
+        for j in range(n):
+            if left[j] and (which < 0 or cost[order[k - 1], j] < best):
+                best, which = cost[order[k - 1], j], j
+        order[k] = which
+        left[which] = False
+    best = tour_cost(order, cost, waits, haste)
+    improved = True
+    while improved:
+        improved = False
+        for i in range(1, n):
+            for j in range(1, n):
+                if i == j:
+                    continue
+                new = order.copy()
+                if i < j:
+                    for k in range(i, j + 1):
+                        new[k] = order[j - (k - i)]
+                    total = tour_cost(new, cost, waits, haste)
+                    if total < best - 1e-9:
+                        order, best, improved = new, total, True
+                        continue
+                    new = order.copy()
+                    for k in range(i, j):
+                        new[k] = order[k + 1]
+                    new[j] = order[i]
+                else:
+                    for k in range(j, i):
+                        new[k + 1] = order[k]
+                    new[j] = order[i]
+                total = tour_cost(new, cost, waits, haste)
+                if total < best - 1e-9:
+                    order, best, improved = new, total, True
+    return order

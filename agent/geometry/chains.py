@@ -1,0 +1,39 @@
+"""Walls that share corners as arrays of vertices and edges (paper III-A)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.kernels import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def chained(
+    tips: Floats, labels: NDArray[np.uint8], following: NDArray[np.int64]
+) -> tuple[Floats, NDArray[np.uint8], NDArray[np.int32]]:
+    """Vertices (n, 2), their labels (n,) and edges (m, 2) of m walls.
+
+    tips (m, 2, 2): tail and head of each wall, metres; labels (m, 2) theirs; following (m,): the wall whose tail is
+    this one's head, or -1. A shared corner is the head.
+    """
+    m = len(tips)
+    shared = np.zeros(m, np.bool_)
+    for k in range(m):
+        if following[k] >= 0:
+            shared[following[k]] = True
+    points, names = np.empty((2 * m, 2)), np.empty(2 * m, np.uint8)
+    edges = np.empty((m, 2), np.int32)
+    n = 0
+    for k in range(m):
+        for side in range(2):
+            if side == 0 and shared[k]:
+                continue
+            points[n], names[n], edges[k, side] = tips[k, side], labels[k, side], n
+            n += 1
+    for k in range(m):
+        if following[k] >= 0:
+            edges[following[k], 0] = edges[k, 1]
+    return points[:n].copy(), names[:n].copy(), edges

@@ -1,0 +1,88 @@
+"""How far a point or a straight motion stays from walls. Walls are (m, 4) x1, y1, x2, y2 in metres."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.kernels import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def _point_to_wall2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """Squared distance of a point to the segment a-b."""
+    dx, dy = bx - ax, by - ay
+    length2 = dx * dx + dy * dy
+    t = 0.0
+    if length2 > 0.0:
+        t = min(1.0, max(0.0, ((px - ax) * dx + (py - ay) * dy) / length2))
+    ex, ey = ax + t * dx - px, ay + t * dy - py
+    return ex * ex + ey * ey
+
+
+@kernel
+def distance_to_walls(x: float, y: float, walls: Floats) -> float:
+    """Distance in metres of the point to the nearest wall; inf without walls."""
+    best = math.inf
+    for k in range(walls.shape[0]):
+        best = min(best, _point_to_wall2(x, y, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]))
+    return math.sqrt(best)
+
+
+@kernel
+def distances_to_walls(points: Floats, walls: Floats) -> Floats:
+    """Distance (n,) in metres of each of points (n, 2) to the nearest wall."""
+    out = np.empty(points.shape[0])
+    for k in range(points.shape[0]):
+        out[k] = distance_to_walls(points[k, 0], points[k, 1], walls)
+    return out
+
+
+@kernel
+def crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> bool:
+    """Whether the segments a-b and c-d meet; parallel ones do not."""
+    rx, ry, sx, sy = bx - ax, by - ay, dx - cx, dy - cy
+    d = rx * sy - ry * sx
+    if d == 0.0:
+        return False
+    t = ((cx - ax) * sy - (cy - ay) * sx) / d
+    if t < 0.0 or t > 1.0:
+        return False
+    u = ((cx - ax) * ry - (cy - ay) * rx) / d
+    return 0.0 <= u <= 1.0
+
+
+@kernel
+def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float) -> bool:
+    """Whether the motion a-b stays at least the clearance (metres) away from every wall."""
+    limit2 = clearance * clearance
+    left, right = min(ax, bx) - clearance, max(ax, bx) + clearance
+    low, high = min(ay, by) - clearance, max(ay, by) + clearance
+    for k in range(walls.shape[0]):
+        cx, cy, dx, dy = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        if (cx < left and dx < left) or (cx > right and dx > right):
+            continue
+        if (cy < low and dy < low) or (cy > high and dy > high):
+            continue
+        if (
+            _point_to_wall2(cx, cy, ax, ay, bx, by) < limit2
+            or _point_to_wall2(dx, dy, ax, ay, bx, by) < limit2
+            or _point_to_wall2(ax, ay, cx, cy, dx, dy) < limit2
+            or _point_to_wall2(bx, by, cx, cy, dx, dy) < limit2
+            or crosses(ax, ay, bx, by, cx, cy, dx, dy)
+        ):
+            return False
+    return True
+
+
+@kernel
+def path_clear(path: Floats, walls: Floats, clearance: float) -> bool:
+    """Whether the polyline (k, 2) stays at least the clearance (metres) away from every wall."""
+    for k in range(path.shape[0] - 1):
+        if not keeps_clear(path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1], walls, clearance):
+            return False
+    return True

@@ -1,0 +1,88 @@
+"""Rigid transforms of the plane as rows x, y, theta: metres, radians, counter-clockwise.
+
+A transform is the pose of one frame in another, so it takes points of the first into the second. No scale, no mirror.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.kernels import kernel
+
+Floats = NDArray[np.float64]
+
+
+def compose(a: Floats, b: Floats) -> Floats:
+    """First b, then a: (..., 3) each, broadcast against each other."""
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    x = a[..., 0] + c * b[..., 0] - s * b[..., 1]
+    y = a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    return np.stack([x, y, wrapped(a[..., 2] + b[..., 2])], -1)
+
+
+def inverse(a: Floats) -> Floats:
+    """The way back of (..., 3)."""
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrapped(-a[..., 2])], -1)
+
+
+def apply(a: Floats, points: Floats) -> Floats:
+    """Points (n, 2) moved by one transform (3,)."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    moved: Floats = points @ np.array([[c, s], [-s, c]]) + a[:2]
+    return moved
+
+
+def wrapped(angle: Floats) -> Floats:
+    """Angles in [-pi, pi)."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+def distance(a: Floats, b: Floats, centre: Floats) -> tuple[float, float]:
+    """How far two transforms (3,) are apart: metres at `centre` (2,) of the map that they move, and radians.
+
+    At the origin of the map's frame a turn could look like a shift, as the map may lie far from it.
+    """
+    gap = apply(a, centre[None])[0] - apply(b, centre[None])[0]
+    return math.hypot(gap[0], gap[1]), abs(float(wrapped(a[2] - b[2])))
+
+
+@kernel
+def move(t: Floats, x: float, y: float) -> tuple[float, float]:
+    """One point moved by one transform (3,)."""
+    c, s = math.cos(t[2]), math.sin(t[2])
+    return t[0] + c * x - s * y, t[1] + s * x + c * y
+
+
+@kernel
+def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float) -> bool:
+    """Whether two transforms differ by more than the limits, at the map's centre."""
+    if abs((a[2] - b[2] + math.pi) % (2.0 * math.pi) - math.pi) > limit_rad:
+        return True
+    ax, ay = move(a, centre[0], centre[1])
+    bx, by = move(b, centre[0], centre[1])
+    return (ax - bx) ** 2 + (ay - by) ** 2 > limit_m**2
+
+
+@kernel
+def fit(source: Floats, target: Floats, count: int) -> Floats:
+    """Least-squares transform (3,) of the first `count` source points (n, 2) onto the targets (n, 2); count >= 1."""
+    sx = sy = tx = ty = 0.0
+    for k in range(count):
+        sx += source[k, 0]
+        sy += source[k, 1]
+        tx += target[k, 0]
+        ty += target[k, 1]
+    sx, sy, tx, ty = sx / count, sy / count, tx / count, ty / count
+    cosine = sine = 0.0
+    for k in range(count):
+        ax, ay = source[k, 0] - sx, source[k, 1] - sy
+        bx, by = target[k, 0] - tx, target[k, 1] - ty
+        cosine += ax * bx + ay * by
+        sine += ax * by - ay * bx
+    theta = math.atan2(sine, cosine)
+    c, s = math.cos(theta), math.sin(theta)
+    return np.array([tx - c * sx + s * sy, ty - s * sx - c * sy, theta])

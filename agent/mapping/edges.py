@@ -1,0 +1,207 @@
+"""The walls of one particle as an array of records: each remembers its line, its ends and its evidence.
+
+A wall's line is the total-least-squares fit of all hits it ever got, kept as six sums, so its covariance is
+closed form. Corners are where linked walls meet: they follow their lines and are stored nowhere.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.corner_scan import Record
+from agent.kernels import kernel
+from protocol.wireframe import Label
+
+NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
+
+FREE, WALL, CANDIDATE = 0, 1, 2
+"""What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
+
+EDGE = np.dtype(
+    [
+        ("alive", "i8"),  # FREE, WALL or CANDIDATE
+        ("own", "i8"),  # 1: seen by this robot itself
+        ("hits", "f8"),  # beams on the wall: weight of the line
+        ("x", "f8"),  # m, centroid of the hits, on the line
+        ("y", "f8"),
+        ("xx", "f8"),  # m2, scatter of the hits about the centroid
+        ("xy", "f8"),
+        ("yy", "f8"),
+        ("ux", "f8"),  # unit direction from tail to head: free space on the left
+        ("uy", "f8"),
+        ("tip", "f8", (2, 2)),  # m, how far the wall was seen: tail and head
+        ("slack", "f4", (2,)),  # m by which an occlusion end may lie farther out
+        ("label", "i8", (2,)),  # Label of tail and head
+        ("link", "i8", (2,)),  # the wall that shares the corner at tail and head, or -1
+        ("strength", "f4", (2,)),  # how often the link was confirmed
+        ("conflict", "f4", (2,)),  # views that spoke against the end as it is
+        ("seen", "f4"),  # scans that hit the wall
+        ("due", "f4"),  # scans that should have
+        ("misses", "f4"),  # scans in a row that should have, while on probation
+        ("probation", "i8"),  # 1: unconfirmed, dropped after a few misses
+        ("through", "f4"),  # scans in a row that saw through the wall
+        ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
+    ],
+    align=True,
+)
+"""One wall. An aligned record, so that numba reads its fields like attributes."""
+
+Edges = NDArray[np.void]
+
+
+@kernel
+def along(e: Record, x: float, y: float) -> float:
+    """Coordinate of a point along the wall, metres from its centroid."""
+    return (x - e.x) * e.ux + (y - e.y) * e.uy
+
+
+@kernel
+def above(e: Record, x: float, y: float) -> float:
+    """Distance of a point from the wall's line, positive on the free side."""
+    return (y - e.y) * e.ux - (x - e.x) * e.uy
+
+
+@kernel
+def tip_at(e: Record, side: int) -> float:
+    """Coordinate of an end along the wall."""
+    return along(e, e.tip[side, 0], e.tip[side, 1])
+
+
+@kernel
+def set_tip(e: Record, side: int, t: float) -> None:
+    """Put an end at a coordinate along the wall."""
+    e.tip[side, 0] = e.x + t * e.ux
+    e.tip[side, 1] = e.y + t * e.uy
+
+
+@kernel
+def length(e: Record) -> float:
+    """Length of a wall, metres."""
+    return tip_at(e, 1) - tip_at(e, 0)
+
+
+@kernel
+def spread(e: Record) -> float:
+    """Sum of squared distances of the hits from the centroid along the wall, m2."""
+    return max(e.xx * e.ux * e.ux + 2 * e.xy * e.ux * e.uy + e.yy * e.uy * e.uy, 1e-9)
+
+
+@kernel
+def residual(e: Record) -> float:
+    """Sum of squared distances of the hits from the wall's line, m2."""
+    return e.xx * e.uy * e.uy - 2 * e.xy * e.ux * e.uy + e.yy * e.ux * e.ux
+
+
+@kernel
+def piece_scatter(p: Record) -> tuple[float, float, float]:
+    """Scatter xx, xy, yy of a piece's hits about its centroid, m2."""
+    return (
+        p.spread * p.ux * p.ux + p.residual * p.uy * p.uy,
+        (p.spread - p.residual) * p.ux * p.uy,
+        p.spread * p.uy * p.uy + p.residual * p.ux * p.ux,
+    )
+
+
+@kernel
+def line_sd(e: Record, t: float, noise: float) -> float:
+    """Standard deviation of the line across its direction, at coordinate t."""
+    return noise * math.sqrt(1.0 / e.hits + t * t / spread(e))
+
+
+@kernel
+def add_hits(e: Record, hits: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:
+    """Fuse a set of hits (count, centroid, scatter about it) into the wall's line; ends keep their places."""
+    total = e.hits + hits
+    dx, dy = x - e.x, y - e.y
+    w = e.hits * hits / total
+    e.xx += xx + w * dx * dx
+    e.xy += xy + w * dx * dy
+    e.yy += yy + w * dy * dy
+    e.x += dx * hits / total
+    e.y += dy * hits / total
+    e.hits = total
+    angle = 0.5 * math.atan2(2 * e.xy, e.xx - e.yy)
+    ux, uy = math.cos(angle), math.sin(angle)
+    if ux * e.ux + uy * e.uy < 0:
+        ux, uy = -ux, -uy
+    e.ux, e.uy = ux, uy
+    for side in range(2):
+        set_tip(e, side, tip_at(e, side))
+
+
+@kernel
+def meet(e: Record, f: Record) -> tuple[float, float, float, float]:
+    """Sine of the turn from e to f, the point where their lines meet, and its coordinate along e; 0 if parallel."""
+    sine = e.ux * f.uy - e.uy * f.ux
+    if abs(sine) < 1e-6:
+        return 0.0, 0.0, 0.0, 0.0
+    t = ((f.x - e.x) * f.uy - (f.y - e.y) * f.ux) / sine
+    return sine, e.x + t * e.ux, e.y + t * e.uy, t
+
+
+@kernel
+def join(edges: Edges, e: int, f: int, strength: float) -> None:
+    """Let the head of e and the tail of f share a corner."""
+    edges[e].link[1], edges[f].link[0] = f, e
+    edges[e].label[1], edges[f].label[0] = NOMINAL, NOMINAL
+    edges[e].strength[1], edges[f].strength[0] = strength, strength
+    edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
+    edges[e].slack[1], edges[f].slack[0] = 0.0, 0.0
+    settle_corner(edges, e)
+
+
+@kernel
+def settle_corner(edges: Edges, e: int) -> None:
+    """Move the ends that meet at the head of e to where the lines meet."""
+    f = edges[e].link[1]
+    sine, x, y, _ = meet(edges[e], edges[f])
+    if sine != 0.0:
+        edges[e].tip[1, 0], edges[e].tip[1, 1] = x, y
+        edges[f].tip[0, 0], edges[f].tip[0, 1] = x, y
+
+
+@kernel
+def part(edges: Edges, e: int, side: int) -> None:
+    """Undo a link; both ends are frontiers again, and both walls on probation."""
+    f = edges[e].link[side]
+    if f < 0:
+        return
+    for k, s in ((e, side), (f, 1 - side)):
+        edges[k].link[s] = -1
+        edges[k].label[s] = FRONTIER
+        edges[k].strength[s] = 0.0
+        edges[k].conflict[s] = 0.0
+        edges[k].probation = 1
+
+
+@kernel
+def doubt(e: Record) -> None:
+    """Take back what confirmed a wall: it is not shown until it is hit again, and a few misses drop it (ours).
+
+    What is left of a wall that was cut, or that lost its corner to another, may lie inside solid, where no view
+    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there.
+    """
+    e.probation = 1
+    e.seen, e.due, e.misses, e.through = 0.0, 0.0, 0.0, 0.0
+
+
+@kernel
+def remove(edges: Edges, e: int) -> None:
+    """Take a wall out of the map."""
+    part(edges, e, 0)
+    part(edges, e, 1)
+    edges[e].alive = FREE
+
+
+@kernel
+def new_slot(edges: Edges, count: int) -> tuple[int, int]:
+    """A free record and the new count; (-1, count) if the array is full."""
+    for k in range(count):
+        if edges[k].alive == FREE:
+            return k, count
+    if count < len(edges):
+        return count, count + 1
+    return -1, count

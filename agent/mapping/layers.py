@@ -1,0 +1,108 @@
+"""A received map merged with the robot's own (paper IV; rule ours): as if it were one large scan, moved by T.
+
+The filter itself stays what own scans made of it. Received walls are laid over its best particle anew whenever
+either changes: matched walls keep the own line, open ends are closed by what the other saw, and what is left is
+added. So walls that come back are no fresh evidence, a newer map replaces the older one, and undoing a merge is
+complete: the layer is left away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.corner_scan import PIECE
+from agent.geometry.transform import Floats, apply
+from agent.kernels import kernel
+from agent.mapping.association import Gates, associate
+from agent.mapping.edges import CANDIDATE, FREE, WALL, Edges, remove
+from agent.mapping.scan_merge import MergeRules, merge_scan
+from protocol.wireframe import Label, Wireframe
+
+SCANS = 20.0
+"""Scans that a received wall's likelihood stands for."""
+MIN_WALL_M = 0.05
+"""Shorter received walls are left away, as map.min_length_m."""
+
+
+class Layer(NamedTuple):
+    """A received map as pieces of one scan in the robot's frame."""
+
+    pieces: NDArray[np.void]
+    """(k,) of PIECE."""
+    likelihood: Floats
+    """(k,) of their walls."""
+
+
+def layer_of(wireframe: Wireframe, transform: Floats, hidden: NDArray[np.bool_], hits_per_m: float) -> Layer:
+    """Walls of a received map (sender's frame) but for hidden ones (m,), moved by a transform (3,)."""
+    points = apply(np.asarray(transform, np.float64), wireframe.points)
+    a, b = points[wireframe.edges[:, 0]], points[wireframe.edges[:, 1]]
+    length = np.hypot(*(b - a).T)
+    kept = np.flatnonzero(~hidden & (length > MIN_WALL_M))
+    a, b, length = a[kept], b[kept], length[kept]
+    edges = wireframe.edges[kept]
+    out_of, into = np.full(len(points), -1), np.full(len(points), -1)
+    out_of[edges[:, 0]], into[edges[:, 1]] = np.arange(len(kept)), np.arange(len(kept))
+    pieces = np.zeros(len(kept), PIECE)
+    pieces["hits"] = np.maximum(hits_per_m * length, 2.0)
+    pieces["x"], pieces["y"] = (0.5 * (a + b)).T
+    pieces["ux"], pieces["uy"] = ((b - a) / np.maximum(length, 1e-9)[:, None]).T
+    pieces["spread"] = pieces["hits"] * length**2 / 12.0
+    pieces["end"] = np.column_stack([-0.5 * length, 0.5 * length])
+    pieces["link"] = np.column_stack([into[edges[:, 0]], out_of[edges[:, 1]]])
+    labels = wireframe.labels[edges].astype(np.int64)
+    alone = (labels == Label.NOMINAL) & (pieces["link"] < 0)
+    labels[alone] = Label.OCCLUSION
+    pieces["label"] = labels
+    pieces["link"][labels != Label.NOMINAL] = -1
+    return Layer(pieces, wireframe.likelihood[kept].astype(np.float64))
+
+
+def merged(own: Edges, layers: Sequence[Layer], gates: Gates, rules: MergeRules, publish_after: float) -> Edges:
+    """Walls (n,) of the best particle that are published, with all layers laid over them in order."""
+    room = len(own) + sum(len(layer.pieces) for layer in layers)
+    edges = np.zeros(room, own.dtype)
+    edges[: len(own)] = own
+    count = _published(edges, len(own), publish_after)
+    for layer in layers:
+        count = _lay(edges, count, layer.pieces, layer.likelihood, gates, rules, publish_after)
+    return edges[:count]
+
+
+@kernel
+def _published(edges: Edges, count: int, publish_after: float) -> int:
+    """Take away what own scans have hit too seldom, as layers must not lean on it."""
+    for e in range(count):
+        if edges[e].alive != FREE and (edges[e].alive == CANDIDATE or edges[e].seen < publish_after):
+            remove(edges, e)
+    return count
+
+
+@kernel
+def _lay(
+    edges: Edges,
+    count: int,
+    pieces: NDArray[np.void],
+    likelihood: Floats,
+    gates: Gates,
+    rules: MergeRules,
+    publish_after: float,
+) -> int:
+    walls = associate(edges, count, pieces, gates, np.zeros(len(pieces)))
+    count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, rules, 0)
+    for k in range(len(pieces)):
+        e = walls[k]
+        if e >= 0 and edges[e].alive == WALL and edges[e].seen == 0.0:
+            edges[e].due = SCANS
+            edges[e].seen = max(publish_after, likelihood[k] * (SCANS + 2.0) - 1.0)
+    return count
+
+
+def merge_gates(gates: Gates, offset_m: float) -> Gates:
+    """Gates of a received map, whose transform is known less well than a pose."""
+    return gates._replace(offset=offset_m, angle=math.radians(3.0))

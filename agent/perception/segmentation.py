@@ -1,0 +1,204 @@
+"""A scan cut into straight pieces: an optimal piecewise fit in 1/r (ours), and split and merge (paper II, ref. 17).
+
+A straight wall a x + b y = 1 is linear in the beam's direction when written in u = 1/r: u = a cos + b sin.
+With weights r^4 / sigma^2, prefix sums give fit and chi-square of any interval of beams in O(1), and dynamic
+programming finds the cheapest cut. Grazing walls, dropouts and mixed pixels need no rule of their own.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agent.kernels import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@kernel
+def beam_sums(ranges: Floats, bearings: Floats, noise: float) -> Floats:
+    """(m + 1, 6) prefix sums of w (cos2, cos sin, sin2, u cos, u sin, u2) over beams of finite range."""
+    sums = np.zeros((len(ranges) + 1, 6))
+    for k in range(len(ranges)):
+        r = ranges[k]
+        c, s, u = math.cos(bearings[k]), math.sin(bearings[k]), 1.0 / r
+        w = r**4 / noise**2
+        sums[k + 1, 0] = sums[k, 0] + w * c * c
+        sums[k + 1, 1] = sums[k, 1] + w * c * s
+        sums[k + 1, 2] = sums[k, 2] + w * s * s
+        sums[k + 1, 3] = sums[k, 3] + w * u * c
+        sums[k + 1, 4] = sums[k, 4] + w * u * s
+        sums[k + 1, 5] = sums[k, 5] + w * u * u
+    return sums
+
+
+@kernel
+def _sums_of_two_turns(ranges: Floats, bearings: Floats, noise: float) -> Floats:
+    """(2 m + 1, 6) prefix sums over the turn and the same turn once more, so that a piece may wrap around."""
+    m = len(ranges)
+    once = beam_sums(ranges, bearings, noise)
+    sums = np.empty((2 * m + 1, 6))
+    sums[: m + 1] = once
+    sums[m + 1 :] = once[1:] + once[m]
+    return sums
+
+
+@kernel
+def fit(sums: Floats) -> tuple[float, float, float]:
+    """Line a x + b y = 1 and chi-square of six sums; chi-square is inf where the beams fix no line."""
+    det = sums[0] * sums[2] - sums[1] * sums[1]
+    if det <= 1e-12 * sums[0] * sums[2] + 1e-300:
+        return 0.0, 0.0, math.inf
+    a = (sums[3] * sums[2] - sums[4] * sums[1]) / det
+    b = (sums[4] * sums[0] - sums[3] * sums[1]) / det
+    return a, b, max(sums[5] - a * sums[3] - b * sums[4], 0.0)
+
+
+@kernel
+def _chi2(sums: Floats, i: int, j: int) -> float:
+    """Chi-square of the line through beams [i, j); as `fit`, without temporary arrays."""
+    cc, cs, ss = sums[j, 0] - sums[i, 0], sums[j, 1] - sums[i, 1], sums[j, 2] - sums[i, 2]
+    det = cc * ss - cs * cs
+    if det <= 1e-12 * cc * ss + 1e-300:
+        return math.inf
+    uc, us = sums[j, 3] - sums[i, 3], sums[j, 4] - sums[i, 4]
+    return max(sums[j, 5] - sums[i, 5] - (uc * uc * ss - 2 * uc * us * cs + us * us * cc) / det, 0.0)
+
+
+@kernel
+def _cheapest_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> Ints:
+    """Cut beams first..last into lines and strays: (n,) start of the piece that ends at each beam, -1 for strays.
+
+    Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
+    """
+    n = last - first
+    cost = np.empty(n + 1)
+    start = np.full(n + 1, -1)
+    cost[0] = 0.0
+    live = np.empty(n + 1, np.int64)
+    n_live = 0
+    for j in range(1, n + 1):
+        best, best_start = cost[j - 1] + stray_cost, -1
+        live[n_live] = j - 1
+        n_live += 1
+        kept = 0
+        for c in range(n_live):
+            i = live[c]
+            if j - i < min_hits:
+                live[kept] = i
+                kept += 1
+                continue
+            chi2 = _chi2(sums, first + i, first + j)
+            if cost[i] + chi2 + line_cost < best:
+                best, best_start = cost[i] + chi2 + line_cost, i
+            if cost[i] + chi2 < best + line_cost:
+                live[kept] = i
+                kept += 1
+        n_live = kept
+        cost[j], start[j] = best, best_start
+    return start
+
+
+@kernel
+def _pieces_of_cut(start: Ints, offset: int) -> Ints:
+    """(k, 2) first and one past the last beam of each line."""
+    out = np.empty((len(start), 2), np.int64)
+    k, j = 0, len(start) - 1
+    while j > 0:
+        if start[j] < 0:
+            j -= 1
+        else:
+            out[k, 0], out[k, 1] = start[j] + offset, j + offset
+            k += 1
+            j = start[j]
+    return out[:k][::-1].copy()
+
+
+@kernel
+def piecewise(
+    ranges: Floats, bearings: Floats, noise: float, min_hits: int, line_cost: float, stray_cost: float
+) -> tuple[Ints, Floats]:
+    """Cut a full turn of finite beams optimally.
+
+    ranges, bearings: (m,) metres and rising radians. Returns (k, 2) intervals [first, end) into the doubled
+    turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix sums of the doubled turn.
+    """
+    m = len(ranges)
+    sums = _sums_of_two_turns(ranges, bearings, noise)
+    turn = _true_cut(sums, m // 4, m - m // 4, min_hits, line_cost, stray_cost)
+    if turn < 0:
+        turn = max(_true_cut(sums, 0, m, min_hits, line_cost, stray_cost), 0)
+    return _pieces_of_cut(_cheapest_cut(sums, turn, turn + m, min_hits, line_cost, stray_cost), turn), sums
+
+
+@kernel
+def _true_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> int:
+    """A beam between first and last at which a line begins, far enough from both to be no work of theirs; or -1."""
+    lines = _pieces_of_cut(_cheapest_cut(sums, first, last, min_hits, line_cost, stray_cost), first)
+    middle, best, turn = (first + last) // 2, (last - first) // 4, -1
+    for k in range(len(lines)):
+        if abs(lines[k, 0] - middle) <= best:
+            turn, best = lines[k, 0], abs(lines[k, 0] - middle)
+    return turn
+
+
+@kernel
+def split_and_merge(
+    ranges: Floats, bearings: Floats, noise: float, min_hits: int, line_cost: float, stray_cost: float
+) -> tuple[Ints, Floats]:
+    """Split and merge on the circular scan (paper ref. 17); same arguments and result as `piecewise`.
+
+    Splits at the beam farthest from the chord, then merges neighbours whose common fit costs less than a line.
+    """
+    m = len(ranges)
+    doubled_ranges = np.concatenate((ranges, ranges))
+    doubled_bearings = np.concatenate((bearings, bearings + 2 * math.pi))
+    sums = _sums_of_two_turns(ranges, bearings, noise)
+    x, y = doubled_ranges * np.cos(doubled_bearings), doubled_ranges * np.sin(doubled_bearings)
+    turn, widest = 0, -1.0
+    for k in range(m):  # the widest step between neighbours is a cut in any case
+        step = math.hypot(x[k + 1] - x[k], y[k + 1] - y[k])
+        if step > widest:
+            turn, widest = k + 1, step
+    stack = np.empty((2 * m + 2, 2), np.int64)
+    stack[0, 0], stack[0, 1] = turn, turn + m
+    depth, k = 1, 0
+    out = np.empty((m, 2), np.int64)
+    while depth > 0:
+        depth -= 1
+        i, j = stack[depth, 0], stack[depth, 1]
+        if j - i < min_hits:
+            continue
+        dx, dy = x[j - 1] - x[i], y[j - 1] - y[i]
+        length = max(math.hypot(dx, dy), 1e-9)
+        worst, at = 0.0, -1
+        for b in range(i + 1, j - 1):
+            off = abs((x[b] - x[i]) * dy - (y[b] - y[i]) * dx) / length
+            if off > worst:
+                worst, at = off, b
+        step_at, step = -1, 0.0
+        for b in range(i + 1, j):
+            s = math.hypot(x[b] - x[b - 1], y[b] - y[b - 1])
+            if s > step:
+                step_at, step = b, s
+        if _chi2(sums, i, j) > line_cost + 2.0 * (j - i) and at >= 0:
+            cut = step_at if step > 4 * worst else at
+            stack[depth, 0], stack[depth, 1] = cut, j  # right half below the left one, so that output rises
+            stack[depth + 1, 0], stack[depth + 1, 1] = i, cut
+            depth += 2
+        else:
+            out[k, 0], out[k, 1] = i, j
+            k += 1
+    merged = 0
+    for p in range(1, k):
+        i, mid, j = out[merged, 0], out[merged, 1], out[p, 1]
+        apart = _chi2(sums, i, mid) + _chi2(sums, out[p, 0], j)
+        if out[p, 0] == mid and _chi2(sums, i, j) < apart + line_cost:
+            out[merged, 1] = j
+        else:
+            merged += 1
+            out[merged, 0], out[merged, 1] = out[p, 0], j
+    return out[: min(k, merged + 1)].copy(), sums

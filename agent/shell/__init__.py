@@ -1,0 +1,1 @@
+"""What stands between a mind and its body: processes and networks."""

@@ -1,0 +1,358 @@
+"""Maps between robots over a radio that loses, delays and doubles: they arrive, at the least cost, and only once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.communication.config import TalkConfig
+from agent.communication.contacts import Contacts
+from agent.communication.exchange import Exchange
+from protocol.errors import ProtocolError
+from protocol.messages import Heard, Send
+from protocol.talk import MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
+from protocol.wireframe import Wireframe
+
+RATE_HZ = 5.0
+
+
+def comb(rooms: int, shift: float = 0.0) -> Wireframe:
+    """Square rooms in a row, the last one moved by `shift`."""
+    square = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)
+    points = (
+        np.concatenate([square + np.array((1.5 * room, 0)) for room in range(rooms)]) if rooms else np.zeros((0, 2))
+    )
+    points[-4:] += (shift, shift)
+    ring = np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32)
+    edges = np.concatenate([ring + 4 * room for room in range(rooms)]) if rooms else np.zeros((0, 2), np.int32)
+    m = len(edges)
+    return Wireframe(points, np.zeros(len(points), np.uint8), edges, np.ones(m, np.float32), np.ones(m, np.bool_))
+
+
+class Pair:
+    """Two exchanges and what is between them. Robot a has a map that changes, b has none."""
+
+    def __init__(self, config: TalkConfig | None = None, seed: int = 0, loss: float = 0.0, latency: int = 1) -> None:
+        self.config = config or TalkConfig()
+        self.rng, self.loss, self.latency = np.random.default_rng(seed), loss, latency
+        self.tick = 0
+        self.robots = {name: self.new(name) for name in "ab"}
+        self.map, self.state = comb(0), 0
+        self.flying: list[tuple[int, str, Send]] = []
+        self.sent: list[tuple[int, str, Send]] = []
+        self.events: list[tuple[int, str, str]] = []
+
+    def new(self, name: str) -> Exchange:
+        return Exchange(Contacts(name, 25), self.config, RATE_HZ)
+
+    def show(self, wireframe: Wireframe) -> None:
+        self.map, self.state = wireframe, self.state + 1
+
+    def run(self, ticks: int, cut: bool = False) -> None:
+        for _ in range(ticks):
+            due = [one for one in self.flying if one[0] <= self.tick]
+            self.flying = [one for one in self.flying if one[0] > self.tick]
+            for name, robot in self.robots.items():
+                heard = [
+                    Heard(tick=self.tick, sender=sender, kind=send.kind, payload=send.payload)
+                    for _, sender, send in due
+                    if sender != name
+                ]
+                for event in robot.hear(self.tick, heard):
+                    self.events.append((self.tick, name, event.event))
+                mine = (self.map, self.state) if name == "a" else (comb(0), 0)
+                for send in robot.talk(self.tick, (1.0, 2.0, 3.0), *mine):
+                    assert len(send.payload) <= self.config.mtu_bytes
+                    self.sent.append((self.tick, name, send))
+                    if not cut and self.rng.random() >= self.loss:
+                        late = self.latency + int(self.rng.integers(3)) if self.latency > 1 else 1
+                        self.flying.append((self.tick + late, name, send))
+            self.tick += 1
+
+    def kinds(self, name: str, since: int = 0) -> Counter[str]:
+        return Counter(send.kind for tick, sender, send in self.sent if sender == name and tick >= since)
+
+    def bytes(self, *kinds: str) -> int:
+        return sum(len(send.payload) for _, _, send in self.sent if send.kind in kinds)
+
+    def got(self) -> Wireframe | None:
+        contact = self.robots["b"].contacts.present.get("a")
+        return None if contact is None else contact.wireframe
+
+    def agrees(self) -> bool:
+        """Whether b has a's map to within cell and slack."""
+        got = self.got()  # None where b has lost a, as it does again and again where much is lost
+        if got is None or len(got.points) != len(self.map.points) or len(got.edges) != len(self.map.edges):
+            return False
+        away = np.abs(got.points[:, None] - self.map.points[None]).max(2)
+        return bool(away.min(1).max() <= 0.021 and away.min(0).max() <= 0.021)
+
+    def settle(self, ticks: int) -> None:
+        """Run until b has the map, for at most so long."""
+        end = self.tick + ticks
+        while not self.agrees():
+            assert self.tick < end
+            self.run(1)
+
+
+def test_the_map_comes_whole_once_then_in_changes_then_nothing() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(10)
+    assert pair.agrees() and pair.kinds("a") == {"beacon": 2, "map": 1} and pair.kinds("b") == {"beacon": 2, "ack": 1}
+    whole = pair.bytes("map")
+    pair.show(comb(21))
+    pair.run(40)
+    assert pair.agrees() and pair.kinds("a")["delta"] == 1
+    assert pair.bytes("delta", "ack") < whole / 5
+    before = pair.tick
+    pair.run(200)
+    assert set(pair.kinds("a", before)) == set(pair.kinds("b", before)) == {"beacon"}
+
+
+def test_noise_is_not_sent() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(10)
+    for shift in (0.004, 0.009, -0.005):
+        pair.show(comb(20, shift))
+        pair.run(30)
+    assert pair.kinds("a")["delta"] == 0
+    pair.show(comb(20, 0.03))
+    pair.run(30)
+    assert pair.kinds("a")["delta"] == 1 and pair.agrees()
+
+
+def test_changes_are_told_at_most_every_period() -> None:
+    pair = Pair()
+    for rooms in range(1, 101):
+        pair.show(comb(rooms))
+        pair.run(1)
+    news = [tick for tick, name, send in pair.sent if name == "a" and send.kind in ("map", "delta")]
+    assert len(news) == 4 and min(np.diff(news)) >= 25
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_losses_and_latency_are_made_good(seed: int) -> None:
+    pair = Pair(seed=seed, loss=0.3, latency=5)
+    for rooms in range(1, 30):
+        pair.show(comb(rooms))
+        pair.run(20)
+    pair.settle(200)
+    assert pair.kinds("a")["resend"] + pair.kinds("a")["delta"] > 5
+    assert "refused" not in {what for _, _, what in pair.events}
+
+
+def test_a_peer_that_was_away_gets_what_it_missed_only() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    pair.show(comb(21))
+    pair.run(100, cut=True)
+    assert [what for _, name, what in pair.events if name == "a"] == ["contact", "lost"]
+    before = pair.tick
+    pair.run(30)
+    assert pair.agrees()
+    assert pair.kinds("a", before) == {"beacon": 2, "resend": 1}
+    pair.run(100, cut=True)
+    pair.show(comb(22))
+    before = pair.tick
+    pair.run(30)
+    assert pair.agrees()
+    assert pair.kinds("a", before) == {"beacon": 3, "delta": 1}
+
+
+def test_an_unchanged_map_is_not_told_again_after_an_absence() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    pair.run(100, cut=True)
+    before = pair.tick
+    pair.run(40)
+    assert pair.agrees()  # the contact has the map that was known before
+    assert set(pair.kinds("a", before)) == {"beacon"}
+
+
+def test_a_peer_that_begins_anew_gets_all_again() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    pair.robots["b"] = pair.new("b")
+    pair.show(comb(21))
+    pair.run(80)
+    assert pair.agrees() and pair.kinds("a")["map"] == 2
+
+
+def test_a_sender_that_begins_anew_is_believed() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    pair.robots["a"] = pair.new("a")
+    pair.show(comb(3))
+    pair.run(80)
+    assert pair.agrees()
+
+
+@pytest.mark.parametrize(("loss", "seed"), [(0.0, 0), (0.3, 1), (0.3, 2), (0.5, 3)])
+def test_a_large_map_travels_in_parts_and_only_missing_ones_again(loss: float, seed: int) -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64), seed, loss, latency=5)
+    pair.show(comb(200))
+    pair.settle(500 if loss < 0.5 else 1500)
+    parts = [Part.decode(send.payload) for _, _, send in pair.sent if send.kind in ("map", "resend")]
+    assert parts[0].parts > 10
+    most = {0.0: 1, 0.3: 3, 0.5: 8}[loss]  # all again and again until all came at once would be thousands
+    assert len(parts) <= most * parts[0].parts
+
+
+def test_a_large_map_arrives_though_it_changes() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64), 1, 0.3, latency=5)
+    for rooms in range(200, 230):
+        pair.show(comb(rooms))
+        pair.run(20)
+    got = pair.robots["b"]._known["a"].newest
+    assert got > 300
+
+
+def test_parts_wait_only_so_long() -> None:
+    hear = Pair().robots["b"]
+    body = bytes(100)
+    early, late = Part(9, 0, 0, 2, body).encode(), Part(9, 0, 1, 2, body).encode()
+    hear.hear(10, [Heard(tick=10, sender="a", kind="map", payload=early)])
+    hear.hear(1000, [Heard(tick=1000, sender="a", kind="map", payload=late)])
+    acks = [send for send in hear.talk(1000, (0, 0, 0), comb(0), 0) if send.kind == "ack"]
+    assert Ack.decode(acks[-1].payload).missing == {0}
+
+
+def test_parts_that_were_given_up_are_sent_again() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    pair.show(comb(60))
+    pair.run(1)
+    while not any(send.kind == "map" for _, _, send in pair.flying):
+        pair.run(1)
+    maps = [one for one in pair.flying if one[2].kind == "map"]
+    lose = {id(one) for one in maps[::2]}
+    pair.flying = [one for one in pair.flying if id(one) not in lose]  # half of the parts
+    pair.run(2)
+    arriving = pair.robots["b"]._known["a"].arriving
+    assert arriving is not None and len(arriving.bodies) == len(maps) // 2
+    pair.robots["b"]._known["a"].arriving = None
+    pair.settle(200)
+
+
+def test_parts_of_an_older_map_acknowledge_nothing() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    pair.show(comb(60))
+    while not any(send.kind == "map" for _, _, send in pair.flying):
+        pair.run(1)
+    told = pair.robots["a"]._told["b"]
+    parts, version = told.whole, told.whole[0].version
+    told.parts = []  # as if given up for a newer one
+    some = Ack(version, frozenset({0})).encode(len(parts))
+    pair.robots["a"].hear(pair.tick, [Heard(tick=pair.tick, sender="b", kind="ack", payload=some)])
+    assert told.acked == 0 and told.parts == []
+
+
+def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
+    hear = Pair().robots["b"]
+    events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
+    assert [event.event for event in events] == ["refused"]
+
+
+@given(st.integers(0, 2**32 - 1), *[st.floats(-9000, 9000)] * 2, st.floats(-7, 7))
+def test_a_beacon_comes_back_to_a_millimetre(tick: int, x: float, y: float, theta: float) -> None:
+    data = Beacon(tick, (x, y, theta)).encode()
+    back = Beacon.decode(data)
+    assert len(data) <= 32 and back.tick == tick
+    assert back.pose[:2] == pytest.approx((x, y), abs=6e-4)
+    assert np.exp(1j * back.pose[2]) == pytest.approx(np.exp(1j * theta), abs=1e-4)
+
+
+@given(st.integers(1, 2**32), st.data(), st.binary(max_size=50))
+def test_parts_and_acknowledgements_come_back(version: int, draw: st.DataObject, body: bytes) -> None:
+    parts = draw.draw(st.integers(1, MAX_PARTS))
+    base = draw.draw(st.integers(0, version - 1))
+    part = Part(version, base, draw.draw(st.integers(0, parts - 1)), parts, body)
+    assert Part.decode(part.encode()) == part
+    missing = draw.draw(st.none() | st.frozensets(st.integers(0, parts - 1)))
+    ack = Ack(version, missing)
+    assert Ack.decode(ack.encode(parts)) == ack
+
+
+@given(st.sampled_from([Beacon, Part, Ack]), st.binary(max_size=30))
+def test_any_bytes_are_a_message_or_one_error(kind: type[Beacon | Part | Ack], data: bytes) -> None:
+    for hostile in (data, bytes([0x10 | len(data) % 4]) + data):
+        try:
+            kind.decode(hostile)
+        except ProtocolError as error:
+            assert "\n" not in str(error)
+
+
+@given(st.lists(st.tuples(st.sampled_from(["beacon", "map", "delta", "ack", "x"]), st.binary(max_size=20)), max_size=8))
+def test_any_messages_leave_an_exchange_in_order(messages: list[tuple[str, bytes]]) -> None:
+    pair = Pair()
+    pair.show(comb(4))
+    for kind, payload in messages:
+        hostile = Heard(tick=pair.tick, sender="c", kind=kind, payload=bytes([0x10]) + payload)
+        for robot in pair.robots.values():
+            robot.hear(pair.tick, [hostile])
+        pair.run(1)
+    pair.run(10)
+    assert pair.agrees()
+
+
+def test_parts_fit_their_messages() -> None:
+    body = bytes(range(256)) * 40
+    parts = in_parts(500, 400, body, 1200)
+    assert b"".join(part.body for part in parts) == body and max(len(part.encode()) for part in parts) <= 1200
+    assert len(in_parts(500, 0, bytes(1190), 1200)) == 1
+    for size, mtu in ((70_000, 1200), (10_000, 64)):
+        with pytest.raises(ProtocolError, match="at most"):
+            in_parts(1, 0, bytes(size), mtu)
+
+
+def test_the_grid_is_turned_with_a_map_that_turned_out_otherwise() -> None:
+    pair = Pair()
+    pair.show(comb(20))
+    pair.run(20)
+    c, s = np.cos(0.05), np.sin(0.05)
+    pair.show(replace(comb(20), points=comb(20).points @ np.array([[c, s], [-s, c]])))
+    pair.run(40)
+    assert pair.agrees() and pair.kinds("a")["map"] == 2
+
+
+def test_a_map_that_is_too_large_to_travel_is_an_event_and_no_crash() -> None:
+    pair = Pair(TalkConfig(mtu_bytes=64))
+    rng = np.random.default_rng(0)
+    big = comb(900)
+    pair.show(replace(big, points=big.points + rng.uniform(-0.2, 0.2, big.points.shape)))
+    pair.run(60)
+    pair.state += 1
+    pair.run(60)
+    assert [(name, what) for _, name, what in pair.events if what == "untold"] == [("a", "untold")]
+    assert pair.kinds("a")["map"] == 0
+    pair.show(comb(9))
+    pair.settle(60)
+
+
+def test_a_part_that_comes_twice_counts_once() -> None:
+    hear = Pair().robots["b"]
+    body = bytes(MAX_BODY // 2)
+    messages = [Heard(tick=1, sender="a", kind="map", payload=Part(9, 0, k, 3, body).encode()) for k in (0, 1, 1)]
+    assert [event.event for event in hear.hear(1, messages)] == ["contact"]
+    more = Heard(tick=2, sender="a", kind="map", payload=Part(9, 0, 2, 3, b"x").encode())
+    assert [event.event for event in hear.hear(2, [more])] == ["refused"]
+
+
+def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:
+    contacts = Contacts("a", 25)
+    one = Exchange(contacts, TalkConfig(), 5.0)
+    said = {
+        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, in_sight=sight)]
+        for sight in (False, True)
+    }
+    assert said == {False: [25, 50], True: list(range(5, 51, 5))}

@@ -1,0 +1,426 @@
+"""Exploration as a whole, on the maps of an oracle: it sees everything, touches nothing, and ends."""
+
+from __future__ import annotations
+
+import functools
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from agent.exploration.agenda import Task
+from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
+from agent.exploration.explorer import Configs, Explorer, Target
+from agent.exploration.frontiers import GoalMemory, open_ends, same_wall, stands_of
+from agent.exploration.planning import Roads
+from agent.exploration.teammates import Teammates
+from agent.geometry.visibility import all_seen
+from protocol.messages import RobotSpec
+from protocol.wireframe import Label, Wireframe
+from tests.agent.exploration.test_planning import chain
+from tests.oracle import OracleMapper, configs, explore
+from world.maze import generate
+from world.worldfile import World, from_document, load
+
+LAYOUTS = Path(__file__).resolve().parents[4] / "shared" / "worlds"
+SPEC = RobotSpec()
+PLANNING = PlanningConfig()
+NOBODY = np.zeros((0, 2))
+
+
+def drawn(*polylines: list[tuple[float, float]], spawn: tuple[float, float, float]) -> World:
+    walls = [[*a, *b] for line in polylines for a, b in pairwise(line)]
+    return from_document({"name": "drawn", "units": "m", "walls": walls, "spawns": [list(spawn)]})
+
+
+def pillar(x: float, y: float, side: float) -> list[tuple[float, float]]:
+    h = side / 2
+    return [(x - h, y - h), (x + h, y - h), (x + h, y + h), (x - h, y + h), (x - h, y - h)]
+
+
+MAZE = drawn(
+    [(0, 0), (6, 0), (6, 5), (0, 5), (0, 0)],
+    [(2, 0), (2, 3.5)],
+    [(2, 2), (3.4, 2)],
+    [(4, 5), (4, 1.5), (4.9, 1.5)],
+    [(4, 3.2), (5.4, 3.2)],
+    [(0, 4.4), (1.4, 4.4)],  # a doorway of 0.6 m into a closet
+    spawn=(1.0, 1.0, 0.3),
+)
+"""Two dead ends, a closet, doors of 0.6 m."""
+
+CORRIDOR = [(-5, -1.5), (-2, -1.5), (-2, -0.3), (2, -0.3), (2, -1.5), (5, -1.5), (5, 1.5), (2, 1.5), (2, 0.3)]
+CORRIDOR_WORLD = drawn([*CORRIDOR, (-2, 0.3), (-2, 1.5), (-5, 1.5), (-5, -1.5)], spawn=(-3.5, 0, 0))
+"""Two rooms joined by a corridor of 4 m x 0.6 m."""
+
+
+def assert_well_explored(trial, recall=0.995):
+    """Complete, the visible wall mapped and almost all of it hit (beams step over pieces that they graze)."""
+    assert trial.complete_s is not None, "never complete"
+    assert trial.recall > recall
+    assert trial.coverage > recall - 0.01
+    assert trial.least_clearance_m > SPEC.radius_m
+    assert trial.contacts == 0
+
+
+def test_a_maze_is_seen_whole_and_the_robot_parks_out_of_the_way():
+    trial = explore(MAZE, 600)[0]
+    assert_well_explored(trial)
+    assert trial.stuck == 0
+    assert trial.unreachable == 0
+    assert trial.complete_s < 250
+    assert trial.step_ms < 3.0  # 0.4 ms on an idle machine
+    names = [event.event for _, event in trial.events]
+    assert names.count("complete") == 1
+    assert trial.events[-1][1].data["reason"]
+    chosen = [event.data["place"] for _, event in trial.events if event.event == "frontier"]
+    assert len(chosen) < 40
+
+
+def test_after_complete_it_parks_away_from_doors_and_stays_there():
+    trial = explore(MAZE, 330, until_complete=False)[0]
+    assert trial.complete_s is not None
+    x, y, _ = trial.trajectory[-1]
+    assert np.hypot(*(np.array(trial.trajectory[-25:])[:, :2] - (x, y)).T).max() < 0.01
+    doors = np.array([(2, 4.25), (5.45, 1.5), (3.7, 2), (5.7, 3.2), (1.4, 4.7)])
+    assert np.hypot(*(doors - (x, y)).T).min() > 0.5
+
+
+def test_the_sweep_finds_posts_that_no_wall_following_sees():
+    hall = drawn(
+        [(0, 0), (11, 0), (11, 10), (0, 10), (0, 0)],
+        pillar(5.4, 5.1, 0.1), pillar(4.2, 6.3, 0.1), pillar(6.8, 4.4, 0.1),
+        spawn=(1.0, 1.0, 0.0),
+    )  # fmt: skip
+    swept = explore(hall, 900)[0]
+    assert_well_explored(swept)
+    walls_only = explore(hall, 900, config=configs(default_state="least-likely", pockets=False))[0]
+    assert walls_only.complete_s is not None
+    assert walls_only.path_m < swept.path_m
+
+
+def test_behind_a_cabinet_it_looks_into_the_slot_that_it_cannot_enter():
+    """Without a view from close by, the cabinet's side and the wall's end beside it are given up (recall 0.942)."""
+    room = drawn(
+        [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0)],
+        [(0.2, 3), (0.2, 2.55), (0.7, 2.55), (0.7, 3)],
+        spawn=(1.5, 1.0, 0.0),
+    )
+    trial = explore(room, 200)[0]
+    assert_well_explored(trial, 0.965)
+    assert trial.unreachable == 0
+
+
+@pytest.mark.parametrize("state", ["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"])
+def test_every_default_state_ends_with_its_reason(state):
+    trial = explore(MAZE, 900, config=configs(default_state=state))[0]
+    assert_well_explored(trial, 0.98)
+    reason = trial.events[-1][1].data["reason"]
+    assert reason.startswith("no frontier left")
+
+
+def test_two_robots_that_meet_in_a_narrow_corridor_both_get_on():
+    for seed in range(2):
+        starts = np.array([[-2.6, 0.1 * seed, 0.0], [2.6, -0.05, math.pi]])
+        for trial in explore(CORRIDOR_WORLD, 400, robots=2, seed=seed, starts=starts):
+            assert_well_explored(trial)
+
+
+def test_the_same_seed_gives_the_same_run():
+    one, two = (explore(MAZE, 60, robots=2, seed=3, starts=np.array([[1, 1, 0], [3, 4, 0.0]])) for _ in range(2))
+    for a, b in zip(one, two, strict=True):
+        assert np.array_equal(a.trajectory, b.trajectory)
+        assert a.events == b.events
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_generated_mazes(seed):
+    rng = np.random.default_rng(seed)
+    side = 8.0 + 2.0 * rng.random()
+    world = from_document(generate(side, side, rng))
+    trial = explore(world, 900, seed=seed)[0]
+    assert_well_explored(trial)
+    assert trial.complete_s < 5.5 * side**2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seed", range(100, 125))
+def test_many_generated_mazes(seed):
+    rng = np.random.default_rng(seed)
+    world = from_document(generate(*rng.uniform(8.0, 20.0, 2), rng))
+    trial = explore(world, 3000, seed=seed)[0]
+    assert_well_explored(trial)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("path", sorted(LAYOUTS.glob("*.yaml")) if LAYOUTS.is_dir() else [], ids=lambda path: path.stem)
+def test_real_layouts(path):
+    trial = explore(load(path), 4000)[0]
+    assert_well_explored(trial, 0.99)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_maze_15_in_ten_minutes_in_the_median():
+    world = load("maze-15")
+    times = []
+    for seed in range(5):
+        starts = world.starts(1, SPEC.radius_m, np.random.default_rng(seed), drawn=True)
+        trial = explore(world, 1500, seed=seed, starts=starts)[0]
+        assert_well_explored(trial)
+        times.append(trial.complete_s)
+    assert np.median(times) <= 600
+
+
+# one step at a time
+
+
+def explorer(**exploration) -> Explorer:
+    return Explorer(configs(**exploration), SPEC, np.random.default_rng(0))
+
+
+def at(wireframe: Wireframe, explorer: Explorer, ticks: range, pose=(0.0, 0.0, 0.0), version=1):
+    return [explorer.step(tick, wireframe, version, pose, Wireframe(), NOBODY) for tick in ticks]
+
+
+def test_with_an_empty_map_it_drives_forward_until_a_wall_is_seen():
+    world = drawn([(0, 0), (24, 0), (24, 24), (0, 24), (0, 0)], spawn=(12, 12, 0.7))
+    trial = explore(world, 60)[0]  # the first wall is 12 m away, and the lidar sees 3.5
+    assert trial.map is not None
+    first = next(k for k, reason in enumerate(trial.reasons) if reason != "drive until a wall is seen")
+    way = np.array(trial.trajectory)[: first + 1, :2]
+    assert math.hypot(*(way[-1] - way[0])) == pytest.approx(0.22 * 0.2 * first, abs=0.05)
+    assert first > 100
+
+
+def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reason():
+    """A map that never changes, robots that do not move: bounded trying, then complete all the same."""
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
+    robot = explorer(pockets=False, default_state="least-likely")
+    ticks = 0
+    events = []
+    pose = np.zeros(3)
+    while ticks < 5000 and not robot.complete:
+        command = robot.step(ticks, wall, 1 + ticks // 50, tuple(pose), Wireframe(), NOBODY)
+        pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        pose[2] += 0.2 * command.turn_rps
+        events += command.events
+        ticks += 1
+    assert robot.complete
+    given_up = [event.data for event in events if event.data.get("what") in ("abandoned", "unreachable")]
+    assert [data["what"] for data in given_up].count("unreachable") == 2
+    assert len(given_up) == 4
+    assert all(data["reason"] for data in given_up)
+    assert events[-1].event == "complete"
+    assert events[-1].data["unreachable"] == 2
+
+
+def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
+    room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
+    seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])
+    alone, told = explorer(default_state="interior-sweep"), explorer(default_state="interior-sweep")
+    assert not at(room, alone, range(5))[-1].complete
+    step = functools.partial(told.step, wireframe=room, version=1, pose=(0.0, 0.0, 0.0), scan=Wireframe(), discs=NOBODY)
+    assert step(0, viewpoints=seen[:2]).reason == "sweep"
+    more = [step(tick, viewpoints=seen) for tick in range(1, 5)]  # dropped on the way to what is seen by now
+    assert more[-1].complete
+    back = [step(tick, viewpoints=seen[:0]) for tick in range(5, 9)]
+    assert [event.event for command in back for event in command.events] == ["resumed"]
+    assert not back[-1].complete and back[-1].reason == "sweep"
+
+
+def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
+    room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
+    targets = {}
+    for name, rivals in (("alone", np.zeros((0, 3))), ("east", np.array([[4.0, 0.0, 0.0]]))):
+        robot = explorer(default_state="interior-sweep")
+        command = robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=rivals)
+        targets[name] = command.target[0]
+    assert targets["alone"] > 0.5 > targets["east"]
+    robot = explorer(default_state="interior-sweep")
+    behind = np.array([[0.6, 0.0, -10.0]])  # nearer to everything
+    assert robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=behind).reason == "sweep"
+
+
+def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
+    closed = chain([(-2, -2), (2, -2), (2, 2), (-2, 2), (-2, -2)])
+    opened = chain([(-2, -2), (2, -2), (2, 2), (0.5, 2)], labels=Label.FRONTIER)
+    robot = explorer(default_state="least-likely", pockets=False)
+    assert at(closed, robot, range(3))[-1].complete
+    assert all(command.complete for command in at(opened, robot, range(3, 5), version=2))
+    assert all(command.complete for command in at(closed, robot, range(5, 10), version=3))
+    commands = at(opened, robot, range(10, 30), version=4)
+    assert not commands[-1].complete
+    assert next(event.event for command in commands for event in command.events) == "resumed"
+
+
+@pytest.mark.parametrize("pockets", [False, True])
+def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)
+    commands = at(wall, explorer(pockets=pockets), range(200))
+    events = [event for command in commands for event in command.events]
+    recoveries = [event.data["recovery"] for event in events if event.event == "stuck"]
+    assert recoveries[:2] == ["back off", "another goal"]
+    assert len({command.target for command in commands}) > 1
+    if not pockets:  # else sweeps come first
+        assert any(event.data.get("reason") == "stuck on the way" for event in events)
+
+
+def test_no_way_through_an_unseen_wall_is_tried_twice():
+    """A pane of glass, which no scan shows, leaves 0.8 m of a room 4 m wide: found by touch, and passed by."""
+    hall = chain([(-3, -2), (3, -2), (3, 2), (-3, 2), (-3, -2)])
+    glass_x, gap_y = 0.5, 1.2
+    robot = explorer(default_state="interior-sweep")
+    pose, events, crossed = np.array([-2.0, -0.5, 0.0]), [], False
+    for tick in range(3000):
+        command = robot.step(tick, hall, 1, tuple(pose), Wireframe(), NOBODY)
+        events += command.events
+        if command.complete:
+            break
+        step = 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        x, y = pose[:2] + step
+        reach = math.hypot(glass_x - x, max(0.0, y - gap_y)) if y > gap_y else abs(glass_x - x)
+        if reach >= SPEC.radius_m or abs(glass_x - x) > abs(glass_x - pose[0]):
+            pose[:2] = x, y
+        pose[2] += 0.2 * command.turn_rps
+        crossed |= pose[0] > 1.5
+    assert robot.complete
+    assert crossed
+    touched = [event.data["place"] for event in events if event.data.get("reason") == "an unseen wall"]
+    assert 1 <= len(touched) <= 15
+    apart = [math.dist(a, b) for k, a in enumerate(touched) for b in touched[:k]]
+    assert min(apart, default=1.0) > 0.05
+
+
+def test_ends_point_along_their_wall_and_have_free_space_on_the_left():
+    ends = open_ends(chain([(0, 0), (2, 0)], [(5, 5), (5, 3)], labels=Label.OCCLUSION))
+    order = np.lexsort(ends.points.T[::-1])
+    assert ends.points[order].tolist() == [[0, 0], [2, 0], [5, 3], [5, 5]]
+    assert ends.along[order].tolist() == [[-1, 0], [1, 0], [0, -1], [0, 1]]
+    assert np.allclose(ends.free[order], [[0, 1], [0, 1], [1, 0], [1, 0]])
+    assert not ends.frontier.any()
+    assert not len(open_ends(chain([(0, 0), (2, 0)])).points)  # nominal
+
+
+def test_two_frontiers_that_face_each_other_in_one_wall_count_once():
+    wireframe = chain([(0, 0), (2, 0)], [(3, 0.02), (5, 0.02)], [(9, 5), (9, 3)], labels=Label.FRONTIER)
+    ends = open_ends(wireframe)
+    one = same_wall(ends, 7.0, 0.2)
+    facing = [int(np.hypot(*(ends.points - p).T).argmin()) for p in ((2, 0), (3, 0.02))]
+    assert one[facing[0]] == one[facing[1]]
+    assert len(np.unique(one)) == len(one) - 1
+
+
+def outline_beyond(world: World, point, along, free) -> np.ndarray:
+    """The place 5 cm farther on the true outline, and a hair off it: the next bit of wall, whatever way it turns."""
+    for ring in world.rings:
+        line = shapely.LinearRing(ring)
+        if line.distance(shapely.Point(point)) < 1e-6:
+            forth = along[0] * free[1] - along[1] * free[0] > 0  # free space lies on the left of the ring
+            place = (line.project(shapely.Point(point)) + (0.05 if forth else -0.05)) % line.length
+            spot, around = (np.array(line.interpolate((place + d) % line.length).coords[0]) for d in (0.0, 1e-3))
+            unit = (around - spot) / math.hypot(*(around - spot))
+            return spot + 1e-3 * np.array((-unit[1], unit[0]))
+    raise AssertionError("no ring holds the end")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_from_standing_points_the_hidden_wall_is_in_view(seed):
+    """In a true maze with only part of it seen: the first bit of wall beyond most ends is in view from their stands."""
+    rng = np.random.default_rng(seed)
+    world = from_document(generate(8.0, 8.0, rng))
+    mapper = OracleMapper(world, np.zeros(3))
+    for wall in range(len(mapper.length)):
+        if rng.random() < 0.7:
+            a, b = np.sort(rng.uniform(-0.3, 1.3, 2).clip(0, 1)) * mapper.length[wall]
+            if b - a > 0.1:
+                mapper.seen[wall] = [[float(a), float(b)]]
+    ends = open_ends(mapper.wireframe())
+    stands = stands_of(ends, np.arange(len(ends.points)), 0.35)
+    beyond = np.array([outline_beyond(world, *end) for end in zip(ends.points, ends.along, ends.free, strict=True)])
+    seen = all_seen(stands.points, np.ascontiguousarray(beyond[stands.goal]), world.segments)
+    shown = [seen[stands.goal == goal].any() for goal in range(len(ends.points))]
+    assert np.mean(shown) > 0.9
+
+
+SLOTS = {
+    "a cabinet's side": ([(0.7, 2.5), (0.2, 2.5)], [(0, 3), (0, 0)], Label.OCCLUSION, (0.201, 2.6)),
+    "a wall behind a chair": ([(-3, 0), (0.1, 0)], [(0, 0.12), (0, 0.6), (0.6, 0.6), (0.6, 0.12), (0, 0.12)],
+                              Label.FRONTIER, (0.2, 0.001)),
+}  # fmt: skip
+"""A wall with its open end second, what makes the slot beside it, and a place that the end hides."""
+
+
+@pytest.mark.parametrize("slot", SLOTS)
+def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
+    wall, beside, label, hidden = SLOTS[slot]
+    wireframe = chain(wall, beside)
+    wireframe.labels[1] = label
+    ends = open_ends(wireframe)
+    roads = Roads(PLANNING, wireframe, np.array([1.0, 1.5]), PLANNING.tight_clearance_m)
+    shown = []
+    for grazing_rad, close in ((0.35, False), (0.05, True)):
+        stands = stands_of(ends, np.array([0]), grazing_rad, close)
+        good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+        seen = all_seen(stands.points, np.broadcast_to(hidden, stands.points.shape).copy(), roads.walls)
+        shown.append((int(good.sum()), int((good & seen).sum())))
+    assert shown[0][0] == 0
+    assert shown[1][1] > 0
+
+
+def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
+    memory = GoalMemory(ExplorationConfig(remembered=10))
+    east, north = np.array([1.0, 0.0]), np.array([0.0, 1.0])
+    memory.note(np.array([1.0, 1.0]), east).attempts = 1
+    points, along = np.array([[1.1, 1.0], [1.1, 1.0], [1.5, 1.0]]), np.array([east, north, east])
+    assert memory.find(points, along).tolist() == [0, -1, -1]
+    for k in range(12):
+        memory.note(np.array([5.0 + k, 0.0]), east)
+    assert len(memory.tried) == 10
+    assert memory.find(points, along).tolist() == [-1, -1, -1]
+
+
+def test_what_stands_in_a_wall_is_no_teammate():
+    mates = Teammates(ExplorationConfig(), SPEC.radius_m, 0.2)
+    walls = np.array([[0.0, 0.0, 5.0, 0.0]])
+    assert mates.update(0, np.array([[2.0, -0.05], [3.0, 0.5]]), walls).tolist() == [[3.0, 0.5]]
+    assert not mates.in_the_way(1)
+    for tick in range(1, 15):
+        mates.update(tick, np.array([[3.0, 0.5]]), walls)
+    assert mates.in_the_way(15)
+    assert len(mates.obstacles(15, 0.18)[0]) == 8
+    mates.update(60, NOBODY, walls)
+    assert not mates.in_the_way(60)
+
+
+def test_a_post_taken_for_a_teammate_in_a_wall_is_not_driven_into():
+    """One scan in three shows the post, as a disc whose middle is in a bit of mapped wall: it is in no scan's walls."""
+    bit = chain([(2.0, 0.02), (2.08, 0.02)], [(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)])
+    post = np.array([2.0, 0.0])
+    robot = explorer(default_state="perimeter", pockets=False)
+    pose, least = np.array([0.5, 0.0, 0.0]), math.inf
+    robot.target = Target(Task("park", np.array([4.0, 0]), np.array([4.0, 0])), np.array([[0.5, 0], [4.0, 0]]),
+                          0.13, 10**6, 10**6)  # fmt: skip
+    for tick in range(150):
+        d = post - pose[:2]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        disc = np.array([[c * d[0] + s * d[1], c * d[1] - s * d[0]]]) if tick % 3 == 0 else NOBODY
+        command = robot.step(tick, bit, 1, tuple(pose), Wireframe(), disc)
+        pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        pose[2] += 0.2 * command.turn_rps
+        least = min(least, math.hypot(*(post - pose[:2])) - 0.105)
+    assert least > SPEC.radius_m
+    assert math.hypot(*(pose[:2] - (0.5, 0.0))) > 0.5
+
+
+def test_configurations_are_checked():
+    with pytest.raises(ValueError, match="default_state"):
+        ExplorationConfig(default_state="sleep")
+    with pytest.raises(ValueError, match="extra"):
+        ExplorationConfig(lookahead=1)
+    assert Configs(ExplorationConfig(), PlanningConfig(), DrivingConfig()).driving.tick_s == 1 / SPEC.lidar.rate_hz

@@ -1,0 +1,149 @@
+"""A received map over the own one: frontiers closed, own walls unmoved, no fresh evidence, undone completely."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from agent.cooperation.ground import Ground, pieces_of
+from agent.geometry.transform import apply, compose, inverse
+from agent.mapping.layers import layer_of
+from agent.perception.config import PerceptionConfig
+from agent.perception.perceive import perceive
+from protocol.messages import LidarSpec
+from protocol.wireframe import Label, Wireframe
+from tests.agent.alignment.test_alignment import moved
+from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest
+
+FRAME = np.array([3.0, -7.0, 2.1])
+"""Pose of the peer's frame in the robot's own is its inverse."""
+T = inverse(FRAME)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Wireframe:
+    """The room as a peer has mapped it, in its own frame."""
+    walk = Walk(ROOM, LidarSpec(), seed=5)
+    for pose in ROOM_TOUR:
+        walk.see(pose)
+    return moved(walk.filter.wireframe(), FRAME)
+
+
+@pytest.fixture
+def walk() -> Walk:
+    """A robot that has seen but a corner of it."""
+    walk = Walk(ROOM, LidarSpec(range_max_m=2.0))
+    for pose in ROOM_TOUR[:8]:
+        walk.see(pose)
+    return walk
+
+
+def laid(walk: Walk, theirs: Wireframe, transform: np.ndarray = T, hidden: np.ndarray | None = None) -> Wireframe:
+    none = np.zeros(len(theirs.edges), np.bool_)
+    layer = layer_of(theirs, transform, none if hidden is None else hidden, 3.0)
+    return walk.filter.wireframe_with([layer], 0.06)
+
+
+def test_what_the_other_saw_closes_all_frontiers(walk: Walk, whole: Wireframe) -> None:
+    own = walk.filter.wireframe()
+    assert (own.labels == Label.FRONTIER).any() and len(own.edges) < 10
+    both = laid(walk, whole)
+    both.check()
+    assert (both.labels == Label.NOMINAL).all() and len(both.edges) == len(both.points) == 10
+    assert farthest(both, ROOM) < 0.02
+    assert both.own.sum() == own.own.sum() == len(own.edges)
+    assert (~both.own).sum() == 10 - len(own.edges)
+
+
+def test_a_transform_that_is_off_a_little_doubles_no_wall(walk: Walk, whole: Wireframe) -> None:
+    off = T + np.array([0.03, -0.03, 0.005])
+    assert len(laid(walk, whole, off).edges) == 10
+
+
+def test_walls_that_come_back_are_no_fresh_evidence_and_the_filter_stays_what_it_was(walk: Walk) -> None:
+    own, before = walk.filter.wireframe(), walk.filter.edges.tobytes()
+    for _ in range(50):
+        back = laid(walk, moved(own, FRAME))
+    assert walk.filter.edges.tobytes() == before
+    assert back.edges.tolist() == own.edges.tolist()
+    assert np.array_equal(back.likelihood, own.likelihood) and back.own.all()
+    assert np.abs(back.points - own.points).max() < 0.005
+
+
+def test_a_merge_is_undone_by_leaving_the_layer_away(walk: Walk, whole: Wireframe) -> None:
+    own = walk.filter.wireframe()
+    laid(walk, whole)
+    again = walk.filter.wireframe_with([], 0.06)
+    assert np.array_equal(again.points, own.points) and np.array_equal(again.labels, own.labels)
+
+
+def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) -> None:
+    both = laid(walk, whole)
+    theirs = np.sort(whole.likelihood)[: (~both.own).sum()]
+    assert both.likelihood[~both.own].min() > theirs.min() - 0.1
+
+
+def scan_at(pose: tuple[float, float, float], walls: list[tuple[float, float, float, float]]):
+    walk = Walk(walls, LidarSpec())
+    ranges = walk.lidar.measured(walk.lidar.cast(np.array([pose])), [np.random.default_rng(3)])[0]
+    return perceive(np.asarray(ranges, np.float64), walk.spec, PerceptionConfig(), np.zeros((0, 3)))
+
+
+def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where_it_is_not(
+    walk: Walk, whole: Wireframe
+) -> None:
+    rules = walk.filter.view_rules(0.12)
+    turned = compose(np.array([2.0, 2.0, math.pi / 2]), compose(np.array([-2.0, -2.0, 0.0]), T))
+    for transform, good in ((T, True), (T + np.array([0.0, -0.6, 0.0]), False), (turned, False)):
+        ground = Ground()
+        ground.lay(whole)
+        for pose in ROOM_TOUR[::10]:
+            ground.look(transform, pose, scan_at(pose, ROOM), rules)
+        confirmed, against = ground.said(2)
+        if good:
+            assert confirmed > 12.0 and against == 0.0
+        else:
+            assert against > 1.0
+
+
+def test_ground_that_an_alignment_used_is_not_fresh_and_what_is_known_of_it_outlives_a_newer_map(
+    walk: Walk, whole: Wireframe
+) -> None:
+    rules = walk.filter.view_rules(0.12)
+    ground = Ground()
+    pieces, _ = pieces_of(whole)
+    ground.lay(whole, np.zeros(len(pieces), np.bool_))
+    pose = ROOM_TOUR[0]
+    for _ in range(3):
+        ground.look(T, pose, scan_at(pose, ROOM), rules)
+    assert ground.said(2) == (0.0, 0.0)
+    seen = int((ground.on >= 3).sum())
+    assert seen > 20
+    newer = moved(whole, np.array([0.002, 0.001, 0.0]))
+    ground.lay(newer)
+    assert int((ground.on >= 3).sum()) > 0.7 * seen
+    assert ground.said(2)[0] < 0.3 * 0.1 * len(pieces)
+
+
+def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wireframe) -> None:
+    segments = [tuple(s) for s in apply(FRAME, np.array([(1.0, 1.0), (1.0, 0.2)])).reshape(1, 4)]
+    n = len(whole.points)
+    phantom = Wireframe(
+        np.vstack((whole.points, np.array(segments).reshape(2, 2))),
+        np.append(whole.labels, [2, 2]).astype(np.uint8),
+        np.vstack((whole.edges, (n, n + 1))).astype(np.int32),
+        np.append(whole.likelihood, 1.0).astype(np.float32),
+        np.append(whole.own, True),
+    )
+    ground = Ground()
+    ground.lay(phantom)
+    rules = walk.filter.view_rules(0.12)
+    pose = (2.5, 0.7, 0.0)
+    for _ in range(4):
+        ground.look(T, pose, scan_at(pose, ROOM), rules)
+    hidden = ground.hidden(3, len(phantom.edges))
+    assert hidden.tolist() == [False] * len(whole.edges) + [True]
+    assert len(laid(walk, phantom).edges) == 11
+    assert len(laid(walk, phantom, hidden=hidden).edges) == 10

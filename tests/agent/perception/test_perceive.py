@@ -1,0 +1,200 @@
+"""Perception against the truth: corners within noise, ends labelled by what the wall does, teammates left out."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from agent.corner_scan import CornerScan
+from agent.perception.config import PerceptionConfig
+from agent.perception.perceive import perceive
+from protocol.messages import LidarSpec
+from protocol.wireframe import Label
+from world.lidar import Lidar
+from world.worldfile import World, load
+
+SHARED = Path(__file__).parents[4] / "shared" / "worlds"
+SPEC = LidarSpec()
+BEAM = 2 * math.pi / SPEC.beams
+
+
+def poses_in(world: World, count: int, seed: int) -> np.ndarray:
+    """(count, 3) random poses of a robot in the region of the first spawn."""
+    rng = np.random.default_rng(seed)
+    region = world.region_of(*world.spawns[0][:2], 0.12)
+    x0, y0, x1, y1 = region.bounds
+    out: list[tuple[float, float, float]] = []
+    while len(out) < count:
+        x, y = rng.uniform((x0, y0), (x1, y1))
+        if shapely.contains_xy(region, x, y):
+            out.append((x, y, rng.uniform(-math.pi, math.pi)))
+    return np.array(out)
+
+
+def wall_ends_before(segment: np.ndarray, pose: np.ndarray, beam: int) -> bool:
+    """Whether the wall (x1, y1, x2, y2) does not reach the ray of a beam."""
+    angle = pose[2] + beam * BEAM
+    d, a, e = np.array([math.cos(angle), math.sin(angle)]), segment[:2] - pose[:2], segment[2:] - segment[:2]
+    cross = d[0] * e[1] - d[1] * e[0]
+    if abs(cross) < 1e-12:
+        return False
+    t, u = (a[0] * e[1] - a[1] * e[0]) / cross, (a[0] * d[1] - a[1] * d[0]) / cross
+    return t > 0 and not 0 <= u <= 1
+
+
+def judge(world: World, count: int, seed: int, method: str = "piecewise") -> tuple[np.ndarray, int, int]:
+    """Errors of nominal corners, and how many chain ends are labelled wrongly of how many."""
+    lidar = Lidar(world.segments, SPEC)
+    poses = poses_in(world, count, seed)
+    ranges, met = lidar.trace(poses)
+    measured = lidar.measured(ranges, [np.random.default_rng([seed, k]) for k in range(count)])
+    corners = np.unique(world.segments.reshape(-1, 2).round(6), axis=0)
+    errors, wrong, ends = [], 0, 0
+    config = PerceptionConfig(method=method)  # type: ignore[arg-type]
+    for pose, scan_ranges, walls in zip(poses, measured, met, strict=True):
+        scan = perceive(np.asarray(scan_ranges, np.float64), SPEC, config)
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        for piece in scan.pieces:
+            for side in (0, 1):
+                if piece["label"][side] == Label.NOMINAL:
+                    x = piece["x"] + piece["end"][side] * piece["ux"]
+                    y = piece["y"] + piece["end"][side] * piece["uy"]
+                    at = pose[:2] + np.array((c * x - s * y, s * x + c * y))
+                    errors.append(np.linalg.norm(corners - at, axis=1).min())
+                    continue
+                beam = round(piece["bearing"][side] / BEAM)
+                wall = walls[beam % SPEC.beams]
+                if wall < 0:
+                    continue
+                ended = wall_ends_before(world.segments[wall], pose, beam + (1 if side else -1))
+                ends += 1
+                wrong += piece["label"][side] != (Label.OCCLUSION if ended else Label.FRONTIER)
+    return np.array(errors), wrong, ends
+
+
+@pytest.mark.parametrize("name", ["maze-15", "office", "apartment"])
+def test_corners_and_labels_in_plain_worlds(name: str) -> None:
+    errors, wrong, ends = judge(load(name), 500, seed=1)
+    assert len(errors) > 500
+    assert np.median(errors) <= 0.005
+    assert wrong <= 0.08 * ends
+
+
+@pytest.mark.parametrize("name", ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"])
+def test_labels_in_furnished_worlds(name: str) -> None:
+    if not (SHARED / f"{name}.yaml").exists():
+        pytest.skip("the shared layouts are not here")
+    errors, wrong, ends = judge(load(str(SHARED / f"{name}.yaml")), 500, seed=2)
+    assert len(errors) > 300
+    assert wrong <= 0.12 * ends
+
+
+def test_split_and_merge_sees_like_the_paper_and_the_piecewise_fit_sees_better() -> None:
+    world = load("maze-15")
+    errors, wrong, ends = judge(world, 200, seed=3)
+    plain_errors, plain_wrong, plain_ends = judge(world, 200, seed=3, method="split-and-merge")
+    assert np.median(plain_errors) <= 0.008
+    assert plain_wrong <= 0.2 * plain_ends
+    assert len(errors) >= len(plain_errors)
+    assert wrong / ends < plain_wrong / plain_ends
+
+
+def view(
+    segments: list[tuple[float, float, float, float]], noise: float = 0.0, reach: float = 3.5, **extra
+) -> CornerScan:
+    """Corner scan from the origin; extra: discs (m, 3)."""
+    spec = LidarSpec(noise_m=noise, range_max_m=reach)
+    lidar = Lidar(np.array(segments, np.float64), spec)
+    ranges = lidar.cast(np.zeros((1, 3)), extra.get("discs"))
+    if noise:
+        ranges = lidar.measured(ranges, [np.random.default_rng(4)])
+    return perceive(np.asarray(ranges[0], np.float64), spec, PerceptionConfig())
+
+
+def test_one_view_gives_all_three_labels() -> None:
+    """After the paper's figure 3: a corner seen whole, a wall that ends at a depth jump, and one hidden behind it."""
+    room = [(-1, -1, 3, -1), (3, -1, 3, 2), (3, 2, -1, 2), (-1, 2, -1, -1)]
+    plate = [(1, 0.4, 1, 2)]  # hangs from the far wall and hides a part of it
+    scan = view([*room, *plate])
+    wireframe = scan.wireframe()
+    wireframe.check()
+    assert set(wireframe.labels.tolist()) == set(Label)
+    occlusion = wireframe.points[wireframe.labels == Label.OCCLUSION]
+    assert np.linalg.norm(occlusion - (1, 0.4), axis=1).min() < 0.03
+    frontier = wireframe.points[wireframe.labels == Label.FRONTIER]
+    assert (np.abs(frontier[:, 0] - 3) < 0.02).any()  # the right wall, up to the plate's shadow
+    nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
+    assert np.linalg.norm(nominal - (3, -1), axis=1).min() < 1e-3
+
+
+def test_free_space_lies_left_of_every_edge() -> None:
+    scan = view([(-1, -1, 3, -1), (3, -1, 3, 2), (3, 2, -1, 2), (-1, 2, -1, -1)], noise=0.01)
+    for piece in scan.pieces:
+        assert piece["ux"] * -piece["y"] - piece["uy"] * -piece["x"] > 0
+
+
+def test_a_wall_cut_by_range_is_a_frontier() -> None:
+    scan = view([(-10, 1, 10, 1)], noise=0.01)
+    assert len(scan.pieces) == 1
+    assert scan.pieces["label"].tolist() == [[Label.FRONTIER, Label.FRONTIER]]
+    assert len(scan.sight.open) == 1
+
+
+def test_a_teammate_is_a_disc_and_no_wall() -> None:
+    wall = [(-3, 1.5, 3, 1.5)]
+    for x, y in ((0.3, 0.8), (1.0, 0.0), (-1.2, 1.2), (0.0, -2.5)):
+        scan = view(wall, noise=0.01, discs=np.array([(x, y, 0.105)]))
+        assert len(scan.discs), (x, y)
+        assert np.linalg.norm(scan.discs - (x, y), axis=1).min() < 0.03
+        assert all(abs(piece["y"] - 1.5) < 0.02 for piece in scan.pieces)
+
+
+def test_two_teammates_side_by_side_are_two_discs() -> None:
+    scan = view([(-3, 2.5, 3, 2.5)], noise=0.01, discs=np.array([(0.0, 1.2, 0.105), (0.23, 1.25, 0.105)]))
+    for centre in ((0.0, 1.2), (0.23, 1.25)):
+        assert np.linalg.norm(scan.discs - centre, axis=1).min() < 0.04
+    assert all(abs(piece["y"] - 2.5) < 0.02 for piece in scan.pieces)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 0.0, 1e9])
+def test_nonsense_ranges_are_silence(value: float) -> None:
+    scan = perceive(np.full(360, value), SPEC, PerceptionConfig())
+    assert len(scan.pieces) == 0
+    assert len(scan.wireframe().points) == 0
+
+
+def test_dropouts_do_not_open_walls() -> None:
+    ranges = Lidar(np.array([(-10.0, 1, 10, 1)]), SPEC).cast(np.zeros((1, 3)))[0].astype(np.float64)
+    ranges[np.random.default_rng(5).random(len(ranges)) < 0.05] = np.inf
+    scan = perceive(ranges, LidarSpec(dropout=0.05), PerceptionConfig())
+    assert (np.abs(scan.pieces["y"] - 1) < 1e-6).all()
+    assert (scan.pieces["label"] == Label.FRONTIER).all()
+
+
+def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_one() -> None:
+    spec = LidarSpec()
+    wall = [(1.0, -0.075, 1.0, 0.075), (1.0, 0.075, 3.0, 0.075), (3.0, -0.075, 1.0, -0.075)]
+    walls = np.array([w[2:] + w[:2] for w in wall])
+    sides = np.array(wall[1:])
+    hidden_without, seen_with = 0, 0
+    for seed in range(20):
+        lidar = Lidar(walls, spec)
+        rng = np.random.default_rng(seed)
+        pose = np.array([[-0.3, 0.05 * (seed % 3 - 1), 0.0]])
+        ranges = np.asarray(lidar.measured(lidar.cast(pose), [rng])[0], np.float64)
+        known = sides - np.tile(pose[0, :2], 2)
+        hidden_without += len(perceive(ranges, spec, PerceptionConfig()).discs)
+        scan = perceive(ranges, spec, PerceptionConfig(), None, known)
+        assert len(scan.discs) == 0
+        seen_with += len(scan.pieces) > 0
+        beside = np.array([[2.0, 0.075 + 0.2, 0.105]])
+        pose = np.array([[1.2, 0.9, 0.0]])
+        ranges = np.asarray(lidar.measured(lidar.cast(pose, beside), [rng])[0], np.float64)
+        scan = perceive(ranges, spec, PerceptionConfig(), None, sides - np.tile(pose[0, :2], 2))
+        assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
+    assert hidden_without > 0
+    assert seen_with == 20

@@ -1,0 +1,246 @@
+"""The shells around robot and episode: join, lockstep, real time, hostile bytes; and bytes equal to no shell at all."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agent.config import AgentConfig
+from agent.shell.process import Arrival, await_world, join, run_agent
+from agent.shell.process import Inbox as AgentInbox
+from deploy import inprocess
+from deploy.config import RunConfig
+from deploy.launcher import launch
+from protocol import keys
+from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
+from protocol.errors import LinkError, RefusedError
+from protocol.messages import PROTOCOL_VERSION, End, Join, Refused
+from protocol.session import open_client, open_router
+from tests.tiny import digests, tiny_config
+from tests.wanderer import Sleeper, Wanderer, endless
+from world.server import Inbox, serve
+
+JOIN_S = 20.0
+
+
+class World:
+    """A world server in a thread; robots join it from this process or others."""
+
+    def __init__(self, config: RunConfig, out: Path, secrets: dict[str, str] | None = None) -> None:
+        self.secrets = secrets
+        self.inbox = Inbox()
+        self.endpoint: Future[str] = Future()
+        self.ended: Future[str] = Future()
+        self.thread = threading.Thread(target=self._serve, args=(config, out))
+        self.thread.start()
+
+    def _serve(self, config: RunConfig, out: Path) -> None:
+        try:
+            listening = self.endpoint.set_result
+            ended = serve(config, config.server, out, secrets=self.secrets, inbox=self.inbox, listening=listening)
+            self.ended.set_result(ended)
+        except BaseException as error:
+            self.ended.set_exception(error)
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.inbox.stop()
+        self.thread.join(10)
+        assert not self.thread.is_alive()
+
+
+def agent(world: World, robot: str, factory: Callable[..., Any] = endless, **more: Any) -> str:
+    return run_agent(robot, world.endpoint.result(JOIN_S), AgentConfig(), robot_factory=factory, **more)
+
+
+def events(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (out / "events.jsonl").read_text().splitlines()]
+
+
+def test_processes_write_the_same_bytes_as_one_process_without_zenoh(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, until="complete", seed=3)
+    inprocess.run(config, config.agent, tmp_path / "one", make_mind=Wanderer)
+    result = launch(config, tmp_path / "many", command_line=[], robot_factory=Wanderer)
+    assert (result.status, result.ended, result.errors) == (0, "complete", [])
+    alone = digests(tmp_path / "one")
+    assert alone == digests(tmp_path / "many")
+    assert {"maps/r1.json", "events.jsonl", "trajectories/r3.tum", "radio.csv"} <= alone.keys()
+    assert len(events(tmp_path / "one")) >= 50  # they heard each other
+    manifest = json.loads((tmp_path / "many" / "manifest.json").read_text())
+    assert {"version", "command_line", "config", "seed", "world_hash", "start", "end", "ended"} <= manifest.keys()
+    assert RunConfig.model_validate(manifest["config"]) == config
+
+
+def test_two_runs_at_once(tmp_path: Path) -> None:
+    folders = [tmp_path / name for name in ("a", "b")]
+    runs = []
+    for folder in folders:
+        folder.mkdir()
+        command = [sys.executable, "-m", "tests.launch_tiny", str(folder), "Wanderer", '{"until": "complete"}']
+        runs.append(subprocess.Popen(command, cwd=Path(__file__).parents[3], stdout=subprocess.DEVNULL))
+    assert [run.wait(30) for run in runs] == [0, 0]
+    one, other = (digests(folder / "out") for folder in folders)
+    assert one == other
+
+
+def test_the_world_waits_for_all_and_lets_each_name_in_once(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=4.0)
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        first = pool.submit(agent, world, "r1", reconnect_s=0.1)
+        time.sleep(0.7)  # longer than reconnect_s: a world that is alive but waits is waited for
+        with pytest.raises(RefusedError, match="another r1 is there already"):
+            agent(world, "r1")
+        with pytest.raises(RefusedError, match="no r7 takes part, only r1, r2"):
+            agent(world, "r7")
+        with open_client(world.endpoint.result()) as session:
+            assert "version 99" in refusal(session, "r2", Join(version=99, robot="r2"))
+            assert "says that it is r1" in refusal(session, "r2", Join(version=1, robot="r1"))
+            assert "no msgpack" in refusal(session, "r2", b"\xc1")
+        assert not first.done()
+        second = pool.submit(agent, world, "r2")
+        assert (first.result(10), second.result(10), world.ended.result(10)) == ("time", "time", "time")
+    assert [event for event in events(tmp_path / "out") if event["event"] == "dead"] == []
+
+
+def refusal(session: Any, robot: str, question: Join | bytes) -> str:
+    payload = question if isinstance(question, bytes) else encode(question)
+    (reply,) = session.get(keys.service(robot, keys.JOIN), payload=payload)
+    return decode(Refused, reply.err.payload.to_bytes()).reason
+
+
+def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=2.0)
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        inbox = AgentInbox()
+        leaves = pool.submit(agent, world, "r1", inbox=inbox)
+        time.sleep(0.5)
+        inbox.stop()
+        assert leaves.result(5) == "interrupted"
+        time.sleep(0.2)
+        both = [pool.submit(agent, world, robot) for robot in ("r1", "r2")]
+        assert [one.result(10) for one in both] == ["time", "time"]
+
+
+def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=2.0)
+    with World(config, tmp_path / "out") as world, open_client(world.endpoint.result(JOIN_S)) as session:
+        inbox = AgentInbox()
+        inbox.world_up, asked = True, []
+
+        class Between:
+            """A session of a robot whose world came back before its first question was answered."""
+
+            info = session.info
+
+            def get(self, *question: Any, **more: Any) -> Any:
+                asked.append(question)
+                inbox.turns += 2 * (len(asked) == 1)
+                return session.get(*question, **more)
+
+        joined = join(Between(), "r1", inbox, 5.0)  # type: ignore[arg-type]
+        assert joined is not None and joined[1] == inbox.turns == 2
+        assert len(asked) == 2  # and the second time it was let in again
+        assert "another r1 is there already" in refusal(session, "r1", Join(version=PROTOCOL_VERSION, robot="r1"))
+
+
+def test_the_last_word_of_a_world_counts_after_its_end() -> None:
+    inbox = AgentInbox()
+    inbox.put(Arrival(keys.OBS, b"late"))
+    inbox.put(Arrival(keys.END, encode(End(reason="time"))))
+    assert await_world(inbox, 0.1) == "time"
+    with pytest.raises(LinkError, match=r"the world is gone for 0\.1 s"):
+        await_world(inbox, 0.1)
+    inbox.stop()
+    assert await_world(inbox, 0.1) == "interrupted"
+
+
+def test_missing_robots_are_named(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, server={"join_timeout_s": 1.0})
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        alone = pool.submit(agent, world, "r2")
+        with pytest.raises(LinkError, match=r"r1, r3 did not join within 1 s: .* --id r1 --connect tcp/127"):
+            world.ended.result(10)
+        assert alone.result(5) == "interrupted"
+
+
+@pytest.mark.parametrize(
+    ("channel", "payload", "words"),
+    [
+        (keys.ACT, b"\xc1 no action", "no msgpack where a Action was due"),
+        (keys.MAP, encode(Join(version=1, robot="r2")), "a bad MapReport"),
+        (keys.RADIO, b"\xc0" * (MAX_MESSAGE_BYTES + 1), "at most"),
+    ],
+)
+def test_bad_bytes_cost_the_robot_its_place_and_nobody_else(
+    tmp_path: Path, channel: str, payload: bytes, words: str
+) -> None:
+    config = tiny_config(tmp_path, robots=2, until=400.0)
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        good, bad = (pool.submit(agent, world, robot) for robot in ("r1", "r2"))
+        time.sleep(1.0)
+        with open_client(world.endpoint.result()) as session:
+            session.put(keys.from_robot("r2", channel), payload)
+            assert bad.result(10).startswith("given up by the world:")
+        world.inbox.stop()
+        assert good.result(10) == "interrupted"
+    (dead,) = [event for event in events(tmp_path / "out") if event["event"] == "dead"]
+    assert dead["robot"] == "r2" and words in dead["reason"]
+
+
+def test_in_real_time_a_late_robot_misses_ticks_and_the_world_keeps_time(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=8.0, server={"real_time": 4.0})
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        both = [pool.submit(agent, world, robot, Sleeper) for robot in ("r1", "r2")]
+        assert [one.result(15) for one in both] == ["time", "time"]
+        world.ended.result(5)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["real_time_factor"] == pytest.approx(4.0, rel=0.05)
+    # r2 needs 2.5 periods of 50 ms; r1 is late only where this machine is
+    assert 35 <= summary["late_ticks"] <= 60
+    path = {robot: fields["path_m"] for robot, fields in summary["robots"].items()}
+    assert 0 < path["r2"] < path["r1"]
+
+
+def test_an_agent_without_a_world_says_what_to_check() -> None:
+    began = time.monotonic()
+    with pytest.raises(LinkError, match=r"no world answers at tcp/127\.0\.0\.1:1 .* check"):
+        run_agent("r1", "tcp/127.0.0.1:1", AgentConfig(), join_timeout_s=0.3, robot_factory=endless)
+    with pytest.raises(LinkError, match="write it like"):
+        run_agent("r1", "localhost", AgentConfig(), robot_factory=endless)
+    with open_router() as (_, endpoint), pytest.raises(LinkError, match="does not answer r1"):
+        run_agent("r1", endpoint, AgentConfig(), join_timeout_s=0.3, robot_factory=endless)
+    assert time.monotonic() - began < 5
+
+
+def test_a_taken_port_is_one_sentence() -> None:
+    with open_router() as (_, endpoint), pytest.raises(LinkError, match="in use"), open_router(endpoint):
+        pass
+
+
+def test_the_agent_imports_neither_physics_nor_pictures() -> None:
+    code = "import sys, agent.shell.process, agent.robot; print(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in done.stdout.split()}
+    assert loaded & {"agent", "protocol", "zenoh"} == {"agent", "protocol", "zenoh"}
+    assert not loaded & {"world", "deploy", "pymunk", "matplotlib", "rich"}
+
+
+def test_the_real_robot_in_processes_writes_the_same_bytes_as_in_one(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=6.0)
+    inprocess.run(config, config.agent, tmp_path / "one")
+    result = launch(config, tmp_path / "many", command_line=[])
+    assert (result.status, result.errors) == (0, [])
+    alone = digests(tmp_path / "one")
+    assert alone == digests(tmp_path / "many")
+    assert json.loads((tmp_path / "one" / "maps" / "r1.json").read_text())["edges"]

@@ -1,0 +1,152 @@
+"""One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from agent import warmup
+from agent.config import AgentConfig
+from agent.robot import Robot
+from protocol.grid_map import quantise
+from protocol.map_codec import decode_map, encode_map
+from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
+from protocol.talk import Beacon, Part
+from protocol.wireframe import Wireframe
+from world.lidar import Lidar
+
+SPEC = RobotSpec()
+ROOM = np.array([(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)], np.float64)
+SQUARE = Wireframe(
+    np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64),
+    np.zeros(4, np.uint8),
+    np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32),
+    np.ones(4, np.float32),
+    np.ones(4, np.bool_),
+)
+
+
+def observation(tick: int, heard: int = 0, seed: int = 0) -> Observation:
+    lidar = Lidar(ROOM, SPEC.lidar)
+    ranges = lidar.measured(lidar.cast(np.zeros((1, 3))), [np.random.default_rng([seed, tick])])[0]
+    return Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=(0.0, 0.0, 0.0), heard=heard)
+
+
+def beacon(tick: int, sender: str = "r2") -> Heard:
+    return Heard(tick=tick, sender=sender, kind="beacon", payload=Beacon(tick, (0.5, 0.5, 0.0)).encode())
+
+
+def map_of(tick: int, sender: str = "r2", body: bytes | None = None) -> Heard:
+    body = encode_map(quantise(SQUARE, 10, 0)).data if body is None else body
+    return Heard(tick=tick, sender=sender, kind="map", payload=Part(tick, 0, 0, 1, body).encode())
+
+
+def robot() -> Robot:
+    return Robot("r1", SPEC, AgentConfig(), seed=3)
+
+
+def test_a_step_answers_its_tick_and_counts_its_messages() -> None:
+    mind = robot()
+    for tick in range(6):
+        step = mind.step(observation(tick), [])
+        assert step.action.tick == step.scan.tick == step.pose.tick == tick
+        assert step.action.sent == len(step.sends)
+        assert abs(step.action.speed_mps) <= SPEC.max_speed_mps
+        assert abs(step.action.turn_rps) <= SPEC.max_turn_rps
+
+
+def test_a_robot_alone_sends_beacons_only() -> None:
+    mind = robot()
+    sent = [(tick, send) for tick in range(60) for send in mind.step(observation(tick), []).sends]
+    assert [tick for tick, _ in sent] == [0, 25, 50]
+    assert all(send.to == EVERYONE and send.kind == "beacon" and len(send.payload) <= 32 for _, send in sent)
+
+
+def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
+    config = AgentConfig.model_validate({"radio": {"sight_beacon_s": 5.0}})  # a corner of this room may pass for a disc
+    mind = Robot("r1", SPEC, config, seed=3)
+    sent = []
+    for tick in range(24):
+        said = [beacon(tick)] if tick == 10 else []
+        said += [
+            Heard(tick=tick, sender="r2", kind="ack", payload=bytes([0x10, part.version]))
+            for at, send in sent
+            if at == tick - 2 and send.kind == "map" and (part := Part.decode(send.payload))
+        ]
+        sent += [(tick, send) for send in mind.step(observation(tick, len(said)), said).sends]
+    assert [(tick, send.kind, send.to) for tick, send in sent] == [
+        (0, "beacon", "*"), (10, "beacon", "*"), (10, "map", "r2"),
+    ]  # fmt: skip
+    assert len(decode_map(Part.decode(sent[-1][1].payload).body).cells) >= 4
+
+
+def test_a_robot_keeps_to_the_radio_s_mtu() -> None:
+    spec = RobotSpec(radio_mtu_bytes=100)
+    assert Robot("r1", spec, AgentConfig(), 7).exchange.config.mtu_bytes == 100
+    small = AgentConfig.model_validate({"radio": {"mtu_bytes": 80}})
+    assert Robot("r1", spec, small, 7).exchange.config.mtu_bytes == 80
+
+
+def test_a_peer_is_met_once_and_lost_after_silence() -> None:
+    mind = robot()
+    events = []
+    for tick in range(80):
+        said = [beacon(tick), map_of(tick)] if tick in (5, 10, 20, 70) else []
+        events += [(tick, e.event, e.data) for e in mind.step(observation(tick, len(said)), said).action.events]
+    met = [(tick, name) for tick, name, data in events if name in ("contact", "lost")]
+    assert met == [(5, "contact"), (46, "lost"), (70, "contact")]
+    contact = mind.contacts.present["r2"]
+    assert (contact.pose, contact.pose_tick) == ((0.5, 0.5, 0.0), 70)
+    assert contact.wireframe is not None and len(contact.wireframe.edges) == 4
+    assert contact.map_tick == 70
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Heard(tick=1, sender="r2", kind="map", payload=b"\xff\x00"),
+        Heard(tick=1, sender="r2", kind="beacon", payload=b""),
+        Heard(tick=1, sender="r2", kind="ack", payload=b"\x13\x01"),
+        Heard(tick=1, sender="r2", kind="gossip", payload=b"\x10"),
+        map_of(1, body=b"no map"),
+    ],
+)
+def test_a_bad_message_is_refused_with_a_reason_and_changes_nothing(bad: Heard) -> None:
+    mind = robot()
+    mind.step(observation(0), [])
+    events = mind.step(observation(1, 1), [bad]).action.events
+    refused = [e for e in events if e.event == "refused"]
+    assert len(refused) == 1
+    assert refused[0].data["peer"] == "r2"
+    assert refused[0].data["reason"]
+    assert not mind.contacts.present
+
+
+def test_the_same_observations_give_the_same_step() -> None:
+    def steps() -> list[tuple[object, ...]]:
+        mind = robot()
+        out = []
+        for tick in range(20):
+            step = mind.step(observation(tick), [])
+            out.append((step.action.model_copy(update={"step_ms": 0.0}), step.sends, step.scan, step.pose, step.map))
+        return out
+
+    assert steps() == steps()
+
+
+def test_a_rehearsal_draws_a_map_and_changes_no_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = robot().step(observation(0), [])
+    made: list[Robot] = []
+
+    def noted(*args: object) -> Robot:
+        made.append(Robot(*args))  # type: ignore[arg-type]
+        return made[-1]
+
+    monkeypatch.setattr(warmup, "Robot", noted)
+    monkeypatch.setattr(warmup, "_rehearsed", False)
+    warmup.rehearse()
+    warmup.rehearse()
+    assert len(made) == 1 and len(made[0].wireframe.edges) >= 5 and made[0].explorer.target is not None
+    after = robot().step(observation(0), [])
+    assert after.map == before.map and after.scan == before.scan
+    assert after.action.model_copy(update={"step_ms": 0.0}) == before.action.model_copy(update={"step_ms": 0.0})

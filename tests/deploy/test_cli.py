@@ -1,0 +1,177 @@
+"""The command: options of the contract, exit statuses, and one sentence for what a user can act on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from deploy import cli
+from deploy.config import ConfigError, RunConfig, load
+from deploy.launcher import run_directory
+from protocol.session import open_router
+from tests.tiny import ROOM
+
+REPO = Path(__file__).parents[2]
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def wireswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run the command in this process, in an empty folder; returns exit status, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["wireswarm", *arguments])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        code = end.value.code
+        return code if isinstance(code, int) else 0, out, err
+
+    return run
+
+
+def test_version_and_help(wireswarm: Command) -> None:
+    assert wireswarm("--version") == (0, "wireswarm 0.1.0\n", "")
+    for command in ("run", "world", "agent", "bench"):
+        status, out, _ = wireswarm(command, "--help")
+        assert status == 0 and f"wireswarm {command}" in out
+    assert wireswarm("fly")[0] == 2
+    assert wireswarm("run", "--robots", "many")[0] == 2
+    assert wireswarm("agent", "--id", "r1")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "--world", "nowhere"], "nowhere"),
+        (["run", "--robots", "0"], "robots: input should be greater than or equal to 1, not 0"),
+        (["run", "--until", "soon"], "until: "),
+        (["run", "--range", "-1"], "radio.range_m: "),
+        (["run", "--set", "starts=anywhere"], "starts: input should be 'file' or 'random', not 'anywhere'"),
+        (["run", "--set", "agent.wings=2"], "agent.wings: there is no such setting"),
+        (["run", "--set", "robots.x=2"], "robots"),
+        (["run", "--set", "seed"], "KEY=VALUE"),
+        (["run", "--set", "seed=[1"], "no YAML"),
+        (["run", "--config", "absent.yaml"], "absent.yaml: No such file"),
+        (["run", "--config", "broken.yaml"], "broken.yaml, line 1: this is no YAML"),
+        (["run", "--config", "list.yaml"], "KEY: VALUE, not a list"),
+        (["run", "--world", "tiny.yaml", "--out", "full"], "something is there already"),
+        (["run", "--world", "tiny.yaml", "--robots", "400", "--out", "crowd"], "no room for 400 robots"),
+        (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_what_a_user_can_act_on_is_one_sentence(
+    wireswarm: Command, tmp_path: Path, arguments: list[str], words: str
+) -> None:
+    (tmp_path / "broken.yaml").write_text("a: [1")
+    (tmp_path / "list.yaml").write_text("- 1")
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").touch()
+    status, out, err = wireswarm(*arguments)
+    assert status == (1 if arguments[0] == "agent" else 2)
+    assert out == "" and words in err
+    assert err.count("\n") == 1 and "Traceback" not in err
+
+
+def test_an_agent_that_is_refused_or_finds_no_world(wireswarm: Command) -> None:
+    with open_router() as (_, endpoint):
+        pass
+    status, _, err = wireswarm("agent", "--id", "r1", "--connect", endpoint, "--set", "join_timeout_s=0.2")
+    assert status == 1 and f"no world answers at {endpoint}" in err
+
+
+def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rich.console", None)
+    monkeypatch.delitem(sys.modules, "deploy.live", raising=False)
+    status, _, err = wireswarm("run")
+    assert status == 2 and err == (
+        "wireswarm: this command needs rich.console: install it with `pip install 'wireswarm[deploy]'`\n"
+    )
+
+
+def test_later_settings_win(tmp_path: Path) -> None:
+    file = tmp_path / "run.yaml"
+    file.write_text("robots: 5\nseed: 1\nradio: {range_m: 2}\nspec: {lidar: {noise_m: 0}}\n")
+    config = load(file, {"seed": 2, "until": "30", "robots": None}, ["seed=3", "spec.lidar.dropout=0.1"])
+    assert (config.robots, config.seed, config.until, config.radio.range_m) == (5, 3, 30.0, 2.0)
+    assert (config.spec.lidar.noise_m, config.spec.lidar.dropout) == (0.0, 0.1)
+    assert load() == RunConfig()
+    with pytest.raises(ConfigError, match="spec\\.lidar\\.noise_m"):
+        load(None, {}, ["spec.lidar.noise_m=.nan"])
+
+
+def test_run_directories_are_numbered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [str(run_directory(None, world, 4)) for world in ("maze-15", "maze-15", "some/maze-15.yaml")]
+    assert names == ["runs/maze-15-4", "runs/maze-15-4-2", "runs/maze-15-4-3"]
+
+
+def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    command = [sys.executable, "-c", "from deploy.cli import main; main()"]
+    arguments = ["--world", "tiny.yaml", "--robots", "1", "--until", "1", "--out", "out"]
+    world = subprocess.Popen(
+        [*command, "world", *arguments], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    assert world.stdout is not None
+    endpoint = world.stdout.readline().split()[-1]
+    assert world.stdout.readline() == "radio: range 4 m, MTU 1,200 B\n"
+    try:
+        agent = subprocess.run(
+            [*command, "agent", "--id", "r2", "--connect", endpoint],
+            cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False,
+        )  # fmt: skip
+        assert agent.returncode == 2 and agent.stderr == (
+            "wireswarm: the world does not let r2 in: no r2 takes part, only r1\n"
+        )
+    finally:
+        world.terminate()
+    assert world.wait(10) == 130
+    assert world.stdout.read() == "ended: interrupted; out\n"
+    world.stdout.close()
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["robots"]["r1"]["ended"] == "interrupted"
+
+
+def test_the_compose_file_runs_commands_that_exist(wireswarm: Command) -> None:
+    compose = yaml.safe_load((REPO / "deploy" / "compose.yaml").read_text())
+    assert set(compose) <= {"name", "services", "networks", "volumes"}
+    services = compose["services"]
+    agents = [name for name in services if name != "world"]
+    assert "world" in services and len(agents) == 3
+    for name, service in services.items():
+        build = service["build"]
+        assert (REPO / "deploy" / build["context"] / build["dockerfile"]).is_file()
+        sub, *options = service["command"]
+        assert sub == ("world" if name == "world" else "agent")
+        known = wireswarm(sub, "--help")[1]
+        assert all(option in known for option in options if option.startswith("--"))
+        assert "--connect" not in options or options[options.index("--connect") + 1].startswith("tcp/world:")
+        if name != "world":
+            assert options[options.index("--id") + 1] == name
+            assert "world" in service["depends_on"]
+    world = services["world"]["command"]
+    assert world[world.index("--robots") + 1] == str(len(agents))
+    port = world[world.index("--listen") + 1].rsplit(":")[-1]
+    assert all(f"tcp/world:{port}" in services[name]["command"] for name in agents)
+
+
+def test_the_dockerfile_builds_from_the_lock_file() -> None:
+    lines = (REPO / "deploy" / "Dockerfile").read_text().splitlines()
+    verbs = [line.split()[0] for line in lines if line and line[0].isupper()]
+    assert verbs[0] == "FROM" and set(verbs) <= {"FROM", "WORKDIR", "COPY", "RUN", "USER", "ENTRYPOINT", "ENV"}
+    assert any("--require-hashes" in line for line in lines)
+    for line in lines:
+        if line.startswith("COPY"):
+            for source in line.split()[1:-1]:
+                assert (REPO / source).exists(), source

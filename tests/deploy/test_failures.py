@@ -1,0 +1,217 @@
+"""What happens when a process dies: noticed at once, the others go on, nothing is left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from agent.config import AgentConfig
+from agent.shell.process import run_agent
+from protocol.session import open_router
+from tests.tiny import ROOM
+from tests.wanderer import endless
+
+REPO = Path(__file__).parents[2]
+
+
+class Running:
+    """A launcher and its children."""
+
+    def __init__(self, folder: Path, mind: str = "endless", **settings: object) -> None:
+        self.out = folder / "out"
+        self.popen = subprocess.Popen(
+            [sys.executable, "-m", "tests.launch_tiny", str(folder), mind, json.dumps(settings)],
+            cwd=REPO,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # Ctrl-C goes to a process group
+        )
+        self.launcher = psutil.Process(self.popen.pid)
+        self.wait_for(lambda line: line["clock"]["tick"] > 20)
+        self.all = [self.launcher, *self.launcher.children(recursive=True)]
+
+    def line(self) -> dict[str, Any]:
+        assert self.popen.stdout is not None
+        text = self.popen.stdout.readline()
+        if not text:
+            raise EOFError(self.popen.communicate()[1])
+        line: dict[str, Any] = json.loads(text)
+        return line
+
+    def wait_for(self, condition: Any) -> None:
+        while not condition(self.line()):
+            pass
+
+    def result(self) -> dict[str, Any]:
+        while "errors" not in (line := self.line()):
+            pass
+        assert self.popen.wait(10) == line["status"]
+        return line
+
+    def world(self) -> psutil.Process:
+        (world,) = [process for process in self.all if _listens(process)]
+        return world
+
+    def agents(self) -> list[psutil.Process]:
+        return [process for process in self.all if not _listens(process) and process.net_connections("tcp")]
+
+    def gone_within(self, seconds: float) -> bool:
+        return not psutil.wait_procs(self.all, timeout=seconds)[1]
+
+    def events(self) -> list[dict[str, Any]]:
+        return [json.loads(line) for line in (self.out / "events.jsonl").read_text().splitlines()]
+
+
+def _listens(process: psutil.Process) -> bool:
+    return any(connection.status == psutil.CONN_LISTEN for connection in process.net_connections("tcp"))
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[Any]:
+    started: list[Running] = []
+
+    def start(**settings: object) -> Running:
+        started.append(Running(tmp_path, **settings))  # type: ignore[arg-type]
+        return started[-1]
+
+    yield start
+    for run in started:
+        for process in run.all:
+            if process.is_running():
+                process.kill()
+        run.popen.communicate()
+
+
+def dead(line: dict[str, Any]) -> int:
+    return list(line["clock"]["status"].values()).count("dead")
+
+
+def test_dead_robots_are_noticed_within_a_second_and_the_others_finish(running: Any) -> None:
+    run = running(until=200.0)
+    victims = run.agents()[:2]
+    for count, blow in enumerate((signal.SIGKILL, signal.SIGSTOP), start=1):
+        began = time.monotonic()
+        victims[count - 1].send_signal(blow)
+        run.wait_for(lambda line, count=count: dead(line) == count)
+        assert time.monotonic() - began < 1.0
+    victims[1].kill()
+    result = run.result()
+    assert (result["status"], result["ended"]) == (3, "time")
+    reasons = [event["reason"] for event in run.events() if event["event"] == "dead"]
+    assert reasons == ["its process or its link ended"] * 2
+    ended = [robot["ended"] for robot in json.loads((run.out / "summary.json").read_text())["robots"].values()]
+    assert sorted(ended) == ["dead", "dead", "time"]
+    assert run.gone_within(5)
+
+
+def test_without_a_world_the_robots_end_by_themselves(running: Any) -> None:
+    run = running(until=7000.0, reconnect_s=1.0)
+    agents = run.agents()
+    run.world().kill()
+    began = time.monotonic()
+    assert not psutil.wait_procs(agents, timeout=2.5)[1]
+    assert time.monotonic() - began >= 0.9
+    result = run.result()
+    assert result["status"] == 1
+    assert "world: its process died (signal 9)" in result["errors"]
+    assert sum("the world is gone for 1 s" in error for error in result["errors"]) == 3
+    assert json.loads((run.out / "manifest.json").read_text())["exit_status"] == 1
+    assert run.gone_within(5)
+
+
+def test_without_a_launcher_every_process_ends_within_five_seconds(running: Any) -> None:
+    run = running(until=7000.0)
+    run.launcher.kill()
+    run.popen.wait()
+    assert run.gone_within(5)
+    assert {robot["ended"] for robot in json.loads((run.out / "summary.json").read_text())["robots"].values()} == {
+        "interrupted"
+    }
+
+
+def test_ctrl_c_writes_the_run_directory_and_leaves_nothing(running: Any) -> None:
+    run = running(until=7000.0)
+    os.killpg(run.popen.pid, signal.SIGINT)
+    result = run.result()
+    assert (result["status"], result["ended"], result["errors"]) == (130, "interrupted", [])
+    assert run.gone_within(5)
+    assert json.loads((run.out / "manifest.json").read_text())["ended"] == "interrupted"
+    assert (run.out / "maps" / "r1.json").exists()
+    assert run.popen.communicate()[1] == ""
+
+
+def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.launch_tiny", str(tmp_path), "Misbehaving", '{"robots": 4, "until": 10.0}'],
+        cwd=REPO,
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert (result["status"], result["ended"]) == (3, "time")
+    liar, crasher, suicide = sorted(result["errors"])
+    assert liar.startswith("r2: given up by the world: an action of tick 4")
+    assert crasher.startswith("r3: stopped by a mistake in its program: ZeroDivisionError")
+    assert suicide == "r4: its process died (signal 9)"
+    events = [json.loads(line) for line in (tmp_path / "out" / "events.jsonl").read_text().splitlines()]
+    assert [event["robot"] for event in events if event["event"] == "dead"] == ["r2", "r3", "r4"]
+
+
+def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.launch_tiny", str(tmp_path), "stillborn", '{"robots": 2, "until": 10.0}'],
+        cwd=REPO,
+        capture_output=True,
+        text=True,
+        timeout=30,  # the world alone would wait 60 s for them
+        check=False,
+    )
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["status"] == 1
+    assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
+
+
+@pytest.mark.parametrize("after_s", [0.02, 0.3, 1.0], ids=["while it is joined", "just joined", "in the run"])
+def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path, after_s: float) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    with open_router() as (_, endpoint):
+        pass  # a port that was free
+
+    def world(out: str, until: str) -> subprocess.Popen[str]:
+        code = "from deploy.cli import main; main()"
+        options = ["--world", "tiny.yaml", "--robots", "1", "--until", until, "--listen", endpoint, "--out", out]
+        return subprocess.Popen(
+            [sys.executable, "-c", code, "world", *options], cwd=tmp_path, stdout=subprocess.PIPE, text=True
+        )
+
+    first = world("first", "7000")
+    second: subprocess.Popen[str] | None = None
+    try:
+        with ThreadPoolExecutor() as pool:
+            robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), reconnect_s=15.0, robot_factory=endless)
+            assert first.stdout is not None and "listening" in first.stdout.readline()
+            time.sleep(after_s)
+            first.kill()
+            second = world("second", "4")
+            assert robot.result(20) == "time"
+        assert second.wait(10) == 0
+    finally:
+        for process in (first, second):
+            if process is not None:
+                process.kill()
+                process.communicate()
+    assert len((tmp_path / "second" / "trajectories" / "r1.tum").read_text().splitlines()) == 21

@@ -1,0 +1,162 @@
+"""A rogue with a robot's own secret: what it reads, says and fakes, by the rules of the router."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from agent.config import AgentConfig
+from agent.shell.process import run_agent
+from protocol import keys
+from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
+from protocol.codec import encode
+from protocol.errors import LinkError
+from protocol.messages import Action
+from protocol.session import open_client
+from tests.agent.shell.test_process import World, events
+from tests.tiny import tiny_config
+from tests.wanderer import endless
+
+JOIN_S = 20.0
+FORGED = "world/truth/forged"
+
+
+@pytest.fixture
+def guarded(tmp_path: Path) -> Iterator[tuple[World, dict[str, str], Path]]:
+    """A world with two robots far apart by radio; the third, r3, is the rogue, which never joins as a robot."""
+    secrets = new_secrets(["r1", "r2", "r3"])
+    config = tiny_config(tmp_path, robots=2, until=400.0, radio={"range_m": 0.2}, server={"real_time": 20.0})
+    out = tmp_path / "run"
+    with World(config, out, secrets) as world, ThreadPoolExecutor(2) as pool:
+        endpoint = world.endpoint.result(JOIN_S)
+        for robot in ("r1", "r2"):
+            pool.submit(run_agent, robot, endpoint, AgentConfig(), secret=secrets[robot], robot_factory=endless)
+        yield world, secrets, out
+        world.inbox.stop()
+
+
+class Ear:
+    """Hears all that a session is allowed to."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.keys: set[str] = set()
+        self._lock = threading.Lock()
+        everything = ("**", "robots/**", "robots/*/in/**", "robots/*/out/**", "robots/r1/in/obs", "robots/r1/in/radio",
+                      "robots/r1/out/radio", "world/**", "world/truth/**", "world/pub/**", keys.PROGRESS)  # fmt: skip
+        self._declared = [session.declare_subscriber(key, self._hear) for key in everything]
+        self._declared += [session.liveliness().declare_subscriber("**", self._hear, history=True)]
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        with self._lock:
+            self.keys.add(str(sample.key_expr))
+
+
+def wait_for(condition: object, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+@pytest.mark.parametrize("name", ["r3", "r1"])
+def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(
+    guarded: tuple[World, dict[str, str], Path], name: str
+) -> None:
+    world, secrets, _ = guarded
+    endpoint = world.endpoint.result(JOIN_S)
+    with (
+        open_client(endpoint, 5.0, name, secrets[name]) as rogue,
+        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
+    ):
+        theirs, all_of_it = Ear(rogue), Ear(viewer)
+        said = {keys.from_robot(robot, keys.RADIO) for robot in ("r1", "r2")}
+        seen = said | {"robots/r1/out/act", "robots/r2/out/pose", keys.PROGRESS, keys.CLOCK, keys.LINKS}
+        wait_for(lambda: seen <= all_of_it.keys)  # what there is to be heard
+        wait_for(lambda: {keys.CLOCK, keys.LINKS} <= theirs.keys)
+        time.sleep(0.5)
+        public = {keys.CLOCK, keys.LINKS, keys.WORLD_ALIVE}
+        own = {keys.to_robot(name, channel) for channel in keys.INPUTS}
+        assert theirs.keys <= public | own
+        assert keys.to_robot(name, keys.RADIO) not in theirs.keys  # all that was said came from out of range
+        assert not any(key.startswith(("robots/r1/in", "robots/r2/in")) for key in all_of_it.keys)
+
+
+def test_a_rogue_cannot_speak_for_another_or_for_the_world(guarded: tuple[World, dict[str, str], Path]) -> None:
+    world, secrets, out = guarded
+    endpoint = world.endpoint.result(JOIN_S)
+    with (
+        open_client(endpoint, 5.0, "r3", secrets["r3"]) as rogue,
+        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
+    ):
+        heard = Ear(viewer)
+        wait_for(lambda: keys.from_robot("r1", keys.ACT) in heard.keys)
+        forged = encode(Action(tick=0, speed_mps=0.0, turn_rps=0.0, sent=77))
+        answered = rogue.declare_queryable("robots/*/srv/**", lambda query: query.reply(query.key_expr, b"forged"))
+        token = rogue.liveliness().declare_token("robots/r9/alive")
+        for _ in range(20):
+            for key in (
+                "robots/r1/out/act",
+                "robots/r2/in/end",
+                "robots/r1/in/radio",
+                keys.CLOCK,
+                "world/truth/forged",
+            ):
+                rogue.put(key, forged)
+            time.sleep(0.01)
+        replies = [reply.ok for reply in viewer.get("robots/r1/srv/join", payload=b"", timeout=0.5)]
+        time.sleep(0.5)
+        assert "robots/r9/alive" not in heard.keys and FORGED not in heard.keys
+        assert not any(reply is not None for reply in replies)
+        del answered, token
+    assert not [event for event in events(out) if event["event"] == "dead"]  # r1's answers still make sense
+    world.inbox.stop()
+    assert world.ended.result(10) == "interrupted"
+    assert not [event for event in events(out) if event["event"] == "dead"]
+
+
+@pytest.mark.parametrize(("name", "secret"), [("r1", "wrong"), ("nobody", "r1"), ("r2", "r1"), (None, None)])
+def test_without_the_right_secret_nobody_gets_in(
+    guarded: tuple[World, dict[str, str], Path], name: str | None, secret: str | None
+) -> None:
+    world, secrets, _ = guarded
+    secret = secrets.get(secret, secret) if secret else None
+    with (
+        pytest.raises(LinkError, match="the secret is the world's"),
+        open_client(world.endpoint.result(JOIN_S), 0.6, name, secret),
+    ):
+        pass
+
+
+def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
+    file = tmp_path / "secrets"
+    secrets = new_secrets(["r1", "r2"])
+    assert len(set(secrets.values())) == 3 and min(map(len, secrets.values())) >= 32
+    write_secrets(file, secrets)
+    assert file.stat().st_mode & 0o777 == 0o600
+    assert read_secrets(file, ["r2"]) == {"r2": secrets["r2"]}
+    for names, words in ((["r3"], "no line r3"), (["r1"], "cannot be read")):
+        with pytest.raises(LinkError, match=words):
+            read_secrets(file if words.startswith("no") else tmp_path / "none", names)
+    with pytest.raises(LinkError, match="cannot be written"):
+        write_secrets(file, secrets)
+    assert new_secrets(["r1"])["r1"] != secrets["r1"]
+
+
+def test_no_secret_is_written_by_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from deploy import launcher
+    from tests.wanderer import Wanderer
+
+    known = new_secrets(["r1", "r2", "r3"])
+    monkeypatch.setattr(launcher, "new_secrets", lambda robots: known)
+    result = launcher.launch(
+        tiny_config(tmp_path, until=5.0), tmp_path / "run", command_line=[], robot_factory=Wanderer
+    )
+    assert (result.ended, result.errors) == ("time", [])
+    files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
+    assert files and not any(secret.encode() in data for data in files for secret in known.values())

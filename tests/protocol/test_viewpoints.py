@@ -1,0 +1,147 @@
+"""Where teammates have looked from: few bits, told to those who ask and have the map, and taken back with a merge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.communication.contacts import Contacts, Seen
+from agent.communication.exchange import Exchange
+from protocol.errors import ProtocolError
+from protocol.messages import Heard, Send
+from protocol.viewpoints import CELL_M, VIEWS, AskViews, Looked, Views, decode_views
+from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
+
+PLACE = st.tuples(st.integers(-90_000, 90_000), st.integers(-90_000, 90_000))
+
+
+@given(st.lists(PLACE, min_size=1, max_size=60), st.integers(0, 2**30), st.integers(1, 2**30))
+def test_viewpoints_arrive_as_they_were(cells, since, more) -> None:
+    sent = Views(since, since + more, np.array(cells, np.int64))
+    got = decode_views(sent.encode())
+    assert isinstance(got, Views)
+    assert (got.since, got.until, got.cells.tolist()) == (since, since + more, [list(cell) for cell in cells])
+    assert decode_views(AskViews(since).encode()) == AskViews(since)
+
+
+@given(st.binary(max_size=200))
+def test_anything_else_is_refused(data: bytes) -> None:
+    try:
+        decode_views(data)
+    except ProtocolError:
+        return
+    assert data[0] >> 4 == 1
+
+
+def driven(ticks: int) -> Looked:
+    """A way with a turn every 5 m, looked from every half metre."""
+    way, heading = [np.zeros(2)], np.array([0.5, 0.0])
+    for k in range(1, ticks):
+        if k % 10 == 0:
+            heading = np.array([-heading[1], heading[0]])
+        way.append(way[-1] + heading)
+    return Looked([10 * k for k in range(ticks)], [(float(x), float(y)) for x, y in way])
+
+
+def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> None:
+    looked = driven(400)
+    views = looked.between(0, 4000, 1200)
+    assert views is not None and len(views.encode()) < 400 == len(views.cells)
+    assert np.abs(views.points - looked.places).max() <= CELL_M / 2 + 1e-9
+    first = looked.between(0, 4000, 64)
+    assert first is not None and len(first.encode()) <= 64 and 0 < first.until < 3990
+    rest = looked.between(first.until, 4000, 1200)
+    assert rest is not None and len(first.cells) + len(rest.cells) == 400
+    assert looked.between(3990, 4000, 1200) is None
+
+
+class Two:
+    """Robot a maps and looks, robot b asks; messages take a tick, and some are lost."""
+
+    def __init__(self, loss: float = 0.0) -> None:
+        self.a, self.b = (Exchange(Contacts(name, 25), TalkConfig(), RATE_HZ) for name in "ab")
+        self.tick, self.rooms = 0, 1
+        self.flying: list[tuple[str, Send]] = []
+        self.sent: list[tuple[str, Send]] = []
+        self.rng, self.loss = np.random.default_rng(0), loss
+        self.looked: Looked = Looked([], [])
+
+    def run(self, ticks: int, ask: bool = True, kinds_lost: tuple[str, ...] = ()) -> None:
+        for _ in range(ticks):
+            heard = self.flying
+            self.flying = []
+            if self.tick % 10 == 0:
+                self.looked.ticks.append(self.tick)  # type: ignore[attr-defined]
+                self.looked.places.append((0.05 * self.tick, 0.0))  # type: ignore[attr-defined]
+            for name, robot in (("a", self.a), ("b", self.b)):
+                mine = [
+                    Heard(tick=self.tick, sender=sender, kind=send.kind, payload=send.payload)
+                    for sender, send in heard
+                    if sender != name
+                ]
+                assert not [event for event in robot.hear(self.tick, mine) if event.event == "refused"]
+                if name == "a":
+                    sends = robot.talk(self.tick, (0, 0, 0), comb(self.rooms), self.rooms, self.looked)
+                else:
+                    sends = robot.talk(self.tick, (0, 0, 0), comb(0), 0, ask=["a"] if ask else [])
+                for send in sends:
+                    self.sent.append((name, send))
+                    if send.kind not in kinds_lost and self.rng.random() >= self.loss:
+                        self.flying.append((name, send))
+            self.tick += 1
+
+    @property
+    def seen(self) -> Seen:
+        return self.b._known["a"].seen if "a" in self.b._known else Seen()
+
+    @property
+    def known(self) -> int:
+        return len(self.seen.points)
+
+
+def test_nobody_is_told_who_does_not_ask() -> None:
+    two = Two()
+    two.run(100, ask=False)
+    assert not [send for _, send in two.sent if send.kind == VIEWS]
+    assert not two.known
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.5])
+def test_who_asks_knows_all_viewpoints_once(loss: float) -> None:
+    two = Two(loss)
+    two.run(800 if loss else 400)
+    known = two.seen
+    assert len(known.points) >= 30
+    assert np.allclose(known.points, two.looked.places[: len(known.points)], atol=CELL_M)
+    told = [decode_views(send.payload) for name, send in two.sent if name == "a" and send.kind == VIEWS]
+    if not loss:
+        assert sum(len(one.cells) for one in told if isinstance(one, Views)) == two.known
+
+
+def test_no_viewpoint_is_told_before_the_map_of_what_was_seen_from_there() -> None:
+    two = Two()
+    two.run(60)
+    before = two.known
+    assert before
+    two.rooms = 5
+    two.run(200, kinds_lost=("map", "delta", "resend"))
+    newest = two.b._known["a"].newest
+    assert two.known - before <= 3  # those of the time when the map was still the old one
+    two.run(60)
+    assert two.b._known["a"].newest > newest
+    assert two.known >= 28
+    need = two.seen.need
+    assert (np.diff(need) >= 0).all() and need[-1] > need[0]
+
+
+def test_a_robot_that_began_anew_tells_all_again() -> None:
+    two = Two()
+    two.run(200)
+    two.a = Exchange(Contacts("a", 25), TalkConfig(), RATE_HZ)
+    two.looked = Looked([], [])
+    two.run(100)
+    born = 200
+    assert len(two.looked.places) - 5 <= two.known <= 10
+    assert two.seen.points[:, 0].min() >= 0.05 * born - CELL_M

@@ -1,0 +1,292 @@
+"""Whole runs in one process with scripted robots: determinism, the run directory, hostile answers, ends."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from agent.config import AgentConfig
+from deploy import inprocess
+from protocol.errors import ProtocolError
+from protocol.messages import EVERYONE, Action, MapReport, OdometrySpec, RobotSpec, Send
+from protocol.wireframe import Wireframe, encode_wireframe
+from tests.scripted import Wanderer
+from world.config import WorldConfig
+from world.episode import BadOutputsError, Episode, Outputs, generator
+from world.odometry import Odometry
+from world.recorder import own_part
+from world.worldfile import WorldFileError
+
+MIND = AgentConfig()
+QUICK = WorldConfig(world="apartment", until=30.0)
+MACHINE = ("real_time_factor", "step_ms_median", "late_ticks")
+
+
+def run(config: WorldConfig, out: Path | None) -> dict:  # type: ignore[type-arg]
+    return inprocess.run(config, MIND, out, make_mind=Wanderer)  # type: ignore[arg-type]
+
+
+def files(out: Path) -> dict[str, bytes]:
+    made = {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
+    lines = made["summary.json"].decode().splitlines()
+    made["summary.json"] = "\n".join(x for x in lines if not any(key in x for key in MACHINE)).encode()
+    return made
+
+
+def test_the_same_run_gives_the_same_bytes_in_another_process(tmp_path: Path) -> None:
+    run(QUICK, tmp_path / "here")
+    code = (
+        "import sys; from pathlib import Path; from tests.world.test_episode import QUICK, run; "
+        "run(QUICK, Path(sys.argv[1]))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "there")],
+        cwd=Path(__file__).parents[2],
+        env={"PYTHONHASHSEED": "123"},
+        check=True,
+    )
+    here, there = files(tmp_path / "here"), files(tmp_path / "there")
+    assert here == there
+    assert len(here) == 8 + 3 * 4
+    assert run(QUICK.model_copy(update={"seed": 1}), None) != run(QUICK, None)
+
+
+def test_the_run_directory(tmp_path: Path) -> None:
+    summary = run(QUICK, tmp_path)
+    truth = json.loads((tmp_path / "truth.json").read_text())
+    world = yaml.safe_load((tmp_path / "world.yaml").read_text())
+    assert truth["frames"] == {f"r{i + 1}": world["spawns"][i] for i in range(3)}
+    assert truth["robot_radius"] == 0.105 and truth["lidar_range"] == 3.5
+    on_disk = json.loads((tmp_path / "summary.json").read_text())
+    assert on_disk == summary
+    for robot in ("r1", "r2", "r3"):
+        track = np.loadtxt(tmp_path / "trajectories" / f"{robot}.tum")
+        assert track.shape == (151, 8)
+        assert track[:, 0] == pytest.approx(np.arange(151) * 0.2)
+        assert track[0, 1:3] == pytest.approx(truth["frames"][robot][:2])
+        assert 2 * math.atan2(track[0, 6], track[0, 7]) == pytest.approx(truth["frames"][robot][2])
+        path = np.hypot(*np.diff(track[:, 1:3], axis=0).T).sum()
+        assert path == pytest.approx(summary["robots"][robot]["path_m"], abs=1e-3) and path > 2
+        kept = json.loads((tmp_path / "maps" / f"{robot}.json").read_text())
+        assert kept["labels"] == ["frontier", "nominal", "occlusion"] and kept["edges"] == [[0, 1], [1, 2]]
+        own = json.loads((tmp_path / "maps" / f"{robot}.own.json").read_text())
+        assert own["vertices"] == [[0.0, 0.0], [1.0, 0.0]] and own["edges"] == [[0, 1]]
+        times = [json.loads(line)["t"] for line in (tmp_path / "snapshots" / f"{robot}.jsonl").open()]
+        assert times == [0.0, 10.0, 20.0, 30.0]
+    rows = list(csv.DictReader((tmp_path / "metrics.csv").open()))
+    assert len(rows) == 4 * 31
+    for robot in ("r1", "r2", "r3"):
+        shares = [float(row["coverage"]) for row in rows if row["robot"] == robot]
+        assert shares == sorted(shares) and shares[0] > 0
+        assert summary["robots"][robot]["coverage"] == pytest.approx(shares[-1])
+    team = [float(row["coverage"]) for row in rows if row["robot"] == "team"]
+    assert team[-1] >= max(summary["robots"][r]["coverage"] for r in ("r1", "r2", "r3"))
+    assert summary["robots"]["r1"]["t_90"] is None
+    with (tmp_path / "radio.csv").open() as stream:
+        radio = list(csv.DictReader(stream))
+    assert len(radio) == 30 * 3 * 2
+    received = sum(int(row["bytes"]) for row in radio if (row["receiver"], row["outcome"]) == ("r1", "delivered"))
+    assert summary["robots"]["r1"]["bytes_received"] == received > 0
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").open()]
+    assert events and all(event["tick"] > 0 and event["event"] == "contact" for event in events)  # tick not hidden
+
+
+def test_adding_a_robot_moves_nothing_for_the_others() -> None:
+    two, three = (Episode(QUICK.model_copy(update={"robots": n, "starts": "random"}), None) for n in (2, 3))
+    assert np.array_equal(two.starts, three.starts[:2])
+    assert [two.welcome(r) for r in two.robots] == [three.welcome(r) for r in two.robots]
+    draws = {generator(0, purpose, robot).integers(2**63) for purpose in "ab" for robot in ("r1", "r2")}
+    assert len(draws) == 4
+
+
+def test_inputs_are_the_same_on_every_call_and_measure_the_world() -> None:
+    episode = Episode(QUICK, None)
+    first = episode.inputs()
+    assert first == episode.inputs()
+    scan = first["r1"].observation.scan()
+    assert scan.shape == (360,) and np.isfinite(scan).sum() > 200
+    assert first["r1"].observation.odometry == (0.0, 0.0, 0.0)
+    again = Episode(QUICK, None).inputs()
+    assert again == first
+    assert not np.array_equal(first["r1"].observation.scan(), first["r2"].observation.scan())
+
+
+def test_exact_odometry_is_the_true_pose_in_the_start_frame() -> None:
+    episode = Episode(QUICK, None)
+    for _ in range(20):
+        inputs = episode.inputs()
+        for robot, start, pose in zip(episode.robots, episode.starts, episode.poses, strict=True):
+            x, y, theta = inputs[robot].observation.odometry
+            c, s = math.cos(start[2]), math.sin(start[2])
+            assert (start[0] + c * x - s * y, start[1] + s * x + c * y) == pytest.approx(tuple(pose[:2]))
+            assert math.cos(start[2] + theta - pose[2]) == pytest.approx(1)
+            assert -math.pi < theta <= math.pi
+        episode.advance({robot: answer(episode.tick, speed=0.2, turn=1.0) for robot in episode.robots})
+
+
+def test_noisy_odometry_grows_with_the_root_of_the_distance() -> None:
+    config = OdometrySpec(noisy=True)
+    for ticks in (25, 100, 400):
+        ends = []
+        for seed in range(300):
+            odometry = Odometry(np.zeros(3), config, np.random.default_rng(seed))
+            for i in range(ticks):
+                pose = odometry.update(np.array([0.04 * (i + 1), 0.0, 0.0]))
+            ends.append(pose)
+        distance = 0.04 * ticks
+        off = np.array(ends) - [distance, 0, 0]
+        assert off[:, 2].std() == pytest.approx(math.radians(1) * math.sqrt(distance), rel=0.15)
+        assert abs(off[:, 2].mean()) < 4 * math.radians(1) * math.sqrt(distance / 300)
+        if ticks == 25:  # later the heading's error bends the path
+            assert off[:, 0].std() == pytest.approx(0.02 * math.sqrt(distance), rel=0.2)
+
+
+def answer(tick: int, *, speed: float = 0.0, turn: float = 0.0, complete: bool = False) -> Outputs:
+    action = Action(tick=tick, speed_mps=speed, turn_rps=turn, complete=complete)
+    return Outputs([], action, None)
+
+
+def unchecked(tick: int, speed: float) -> Action:
+    return Action.model_construct(**(Action(tick=tick, speed_mps=0, turn_rps=0).model_dump() | {"speed_mps": speed}))
+
+
+CUT = Wireframe(points=np.zeros((2, 2)), labels=np.zeros(2, np.uint8))
+HOSTILE = {
+    "answered for tick 3 at tick 0": answer(3),
+    "says it sent 0 messages, but 1 came": answer(0)._replace(
+        sends=[Send(tick=0, to=EVERYONE, kind="map", payload=b"")]
+    ),
+    "answered for tick 7 at tick 0": answer(0)._replace(map=MapReport(tick=7, wireframe=encode_wireframe(CUT))),
+    "these bytes are no wireframe": answer(0)._replace(map=MapReport(tick=0, wireframe=bytes(40))),
+    "is not 40 bytes long": answer(0)._replace(map=MapReport(tick=0, wireframe=encode_wireframe(CUT) + bytes(9))),
+    "no other robot of this run": Outputs(
+        [Send(tick=0, to="r9", kind="map", payload=b"")],
+        Action(tick=0, speed_mps=0, turn_rps=0, sent=1),
+        None,
+    ),
+    "a drive command is not finite": answer(0)._replace(action=unchecked(0, math.nan)),
+}
+
+
+@pytest.mark.parametrize("words", HOSTILE)
+def test_a_hostile_answer_names_the_robot_and_changes_nothing(words: str) -> None:
+    episode = Episode(QUICK, None)
+    before = episode.inputs()
+    answers = {robot: answer(0) for robot in episode.robots} | {"r2": HOSTILE[words]}
+    with pytest.raises(ProtocolError, match=words) as caught:
+        episode.advance(answers)
+    assert isinstance(caught.value, BadOutputsError) and caught.value.robot == "r2"
+    assert episode.tick == 0 and episode.inputs() == before
+    episode.kill("r2", str(caught.value))
+    episode.advance(answers)
+    assert episode.tick == 1 and list(episode.inputs()) == ["r1", "r3"]
+
+
+def test_the_dead_stand_still_and_are_logged(tmp_path: Path) -> None:
+    episode = Episode(WorldConfig(world="apartment"), tmp_path)
+    for _ in range(5):
+        episode.advance({robot: answer(episode.tick, speed=0.2) for robot in episode.inputs()})
+    episode.kill("r3", "its token is gone")
+    episode.kill("r3", "twice")
+    places = []
+    for _ in range(5):
+        episode.advance({robot: answer(episode.tick, speed=0.2) for robot in episode.inputs()})
+        places.append(episode.poses[:, :2].copy())
+    assert np.abs(places[4] - places[0])[2].max() < 1e-9
+    assert np.abs(places[4] - places[0])[0].max() > 0.1
+    episode.advance({robot: answer(episode.tick, complete=True) for robot in episode.inputs()})
+    assert episode.ended == "complete"  # of those who live
+    episode.close()
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").open()]
+    assert events == [{"t": 1.0, "tick": 5, "robot": "r3", "event": "dead", "reason": "its token is gone"}]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [summary["robots"][r]["ended"] for r in ("r1", "r2", "r3")] == ["complete", "complete", "dead"]
+    assert not (tmp_path / "maps" / "r1.json").exists()  # it published none
+
+
+def test_ends() -> None:
+    until = WorldConfig(world="apartment")
+    episode = Episode(until, None)
+    mixed = {"r1": answer(0, complete=True), "r2": answer(0), "r3": answer(0, complete=True)}
+    episode.advance(mixed)
+    assert episode.ended is None
+    episode.advance({robot: answer(1, complete=True) for robot in episode.robots})
+    assert episode.ended == "complete"
+
+    episode = Episode(until.model_copy(update={"until": 0.6}), None)
+    while episode.ended is None:
+        episode.advance({robot: answer(episode.tick, complete=True) for robot in episode.robots})
+    assert (episode.ended, episode.tick) == ("time", 3)
+
+    episode = Episode(until.model_copy(update={"max_time_s": 1.0}), None)
+    while episode.ended is None:
+        episode.advance({robot: answer(episode.tick) for robot in episode.robots})
+    assert (episode.ended, episode.tick) == ("time", 5)
+    assert {robot["ended"] for robot in episode.summary()["robots"].values()} == {"time"}
+
+    episode = Episode(until, None)
+    for robot in episode.robots:
+        episode.kill(robot, "gone")
+    assert episode.ended == "dead"
+    episode.close()
+
+    episode = Episode(until, None)
+    episode.close("interrupted")
+    assert episode.ended == "interrupted"
+
+
+def test_a_mind_that_breaks_leaves_a_run_directory(tmp_path: Path) -> None:
+    class Broken(Wanderer):
+        def step(self, observation, heard):  # type: ignore[no-untyped-def]
+            if observation.tick == 7:
+                raise RuntimeError("out of ideas")
+            return super().step(observation, heard)
+
+    with pytest.raises(RuntimeError, match="out of ideas"):
+        inprocess.run(QUICK, MIND, tmp_path, make_mind=Broken)  # type: ignore[arg-type]
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["robots"]["r1"]["ended"] == "interrupted"
+    assert len((tmp_path / "trajectories" / "r1.tum").read_text().splitlines()) == 8
+
+
+def test_a_world_that_cannot_be_run_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(WorldFileError):
+        Episode(WorldConfig(world="atlantis"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_part_that_only_others_saw_is_cut_out_of_the_own_map() -> None:
+    ring = Wireframe(
+        points=np.arange(10, dtype=float).reshape(5, 2),
+        labels=np.zeros(5, np.uint8),
+        edges=np.array([[0, 1], [1, 2], [2, 3], [3, 0]], np.int32),
+        likelihood=np.full(4, 0.5, np.float32),
+        own=np.array([False, False, True, True]),
+    )
+    own = own_part(ring)
+    own.check()
+    assert own.points.tolist() == ring.points[[0, 2, 3, 4]].tolist()  # the lonely vertex stays
+    assert own.edges.tolist() == [[1, 2], [2, 0]]
+    everything = own_part(replace(ring, own=np.ones(4, np.bool_)))
+    assert np.array_equal(everything.edges, ring.edges)
+
+
+def test_other_robots_and_lidars() -> None:
+    spec = RobotSpec(radius_m=0.2)
+    spec = spec.model_copy(update={"lidar": spec.lidar.model_copy(update={"beams": 90, "rate_hz": 10.0})})
+    episode = Episode(QUICK.model_copy(update={"spec": spec}), None)
+    assert episode.period_s == 0.1
+    assert episode.inputs()["r1"].observation.scan().shape == (90,)
+    for _ in range(10):
+        episode.advance({robot: answer(episode.tick, speed=0.2) for robot in episode.robots})
+    assert episode.t == 1.0
+    assert np.hypot(*(episode.poses - episode.starts)[0, :2]) == pytest.approx(0.2, abs=0.01)
