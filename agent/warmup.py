@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.alignment.align import align_prepared, prepare
 from agent.config import AgentConfig
 from agent.robot import Robot
+from protocol.arrays import Floats
 from protocol.messages import Observation, RobotSpec
-
-Floats = NDArray[np.float64]
 
 TICKS = 40
 """Enough to map some walls, choose a frontier, plan and drive."""

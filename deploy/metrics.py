@@ -16,12 +16,12 @@ import shapely
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from protocol.arrays import Floats
 from protocol.wireframe import Label, Wireframe
 from world.config import CoverageConfig
 from world.coverage import visible_wall
 from world.worldfile import World, WorldFileError
 
-Floats = NDArray[np.float64]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 

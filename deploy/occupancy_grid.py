@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.kernels import kernel
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 HIT, MISS = 0.85, -0.4
 """Log-odds of one scan: OctoMap's defaults, probabilities 0.7 and 0.4."""

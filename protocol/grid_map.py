@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Ints
 from protocol.errors import ProtocolError
 from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
 
@@ -25,8 +26,6 @@ MAX_CELL_MM = 1000
 
 LEVELS = 8
 """Of an edge's likelihood, 3 bits."""
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from protocol.arrays import Ints
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
-from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, Ints, check_places, check_size, empty
+from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size, empty
 from protocol.wireframe import Label
 
 VERSION = 1

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Floats
 from world.radio_config import (
     Asymmetric,
     Bernoulli,
@@ -24,8 +24,6 @@ from world.radio_config import (
     LogDistance,
     Model,
 )
-
-Floats = NDArray[np.float64]
 
 
 class Hop(NamedTuple):

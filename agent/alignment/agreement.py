@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.alignment.config import AlignmentConfig
-from agent.geometry.transform import Floats, inverse
+from agent.geometry.transform import inverse
 from agent.kernels import kernel
-
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from protocol.arrays import Bools, Floats, Ints
 
 MAX_CELLS = 200_000
 """Of one index; walls far apart get larger cells instead of more."""

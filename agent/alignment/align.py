@@ -15,7 +15,8 @@ from agent.alignment.feature import Corners, corners
 from agent.alignment.icp import icp
 from agent.alignment.meeting import Meeting, Place, place_of
 from agent.alignment.repetition import rival_score
-from agent.geometry.transform import Floats, apart
+from agent.geometry.transform import apart
+from protocol.arrays import Floats
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
 

@@ -13,18 +13,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.alignment import Alignment, AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
 from agent.alignment.align import pose_of
 from agent.alignment.candidates import refine
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import Floats, apart, fit, move
+from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
+from protocol.arrays import Floats, Ints
 from protocol.messages import Pose
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ import numpy as np
 
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Bools, Corners, Floats, Ints, like_ways, likeness
+from agent.alignment.feature import Corners, like_ways, likeness
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints
 
 
 class Candidates(NamedTuple):

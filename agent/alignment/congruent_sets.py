@@ -17,9 +17,10 @@ import numpy as np
 from agent.alignment.agreement import Walls
 from agent.alignment.candidates import Candidates, by_corners
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners, Floats, Ints
+from agent.alignment.feature import Corners
 from agent.geometry.transform import fit
 from agent.kernels import kernel
+from protocol.arrays import Floats, Ints
 
 DRAWS_PER_BASE = 50
 """Four points are drawn at most so often for one base; clouds on a line have none."""

@@ -10,15 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.alignment.config import AlignmentConfig
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints
 from protocol.wireframe import Label, Wireframe
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 UNKNOWN, EXACT, AT_LEAST = 0, 1, 2
 LENGTHS, ANGLES = 4, 3

@@ -9,9 +9,10 @@ import numpy as np
 from agent.alignment.agreement import Walls
 from agent.alignment.candidates import Candidates, by_corners
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners, Floats
+from agent.alignment.feature import Corners
 from agent.geometry.transform import fit, move
 from agent.kernels import kernel
+from protocol.arrays import Floats
 
 
 def icp(

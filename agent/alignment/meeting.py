@@ -6,16 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import compose, inverse
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import Pose
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,10 @@ import numpy as np
 from agent.alignment.agreement import Walls, agreement
 from agent.alignment.candidates import like_transforms, refine
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Bools, Corners, Floats, like_ways
+from agent.alignment.feature import Corners, like_ways
 from agent.geometry.transform import apart, compose, inverse, move
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats
 
 
 def patterns(one: Corners, config: AlignmentConfig, rng: np.random.Generator) -> Floats:

@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.corner_scan import CornerScan, Sight
-from agent.geometry.transform import Floats, move
+from agent.geometry.transform import move
 from agent.kernels import kernel
 from agent.mapping.contradiction import GRAZING, ON, THROUGH, ViewRules, look_at
 from agent.mapping.scan_merge import to_map_frame
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
-
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 PIECE_M = 0.1
 """Length of a piece of ground (facts/alignment.md)."""

@@ -21,14 +21,15 @@ from agent.alignment.by_sight import Sighting, align_by_sight, apart_places, con
 from agent.alignment.candidates import refine
 from agent.communication.contacts import NOTHING_SEEN, Contact, Contacts, Seen
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.ground import Bools, Ground, pieces_of
+from agent.cooperation.ground import Ground, pieces_of
 from agent.cooperation.verification import Verification
 from agent.corner_scan import CornerScan
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.frames import moved
-from agent.geometry.transform import Floats, apart, apply, compose
+from agent.geometry.transform import apart, apply, compose
 from agent.mapping.contradiction import ViewRules
 from agent.mapping.layers import Layer, layer_of
+from protocol.arrays import Bools, Floats
 from protocol.messages import Event, Pose, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.planning import Roads
 from agent.exploration.tour import open_tour, tour_cost
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "park"]
 

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
@@ -15,9 +14,8 @@ from agent.exploration.frontiers import GoalMemory, stands_at_edges
 from agent.exploration.planning import Roads, chains
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
+from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
-
-Floats = NDArray[np.float64]
 
 _PERIMETER_STEP_M = 1.5
 """Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""

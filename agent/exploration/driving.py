@@ -6,14 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.exploration.config import DrivingConfig
 from agent.geometry.clearance import distance_to_walls, keeps_clear
 from agent.kernels import kernel
+from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 
-Floats = NDArray[np.float64]
 PoseXYT = tuple[float, float, float]
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.exploration.agenda import Task, first_of_tour, is_end, not_nearer_to
 from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
@@ -25,11 +24,10 @@ from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import distances_to_walls, keeps_clear
 from agent.geometry.frames import moved
 from agent.geometry.visibility import all_seen
+from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 PoseXYT = tuple[float, float, float]
 
 _NEAR_M = 1.5

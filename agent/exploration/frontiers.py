@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.planning import chains
+from protocol.arrays import Floats, Ints
 from protocol.wireframe import Label, Wireframe
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BEYOND_M = 0.08
 """How far beyond its end the hidden part of a wall is looked for; a tenth of a doorway."""

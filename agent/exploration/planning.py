@@ -12,16 +12,12 @@ import math
 from copy import copy
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.exploration.config import PlanningConfig
 from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints
 from protocol.wireframe import Label, Wireframe
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _UNASKED, _BARRED = -2, -1
 _SLACK = 0.98

@@ -19,11 +19,9 @@ from agent.exploration.frontiers import open_ends
 from agent.exploration.planning import Roads
 from agent.geometry.visibility import hidden_by
 from agent.kernels import kernel
+from protocol.arrays import Bools, Floats
 from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _GAP_M = 3.0
 """Gaps up to this long between open ends are closed to tell the free face from the outside."""

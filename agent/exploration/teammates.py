@@ -7,12 +7,10 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.exploration.config import ExplorationConfig
 from agent.geometry.clearance import distances_to_walls
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 _SAME_M = 0.3
 """A disc this near to where a teammate was is the same one; it drives 0.05 m a tick."""

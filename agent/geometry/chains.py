@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.kernels import kernel
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 
 @kernel

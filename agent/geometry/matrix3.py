@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.kernels import kernel
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 
 @kernel

@@ -8,11 +8,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.kernels import kernel
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 
 def compose(a: Floats, b: Floats) -> Floats:

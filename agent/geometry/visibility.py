@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from agent.geometry.clearance import crosses
 from agent.kernels import kernel
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 _BESIDE_RAD = 1e-4
 """Rays beside a wall's end, one to either side: what lies behind it, and the wall itself. 0.35 mm at 3.5 m."""

@@ -21,10 +21,10 @@ from agent.mapping.layers import Layer, merge_gates, merged
 from agent.mapping.likelihood import Odds, log_likelihood
 from agent.mapping.pose_correction import correct_pose, motion_covariance, moved
 from agent.mapping.scan_merge import MergeRules, main_axis, merge_scan, patient_merge, to_map_frame
+from protocol.arrays import Floats
 from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
 
-Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 SPARE = 64

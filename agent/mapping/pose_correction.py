@@ -16,8 +16,7 @@ from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
 from agent.mapping.association import Gates
 from agent.mapping.edges import NOMINAL, OCCLUSION, Edges, along, line_sd, spread, tip_at
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 
 @kernel

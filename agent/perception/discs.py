@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from agent.geometry.angles import wrapped
 from agent.kernels import kernel
 from agent.perception.segmentation import beam_sums, fit
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 FEW_BEAMS = 3
 """Any circle fits so many beams, and so does any line; beyond, what fits better decides (ours)."""

@@ -13,11 +13,9 @@ from agent.kernels import kernel
 from agent.perception.config import PerceptionConfig
 from agent.perception.discs import beams_on, find_discs, hidden_beams
 from agent.perception.segmentation import fit, piecewise, split_and_merge
+from protocol.arrays import Floats, Ints
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
 

@@ -6,12 +6,11 @@ A teammate within the lidar's range is within the radio's, and sends beacons.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.frames import seen_from
 from agent.perception.config import PerceptionConfig
+from protocol.arrays import Floats
 
-Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 _MOST = 200

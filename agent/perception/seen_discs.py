@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.frames import moved, seen_from
+from protocol.arrays import Floats
 
-Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 

@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from deploy.bandwidth.representations import NAMES, Measurement, by_robot
 from deploy.report.style import colour
-
-Floats = NDArray[np.float64]
+from protocol.arrays import Floats
 
 
 def draw(run: Path, measurement: Measurement) -> Path:

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
+from protocol.arrays import Floats
 from world.config import WorldConfig
 from world.episode import generator
 from world.lidar import Lidar
 from world.odometry import relative
 from world.worldfile import load
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

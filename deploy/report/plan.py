@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from deploy.report import style
-from deploy.report.rundir import TEAM, Floats, Map, Run
+from deploy.report.rundir import TEAM, Map, Run
 from deploy.report.words import share
+from protocol.arrays import Floats
 from protocol.wireframe import Label
 from world.worldfile import polygons_of
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Floats
 from protocol.wireframe import Label
 from world.worldfile import World, load
 
@@ -24,7 +25,6 @@ LABELS = {label.name.lower(): label for label in Label}
 _BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
 """What reading a file of any content may raise."""
 
-Floats = NDArray[np.float64]
 T = TypeVar("T")
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry.transform import Floats, apply, compose, inverse
+from agent.geometry.transform import apply, compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import RIGHT_DEG, RIGHT_M
 from deploy.bench.alignment.recordings import KEEP, mapped
@@ -22,6 +22,7 @@ from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import path_of
 from deploy.metrics import Truth, score, truth_of
+from protocol.arrays import Floats
 from protocol.messages import Observation, RobotSpec
 from world.episode import Episode, generator
 from world.worldfile import load, to_yaml

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.transform import apply, compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
+from protocol.arrays import Floats
 from protocol.messages import Pose
 from protocol.wireframe import Wireframe
-
-Floats = NDArray[np.float64]
 
 MIN_CORNERS = 16
 """True corners that both maps have, in the main tables (the issue's)."""

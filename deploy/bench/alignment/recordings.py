@@ -16,21 +16,18 @@ from tempfile import gettempdir
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.robot import Robot, Step
 from deploy.bench.cases import PACKAGES, ROOT, Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of, present
 from deploy.metrics import Truth, distance_to, to_world, truth_of
+from protocol.arrays import Bools, Floats
 from protocol.messages import Observation, Pose, RobotSpec
 from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
 from world.config import CoverageConfig
 from world.maze import generate
 from world.worldfile import load, to_yaml
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 KEEP = Path(gettempdir()) / "wireswarm-bench-alignment"
 """Recordings are too large for the repository, and made again where they are missing."""

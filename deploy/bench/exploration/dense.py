@@ -16,7 +16,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.exploration.driving import Driver
@@ -31,14 +30,11 @@ from deploy.bench.exploration.runs import grouped, median, seeds, settings, worl
 from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
 from deploy.occupancy_grid import GrowingGrid
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
 from world.worldfile import load
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 CELL_M = 0.05
 ROOMY_M, TIGHT_M = 0.2, 0.15

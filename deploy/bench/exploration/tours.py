@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agent.exploration.config import PlanningConfig
 from agent.exploration.planning import Roads
@@ -36,13 +35,12 @@ from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.exploration.runs import grouped, seeds, settings, worlds
 from deploy.bench.layouts import path_of
+from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 from world.coverage import visible_wall
 from world.episode import generator
 from world.worldfile import World, load
-
-Floats = NDArray[np.float64]
 
 LATTICE_M = 0.1
 """Cells whose half diagonal, 7 cm, is less than the body's radius."""

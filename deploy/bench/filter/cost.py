@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
@@ -23,8 +22,6 @@ from deploy.bench.layouts import path_of, present
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol.messages import Observation
-
-Floats = NDArray[np.float64]
 
 PARTICLES = (1, 5, 10, 30, 100)
 WARM = 25

@@ -16,9 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from agent.mapping.edges import EDGE, OCCLUSION, Edges, new_slot, remove, settle_corner
 from deploy.metrics import Truth, distance_to
+from protocol.arrays import Floats
 from protocol.wireframe import Label, Wireframe
-
-Floats = NDArray[np.float64]
 
 KINDS = ("false-wall", "missing-wall", "moved-corner", "false-gap")
 

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.config import AgentConfig
 from agent.corner_scan import CornerScan
@@ -15,10 +14,10 @@ from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.explored import explore
 from deploy.metrics import Truth, to_world
+from protocol.arrays import Floats
 from protocol.messages import Observation, RobotSpec
 from world.odometry import relative
 
-Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 HERE: Pose = (0.0, 0.0, 0.0)

@@ -1,0 +1,14 @@
+"""Names for the types of arrays. Shapes, units and frames stand in the docstring of each function."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Labels = NDArray[np.uint8]
+"""Of protocol.wireframe.Label."""
+Records = NDArray[np.void]
+"""Rows with named fields, such as walls of the filter or pieces of a scan."""
