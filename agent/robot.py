@@ -14,7 +14,8 @@ from agent.communication.contacts import Contacts
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
 from agent.cooperation.team import Cooperation
-from agent.exploration.explorer import Command, Configs, Explorer
+from agent.errand import ErrandEnd
+from agent.exploration.explorer import Command, Configs, Explorer, Situation
 from agent.geometry.frames import moved, seen_from
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import perceive
@@ -92,7 +93,7 @@ class Robot:
         self._map_bytes = encode_wireframe(self.wireframe)
         self.version = 0
         self._laid_tick = -LAY_TICKS
-        self._errand = ""
+        self._errand_ended: ErrandEnd | None = None
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -113,14 +114,21 @@ class Robot:
         self.posts.look(tick, pose, moved(scan.discs, pose), len(heard) > 0)
         own_changed = self._read_own()
         events = self.exchange.hear(tick, heard)
-        events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand)
+        events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand_ended)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
         errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
-        command = self.explorer.step(
-            tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, self.cooperation.viewpoints
-        )
-        self._errand = command.errand
+        explorer, viewpoints = self.explorer, self.cooperation.viewpoints
+        explorer.look(Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints))
+        if not len(self.wireframe.edges):
+            command = explorer.drive_forward()
+        elif contact := explorer.place_of_contact():
+            command = explorer.drive(contact)
+        elif frontier := explorer.frontier():
+            command = explorer.drive(frontier)
+        else:
+            command = explorer.drive(explorer.default_state())
+        self._errand_ended = command.ended
         looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
         ask = () if command.complete else self.cooperation.shares_work_with
         in_sight = len(scan.discs) > 0 and self.cooperation.strangers(tick, self.contacts)

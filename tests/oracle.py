@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.exploration.explorer import Command, Configs, Explorer
+from agent.exploration.explorer import Command, Configs, Explorer, Situation
 from agent.geometry.clearance import distance_to_walls
 from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
@@ -193,6 +193,14 @@ def configs(**exploration: object) -> Configs:
     return Configs(ExplorationConfig(**exploration), PlanningConfig(), DrivingConfig())
 
 
+def step(explorer: Explorer, situation: Situation) -> Command:
+    """One tick, by the branches of `Robot.step`."""
+    explorer.look(situation)
+    if not len(situation.wireframe.edges):
+        return explorer.drive_forward()
+    return explorer.drive(explorer.place_of_contact() or explorer.frontier() or explorer.default_state())
+
+
 def explore(
     world: World,
     seconds: float,
@@ -230,7 +238,7 @@ def explore(
             wireframe = mapper.wireframe()
             wireframe.check()
             began = time.thread_time()
-            command = explorer.step(tick, wireframe, mapper.version, tuple(local), scan, seen)
+            command = step(explorer, Situation(tick, wireframe, mapper.version, tuple(local), scan, seen))
             spent[k].append(time.thread_time() - began)
             trial.events += [(tick, event) for event in command.events]
             trial.trajectory.append(poses[k].copy())

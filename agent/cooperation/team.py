@@ -24,6 +24,7 @@ from agent.cooperation.config import CooperationConfig
 from agent.cooperation.ground import Ground, pieces_of
 from agent.cooperation.verification import Verification
 from agent.corner_scan import CornerScan
+from agent.errand import ErrandEnd
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.frames import moved
 from agent.geometry.transform import apart, apply, compose
@@ -198,11 +199,11 @@ class Cooperation:
     # one tick
 
     def step(
-        self, tick: int, contacts: Contacts, own: Wireframe, pose: Pose, scan: CornerScan, errand: str
+        self, tick: int, contacts: Contacts, own: Wireframe, pose: Pose, scan: CornerScan, errand: ErrandEnd | None
     ) -> list[Event]:
         """Take what was heard and seen; own: the map of own scans alone, pose: both in the robot's own frame.
 
-        errand: what became of the last tick's errand: `arrived`, `failed` or empty.
+        errand: how the last tick's errand ended; None while it is under way or there was none.
         """
         self._events, self.changed, self._told_views = [], False, False
         if not self.config.sharing:
@@ -434,7 +435,7 @@ class Cooperation:
 
     # the drive
 
-    def _pursue(self, tick: int, own: Wireframe, pose: Pose, errand: str) -> None:
+    def _pursue(self, tick: int, own: Wireframe, pose: Pose, errand: ErrandEnd | None) -> None:
         """Go on with the first proposal of the queue, and decide those whose evidence suffices."""
         for name in list(self.queue):
             peer = self.peers[name]
@@ -455,7 +456,7 @@ class Cooperation:
             return
         if tick - self._set_out > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
             self._decide(tick, peer, False, "it took too long")
-        elif errand == "failed" and not self._detours:
+        elif errand is ErrandEnd.FAILED and not self._detours:
             self._decide(tick, peer, False, "unreachable")
         elif errand:
             place = self._elsewhere(tick, peer, pose)

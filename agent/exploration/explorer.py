@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.errand import ErrandEnd
 from agent.exploration.agenda import Task, first_of_tour, is_end, not_nearer_to
 from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
 from agent.exploration.default_state import DefaultStates
@@ -52,6 +53,27 @@ class Configs(NamedTuple):
     driving: DrivingConfig
 
 
+class Situation(NamedTuple):
+    """What the robot knows in a tick. Metres and radians; the robot's own frame, if nothing else is said."""
+
+    tick: int
+    wireframe: Wireframe
+    """The map."""
+    version: int
+    """Greater whenever the map changed structurally."""
+    pose: PoseXYT
+    scan: Wireframe
+    """Corners and walls seen now, frame of the robot's pose."""
+    discs: Floats
+    """(k, 2) centres of teammates seen now, frame of the robot's pose."""
+    errand: Floats | None = None
+    """(2,) where the robot is sent to verify a proposal."""
+    rivals: Floats = np.zeros((0, 3))
+    """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
+    viewpoints: Floats = np.zeros((0, 2))
+    """(j, 2) places from where teammates have looked whose maps are merged."""
+
+
 class Command(NamedTuple):
     """What the robot does in the next tick, and why."""
 
@@ -63,8 +85,8 @@ class Command(NamedTuple):
     events: list[Event]
     target: tuple[float, float] | None
     """Where it is going, frame of the map."""
-    errand: str = ""
-    """What became of the errand: `arrived`, `failed`, or empty while it is under way or there is none."""
+    ended: ErrandEnd | None = None
+    """How the errand ended in this tick; None while it is under way or there is none."""
 
 
 @dataclass(slots=True)
@@ -117,7 +139,7 @@ class Explorer:
         """(2,) where the robot is sent, before all exploring."""
         self.rivals = np.zeros((0, 3))
         """(k, 3) teammates' places, and metres by which they must be nearer to a frontier to have it."""
-        self._errand_ended = ""
+        self._errand_ended: ErrandEnd | None = None
         self._events: list[Event] = []
         self._reason = ""
         self._version = self._decided_version = -1
@@ -126,6 +148,8 @@ class Explorer:
         self._least_left_m, self._progress_tick = math.inf, 0
         self._patience_ticks, self._blocked_ticks, self._waits = 0, 0, 0
         self._back_off_until, self._back_off_from = -1, np.zeros(2)
+        self._left: Target | None = None
+        """The target of the last tick if another may take its place."""
         self._barriers = np.zeros((0, 4))
         """(b, 4) what stopped the robot though no scan shows it; no path leads through it again."""
         self._pushed_m = 0.0
@@ -142,56 +166,69 @@ class Explorer:
             + sum(48 + 16 * len(record.stands) for record in self.memory.tried)
         )
 
-    def step(
-        self,
-        tick: int,
-        wireframe: Wireframe,
-        version: int,
-        pose: PoseXYT,
-        scan: Wireframe,
-        discs: Floats,
-        errand: Floats | None = None,
-        rivals: Floats | None = None,
-        viewpoints: Floats | None = None,
-    ) -> Command:
-        """Decide and drive for one tick.
-
-        wireframe: the robot's map, and pose (x, y, theta): both in the robot's own frame; version: greater whenever
-        the map changed structurally. scan: corners and walls seen now, discs (k, 2): centres of teammates seen now,
-        both in the frame of the robot. errand: (2,) a place to be gone to first; rivals: (k, 3) teammates that share
-        the work, and the metres by which they must be nearer to have a goal; viewpoints: (j, 2) from where teammates
-        have looked. All in the frame of the map.
-        Metres, radians.
-        """
-        self.tick, self.wireframe, self.version, self.pose = tick, wireframe, version, pose
-        self._xy = float(pose[0]), float(pose[1])
+    def look(self, situation: Situation) -> None:
+        """Take in the situation. A target that is resolved, in vain or to be compared anew is under way no longer."""
+        self.tick, self.wireframe, self.version, self.pose = situation[:4]
+        self._xy = float(self.pose[0]), float(self.pose[1])
         self.here = np.array(self._xy)
-        self._sense(scan, np.asarray(discs, np.float64).reshape(-1, 2))
+        self._sense(situation.scan, np.asarray(situation.discs, np.float64).reshape(-1, 2))
         self._events = []
-        self._take_errand(errand)
-        self.rivals = self.rivals[:0] if rivals is None else rivals
+        self._take_errand(situation.errand)
+        self.rivals = situation.rivals
         kept = self._keep_pose(self.config.pose_spacing_m)
-        self._take_viewpoints(viewpoints)
-        if not len(wireframe.edges):
-            self._reason = "drive until a wall is seen"
-            return self._command(self._into_the_open())
+        self._take_viewpoints(situation.viewpoints)
+        self._left = None
+        if not len(self.wireframe.edges):
+            return
         self._read_ends()
         self._judge(kept)
         if self.target is None or self._reconsiders():
-            self._decide()
-        return self._command(self._drive())
+            self._decided_tick, self._decided_version = self.tick, self.version
+            self._left, self.target = self.target, None
+
+    def drive_forward(self) -> Command:
+        """Straight ahead while nothing is mapped; around what only the scan shows."""
+        self._reason = "drive until a wall is seen"
+        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, self.pose, self.walls_near, self.discs)
+        return self._command(motion if motion.speed_mps > 0 else Motion(0.0, 0.5 * self.spec.max_turn_rps, True))
+
+    def place_of_contact(self) -> Target | None:
+        """The way to where a proposal is verified; None without proposal, or if its drive has ended or there is no way.
+
+        While something else is under way (making room for a teammate), that goes on.
+        """
+        if self.errand is None:
+            return None
+        if self.target is None and self._errand_ended is None:
+            self._run_errand()
+        return self.target
+
+    def frontier(self) -> Target | None:
+        """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
+        if self.complete or (self.target is not None and not is_end(self.target.task)):
+            return None
+        if self.target is None:
+            self._choose_frontier(self._left)
+        return self.target
+
+    def default_state(self) -> Target:
+        """What else is under way, or the default state's next task, or the place to park."""
+        if self.target is None:
+            self._choose_default(self._left)
+        assert self.target is not None
+        return self.target
 
     def _take_errand(self, errand: Floats | None) -> None:
         """A new errand, or the end of one, is a reason to decide anew."""
-        self._errand_ended = ""
+        self._errand_ended = None
         if (errand is None) != (self.errand is None) or (errand is not None and (errand != self.errand).any()):
             self.errand = errand
             if errand is not None or (self.target is not None and self.target.task.kind == "errand"):
                 self.target = None
 
-    def _take_viewpoints(self, viewpoints: Floats | None) -> None:
+    def _take_viewpoints(self, viewpoints: Floats) -> None:
         """What teammates saw need not be swept; what is taken back with a merge must."""
-        if viewpoints is None or viewpoints is self.viewpoints:
+        if viewpoints is self.viewpoints:
             return
         more = len(viewpoints) - len(self.viewpoints)
         self.viewpoints = viewpoints
@@ -316,7 +353,7 @@ class Explorer:
             if target.task.kind == "sweep":
                 self._keep_pose(0.0)
             if target.task.kind == "errand":
-                self._end_errand("arrived")
+                self._errand_ended = ErrandEnd.ARRIVED
             self.states.done(target.task)
             self.target = None
             return
@@ -341,7 +378,7 @@ class Explorer:
         if is_end(target.task):
             self._abandon(target.task.place, target.task.along, reason)
         elif target.task.kind == "errand":
-            self._end_errand("failed")
+            self._errand_ended = ErrandEnd.FAILED
         else:
             self.states.done(target.task)
 
@@ -389,16 +426,8 @@ class Explorer:
                 walls, nodes = np.vstack((walls, standing)), np.vstack((nodes, beside))
             yield Roads(self.planning, self.wireframe, self.here, clearance, walls, nodes)
 
-    def _decide(self) -> None:
-        """Choose the target: frontiers, then those to be tried again, then the default state, then park."""
-        self._decided_tick, self._decided_version = self.tick, self.version
-        old, self.target = self.target, None
-        if self.errand is not None and not self._errand_ended and self._run_errand(old):
-            return
-        if self.complete:
-            self._park(old)
-            return
-        in_the_way = self.teammates.in_the_way(self.tick)
+    def _choose_frontier(self, old: Target | None) -> None:
+        """The first task of a tour through fresh frontiers, or else through those to be tried again."""
         # into slots from close by, once, where no fresh end can be seen on at ease
         for goals, views in ((self._fresh(), (False, True)), (self._again(), (False,))):
             for close, roads in ((close, roads) for close in views if len(goals) for roads in self._ways()):
@@ -411,8 +440,14 @@ class Explorer:
                     self._pursue(first_of_tour(mine or tasks, roads, self.config, detour_m), roads, old)
                     return
             for goal in goals:
-                reason = _TEAMMATE if in_the_way else "no way to a standing point"
+                reason = _TEAMMATE if self.teammates.in_the_way(self.tick) else "no way to a standing point"
                 self._abandon(self.ends.points[goal], self.ends.along[goal], reason)
+
+    def _choose_default(self, old: Target | None) -> None:
+        """The next task of the default state, or wait for teammates that bar all there is, or complete and park."""
+        if self.complete:
+            self._park(old)
+            return
         for roads in self._ways():
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 self._pursue(old.task, roads, old)
@@ -421,15 +456,15 @@ class Explorer:
             if task is not None:
                 self._pursue(task, roads, None)
                 return
-        if in_the_way and self._waits < self.config.waits and self._barred():
+        if self.teammates.in_the_way(self.tick) and self._waits < self.config.waits and self._barred():
             self._wait()
             return
         self.complete = True
         self._event("complete", reason=self.states.ended(), unreachable=int(np.count_nonzero(self._tried >= 0)))
         self._park(None)
 
-    def _run_errand(self, old: Target | None) -> bool:
-        """Go where the robot is sent, or as near as it can stand; false if there is no way."""
+    def _run_errand(self) -> None:
+        """Go where the robot is sent, or as near as it can stand; the errand has failed if there is no way."""
         assert self.errand is not None
         angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
         ring = np.stack((np.cos(angles), np.sin(angles)), 1)
@@ -441,12 +476,8 @@ class Explorer:
             if found is not None:
                 stand = points[good][found[0]]
                 self._pursue(Task("errand", self.errand, stand), roads, None)
-                return True
-        self._end_errand("failed")
-        return False
-
-    def _end_errand(self, how: str) -> None:
-        self._errand_ended = how
+                return
+        self._errand_ended = ErrandEnd.FAILED
 
     def _end_tasks(self, goals: Ints, roads: Roads, old: Target | None = None, close: bool = False) -> list[Task]:
         """Open ends that can be seen on from a standing point that is reached: one task for each wall."""
@@ -538,16 +569,11 @@ class Explorer:
 
     # how to get there
 
-    def _into_the_open(self) -> Motion:
-        """Straight ahead while nothing is known; around what only the scan shows."""
-        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, self.pose, self.walls_near, self.discs)
-        return motion if motion.speed_mps > 0 else Motion(0.0, 0.5 * self.spec.max_turn_rps, True)
+    def drive(self, target: Target) -> Command:
+        """Drive towards the target, or away from where the robot is stuck."""
+        return self._command(self._drive(target))
 
-    def _drive(self) -> Motion:
-        """Along the path, or away from where the robot is stuck."""
-        target = self.target
-        if target is None:
-            return Motion(0.0, 0.0, False)
+    def _drive(self, target: Target) -> Motion:
         if self.tick < self._back_off_until:
             return self._back_off()
         self._trim(target)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ import shapely
 
 from agent.exploration.agenda import Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.exploration.explorer import Configs, Explorer, Target
+from agent.exploration.explorer import Configs, Explorer, Situation, Target
 from agent.exploration.frontiers import GoalMemory, open_ends, same_wall, stands_of
 from agent.exploration.planning import Roads
 from agent.exploration.teammates import Teammates
@@ -21,7 +20,7 @@ from agent.geometry.visibility import all_seen
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
-from tests.oracle import OracleMapper, configs, explore
+from tests.oracle import OracleMapper, configs, explore, step
 from world.maze import generate
 from world.worldfile import World, from_document, load
 
@@ -185,7 +184,7 @@ def explorer(**exploration) -> Explorer:
 
 
 def at(wireframe: Wireframe, explorer: Explorer, ticks: range, pose=(0.0, 0.0, 0.0), version=1):
-    return [explorer.step(tick, wireframe, version, pose, Wireframe(), NOBODY) for tick in ticks]
+    return [step(explorer, Situation(tick, wireframe, version, pose, Wireframe(), NOBODY)) for tick in ticks]
 
 
 def test_with_an_empty_map_it_drives_forward_until_a_wall_is_seen():
@@ -206,7 +205,7 @@ def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reaso
     events = []
     pose = np.zeros(3)
     while ticks < 5000 and not robot.complete:
-        command = robot.step(ticks, wall, 1 + ticks // 50, tuple(pose), Wireframe(), NOBODY)
+        command = step(robot, Situation(ticks, wall, 1 + ticks // 50, tuple(pose), Wireframe(), NOBODY))
         pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
         pose[2] += 0.2 * command.turn_rps
         events += command.events
@@ -225,11 +224,14 @@ def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
     seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])
     alone, told = explorer(default_state="interior-sweep"), explorer(default_state="interior-sweep")
     assert not at(room, alone, range(5))[-1].complete
-    step = functools.partial(told.step, wireframe=room, version=1, pose=(0.0, 0.0, 0.0), scan=Wireframe(), discs=NOBODY)
-    assert step(0, viewpoints=seen[:2]).reason == "sweep"
-    more = [step(tick, viewpoints=seen) for tick in range(1, 5)]  # dropped on the way to what is seen by now
+
+    def told_step(tick: int, viewpoints: np.ndarray):
+        return step(told, Situation(tick, room, 1, (0.0, 0.0, 0.0), Wireframe(), NOBODY, viewpoints=viewpoints))
+
+    assert told_step(0, seen[:2]).reason == "sweep"
+    more = [told_step(tick, seen) for tick in range(1, 5)]  # dropped on the way to what is seen by now
     assert more[-1].complete
-    back = [step(tick, viewpoints=seen[:0]) for tick in range(5, 9)]
+    back = [told_step(tick, seen[:0]) for tick in range(5, 9)]
     assert [event.event for command in back for event in command.events] == ["resumed"]
     assert not back[-1].complete and back[-1].reason == "sweep"
 
@@ -239,12 +241,13 @@ def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     targets = {}
     for name, rivals in (("alone", np.zeros((0, 3))), ("east", np.array([[4.0, 0.0, 0.0]]))):
         robot = explorer(default_state="interior-sweep")
-        command = robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=rivals)
+        command = step(robot, Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=rivals))
         targets[name] = command.target[0]
     assert targets["alone"] > 0.5 > targets["east"]
     robot = explorer(default_state="interior-sweep")
     behind = np.array([[0.6, 0.0, -10.0]])  # nearer to everything
-    assert robot.step(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=behind).reason == "sweep"
+    situation = Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=behind)
+    assert step(robot, situation).reason == "sweep"
 
 
 def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
@@ -278,12 +281,12 @@ def test_no_way_through_an_unseen_wall_is_tried_twice():
     robot = explorer(default_state="interior-sweep")
     pose, events, crossed = np.array([-2.0, -0.5, 0.0]), [], False
     for tick in range(3000):
-        command = robot.step(tick, hall, 1, tuple(pose), Wireframe(), NOBODY)
+        command = step(robot, Situation(tick, hall, 1, tuple(pose), Wireframe(), NOBODY))
         events += command.events
         if command.complete:
             break
-        step = 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
-        x, y = pose[:2] + step
+        way = 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        x, y = pose[:2] + way
         reach = math.hypot(glass_x - x, max(0.0, y - gap_y)) if y > gap_y else abs(glass_x - x)
         if reach >= SPEC.radius_m or abs(glass_x - x) > abs(glass_x - pose[0]):
             pose[:2] = x, y
@@ -410,7 +413,7 @@ def test_a_post_taken_for_a_teammate_in_a_wall_is_not_driven_into():
         d = post - pose[:2]
         c, s = math.cos(pose[2]), math.sin(pose[2])
         disc = np.array([[c * d[0] + s * d[1], c * d[1] - s * d[0]]]) if tick % 3 == 0 else NOBODY
-        command = robot.step(tick, bit, 1, tuple(pose), Wireframe(), disc)
+        command = step(robot, Situation(tick, bit, 1, tuple(pose), Wireframe(), disc))
         pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
         pose[2] += 0.2 * command.turn_rps
         least = min(least, math.hypot(*(post - pose[:2])) - 0.105)
