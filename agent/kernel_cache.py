@@ -1,44 +1,201 @@
-"""Where numba keeps compiled kernels: a folder for each state of the sources.
+"""Where compiled kernels are kept: a file for each kernel and types of arguments, named after all it was made from.
 
-Numba looks at the file of a kernel alone, and would go on using one whose callee in another file has changed.
+Numba's own cache knows a kernel by its file's time and line, so an edited comment compiles a file anew, and an edited
+callee in another file goes unnoticed. Here a kernel is known by its bytecode, and by those kernels, constants and
+records that it reads: the same in every checkout, image and time, and nothing stale is ever loaded.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-import re
-import shutil
+import pickle
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any
 
-_IMPORT = re.compile(r"^from (agent\.[\w.]+) import", re.M)
+import llvmlite
+import numba
+import numpy as np
+from numba.core import serialize, types
+from numba.core.caching import CompileResultCacheImpl, _Cache
+
+PACKAGE = Path(__file__).parent
+IN_PACKAGE = PACKAGE / "__pycache__" / "kernels"
+"""Filled at installation, and found by all users."""
+
+_serialize: Any = serialize  # untyped
+_warned = False
 
 
-def use_own_cache() -> None:
-    """Point numba to a cache that fits these sources; before numba is imported, and only where nobody else did."""
-    here = Path(__file__).parent
-    if "NUMBA_CACHE_DIR" in os.environ or not os.access(here, os.W_OK):
-        return
-    cache = here / "__pycache__" / f"kernels-{_digest(here)}"
-    if not cache.is_dir():
-        for stale in cache.parent.glob("kernels-*"):
-            shutil.rmtree(stale, ignore_errors=True)
-        cache.mkdir(parents=True, exist_ok=True)
-    os.environ["NUMBA_CACHE_DIR"] = str(cache)
+class KernelCache(_Cache):
+    """What one kernel was compiled to, by the types of its arguments; in the form that numba's dispatcher asks for."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self._function = function
+        self._name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
+        self._options = options
+        self._version: str | None = None
+        self._impl: Any = _Reduced(function)
+
+    @property
+    def cache_path(self) -> str:
+        """The folder that is looked at first."""
+        return str(folders()[0])
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what was compiled for a signature, or None where it is kept nowhere or cannot be read."""
+        target_context.refresh()
+        name = self._file(sig, target_context.codegen())
+        for folder in folders():
+            try:
+                return self._impl.rebuild(target_context, pickle.loads((folder / name).read_bytes()))
+            except FileNotFoundError:
+                continue
+            except Exception:  # cut off, or of another build of numba: compiled again
+                continue
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled in the first folder that can be written, instead of that kernel's older versions."""
+        if not self._impl.check_cachable(data):
+            return
+        name = self._file(sig, data.codegen)
+        content: bytes = _serialize.dumps(self._impl.reduce(data))
+        for folder in folders():
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                _write(folder / name, content)
+                for old in folder.glob(f"{self._name}-*"):
+                    if not old.name.startswith(f"{self._name}-{self.version}-"):
+                        old.unlink(missing_ok=True)
+            except OSError:
+                continue
+            return
+        _warn()
+
+    def enable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def disable(self) -> None:
+        """Do nothing: it is always on."""
+
+    def flush(self) -> None:
+        """Do nothing: what was made from other sources has another name."""
+
+    @property
+    def version(self) -> str:
+        """Hash of the kernel and all that it reads. Asked for at the first call, when all modules are complete."""
+        if self._version is None:
+            digest = hashlib.sha256()
+            for part in (sys.version_info[:2], numba.__version__, llvmlite.__version__, sorted(self._options.items())):
+                digest.update(repr(part).encode())
+            for text in _sources(self._function, set()):
+                digest.update(text.encode())
+            self._version = digest.hexdigest()[:16]
+        return self._version
+
+    def _file(self, sig: Any, codegen: Any) -> str:
+        built_for = "".join(map(_described, sig)) + repr(codegen.magic_tuple())
+        return f"{self._name}-{self.version}-{hashlib.sha256(built_for.encode()).hexdigest()[:16]}"
 
 
-def _digest(here: Path) -> str:
-    """Hash of the files that hold kernels and of all that these import from the agent."""
-    texts = {file: file.read_text(encoding="utf-8") for file in sorted(here.rglob("*.py"))}
-    waiting = [file for file, text in texts.items() if "@kernel" in text]
-    met = set(waiting)
-    while waiting:
-        for module in _IMPORT.findall(texts[waiting.pop()]):
-            file = here.parent.joinpath(*module.split(".")).with_suffix(".py")
-            if file in texts and file not in met:
-                met.add(file)
-                waiting.append(file)
-    digest = hashlib.sha256()
-    for file in sorted(met):
-        digest.update(texts[file].encode())
-    return digest.hexdigest()[:16]
+class _Reduced(CompileResultCacheImpl):
+    """How numba makes a compiled kernel into bytes and back, without its choice of a folder."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = self
+        self._py_file = function.__code__.co_filename
+
+
+def folders() -> list[Path]:
+    """Where compiled kernels are looked for, best first: NUMBA_CACHE_DIR alone, else the package's and the user's."""
+    if asked := os.environ.get("NUMBA_CACHE_DIR"):
+        return [Path(asked)]
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache"))  # noqa: PTH111
+    return [IN_PACKAGE, users / "wireswarm" / "kernels"]
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file at once, so that no other process reads half of it."""
+    part = file.with_name(f"{file.name}.{os.getpid()}")
+    try:
+        part.write_bytes(content)
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _warn() -> None:
+    global _warned
+    if not _warned:
+        places = " nor ".join(map(str, folders()))
+        print(f"wireswarm compiles its kernels at every start: it can write neither {places}.", file=sys.stderr)
+    _warned = True
+
+
+def _sources(value: Any, met: set[Any]) -> Iterator[str]:
+    """All that a value brings into a kernel: code, and what that reads of its module; each once, in a fixed order."""
+    value = getattr(value, "py_func", value)
+    if isinstance(value, ModuleType | BuiltinFunctionType | np.ufunc):
+        yield value.__name__
+    elif isinstance(value, FunctionType | type):
+        yield f"{value.__module__}.{value.__qualname__}"
+        if value in met or value.__module__.partition(".")[0] in ("numba", "numpy"):
+            return
+        met.add(value)
+        if isinstance(value, FunctionType):
+            yield from _code(value.__code__, value.__doc__)
+            yield from _sources(value.__defaults__, met)
+            for read in _read(value):
+                yield from _sources(read, met)
+        else:
+            yield f"{getattr(value, '_fields', ())}{getattr(value, '_field_defaults', {})}"
+    elif isinstance(value, tuple):
+        yield from _sources(type(value), met)
+        for item in value:
+            yield from _sources(item, met)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype}{value.shape}{value.tobytes().hex()}"
+    else:
+        yield repr(value)
+
+
+def _read(function: FunctionType) -> Iterator[Any]:
+    """What a function reads of its module, of modules of this project that it names, and of functions around it."""
+    names = list(_names(function.__code__))
+    for name in names:
+        value = function.__globals__.get(name)
+        yield name, value
+        if isinstance(value, ModuleType) and value.__name__.partition(".")[0] not in ("numba", "numpy", "math"):
+            yield from ((other, vars(value)[other]) for other in names if other in vars(value))
+    yield from (cell.cell_contents for cell in function.__closure__ or ())
+
+
+def _code(code: CodeType, docstring: str | None) -> Iterator[str]:
+    """What a function does and how it is called, without its docstring and the numbers of its lines."""
+    yield f"{code.co_code.hex()}{code.co_names}{code.co_varnames}{code.co_argcount}{code.co_kwonlyargcount}"
+    for index, const in enumerate(code.co_consts):
+        if isinstance(const, CodeType):
+            yield from _code(const, None)
+        elif index or docstring is None or const != docstring:
+            yield f"{const!r};"
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    """Names that a function may read, those of functions in it too."""
+    yield from code.co_names
+    for const in code.co_consts:
+        if isinstance(const, CodeType):
+            yield from _names(const)
+
+
+def _described(argument: Any) -> str:
+    """The type of an argument; of a NamedTuple with its fields, which numba's name for it leaves out."""
+    if isinstance(argument, types.NamedTuple):
+        made = argument.instance_class
+        return f"{made.__module__}.{made.__qualname__}{argument.fields}({', '.join(map(_described, argument.types))})"
+    return f"{argument};"

@@ -2,6 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 from numba import njit
 
-kernel = njit(cache=True)
+from agent.kernel_cache import KernelCache
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+OPTIONS: dict[str, Any] = {"no_cfunc_wrapper": True}
+"""No kernel is called from C, so that wrapper is not compiled."""
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function when it is first called with arguments of some types, or load it where it was kept."""
+    compiled: Any = njit(**OPTIONS)(function)
+    compiled._cache = KernelCache(function, OPTIONS)
+    result: Function = compiled
+    return result

@@ -1,10 +1,11 @@
 """Compile the numba kernels once, at installation, so that the first run does not spend its time on it.
 
-numba keeps what it compiled beside the sources and compiles again what changed, so this is never needed, only kind.
+What was compiled is kept, and compiled again where it changed, so this is never needed, only kind.
 """
 
 from __future__ import annotations
 
+import gc
 import sys
 import time
 
@@ -24,6 +25,7 @@ def warm() -> None:
 def main() -> None:
     """Warm up; a failure is told and is none of the installation, since a run compiles what it needs."""
     begin = time.perf_counter()
+    gc.disable()  # numba makes millions of objects that live on
     try:
         warm()
     except Exception as error:
