@@ -6,8 +6,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from numba import njit
+from numba.extending import register_jitable
 
 from agent.kernel_cache import KernelCache
+from protocol.geometry import wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -21,3 +23,6 @@ def kernel(function: Function) -> Function:
     compiled._cache = KernelCache(function, OPTIONS)
     result: Function = compiled
     return result
+
+
+register_jitable(wrapped)  # plain Python for the world, which compiles nothing, and part of kernels here

@@ -16,18 +16,17 @@ from agent.config import AgentConfig
 from agent.cooperation.team import Cooperation
 from agent.errand import ErrandEnd
 from agent.exploration.explorer import Command, Configs, Explorer, Situation
-from agent.geometry.frames import moved, seen_from
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import perceive
 from agent.perception.posts import Posts
 from agent.perception.seen_discs import SeenDiscs
+from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import (
     Action,
     Event,
     Heard,
     MapReport,
     Observation,
-    Pose,
     PoseReport,
     RobotSpec,
     ScanReport,
@@ -111,7 +110,7 @@ class Robot:
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
-        self.posts.look(tick, pose, moved(scan.discs, pose), len(heard) > 0)
+        self.posts.look(tick, pose, apply(pose, scan.discs), len(heard) > 0)
         own_changed = self._read_own()
         events = self.exchange.hear(tick, heard)
         events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand_ended)
@@ -149,7 +148,7 @@ class Robot:
         walls = walls[
             np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
         ]
-        return seen_from(walls.reshape(-1, 2), pose).reshape(-1, 4)
+        return seen_from(pose, walls.reshape(-1, 2)).reshape(-1, 4)
 
     def _read_own(self) -> bool:
         """Take the filter's best map; true where it differs from the last one."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from protocol.arrays import Floats
+from protocol.geometry import Pose, apply
 from protocol.wireframe import Label, Wireframe
 from world.config import CoverageConfig
 from world.coverage import visible_wall
@@ -146,18 +147,9 @@ def _corners(ring: Floats, config: ScoreConfig) -> Floats:
     return straight[turned]
 
 
-def to_world(points: Floats, frame: tuple[float, float, float]) -> Floats:
-    """Points (n, 2) of a frame whose pose in the world is (x, y, theta), in the world."""
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    moved: Floats = points @ np.array([[c, s], [-s, c]]) + np.array(frame[:2])
-    return moved
-
-
-def score(
-    wireframe: Wireframe, frame: tuple[float, float, float], truth: Truth, config: ScoreConfig = DEFAULT
-) -> Score:
+def score(wireframe: Wireframe, frame: Pose, truth: Truth, config: ScoreConfig = DEFAULT) -> Score:
     """Score of a map whose frame has this pose (x, y, theta) in the world."""
-    points = to_world(wireframe.points, frame)
+    points = apply(frame, wireframe.points)
     walls = score_walls(points[wireframe.edges].reshape(-1, 4), truth, config)
     nominal = points[wireframe.labels == Label.NOMINAL]
     off = _nearest_point(nominal, truth.corners)

@@ -80,7 +80,7 @@ def _ranges(value: bytes) -> bytes:
 
 
 Finite = Annotated[float, AfterValidator(_finite)]
-Pose = Annotated[tuple[Finite, Finite, Finite], Strict(False)]
+FinitePose = Annotated[tuple[Finite, Finite, Finite], Strict(False)]
 
 
 class Message(BaseModel):
@@ -168,7 +168,7 @@ class Observation(Message):
     tick: Tick
     ranges: Annotated[bytes, Field(max_length=4 * 4096), AfterValidator(_ranges)]
     """float32 little-endian metres, one per beam; inf where nothing came back."""
-    odometry: Pose
+    odometry: FinitePose
     """In the robot's own frame, which is its start pose."""
     heard: Count = 0
     """How many Heard of the same tick came before."""
@@ -242,7 +242,7 @@ class TeammatePose(Message):
     robot: RobotId
     tick: Tick
     """When it was there."""
-    pose: Pose
+    pose: FinitePose
     """In the frame of the robot that knows it."""
     covariance: Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite], Strict(False)]
     """3 x 3 of x, y, theta, row by row: m2, m rad, rad2; grows while the peer is not heard."""
@@ -254,7 +254,7 @@ class PoseReport(Message):
     """Telemetry on robots/ID/out/pose: the robot's pose in its own frame, and what it knows of teammates."""
 
     tick: Tick
-    pose: Pose
+    pose: FinitePose
     teammates: list[TeammatePose] = []
 
 

@@ -7,7 +7,7 @@ import struct
 from typing import NamedTuple
 
 from protocol.errors import ProtocolError
-from protocol.messages import Pose
+from protocol.geometry import Pose
 from protocol.wireframe import MAX_COORDINATE_M
 
 BEACON = "beacon"

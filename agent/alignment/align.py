@@ -17,7 +17,7 @@ from agent.alignment.meeting import Meeting, Place, place_of
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
 from protocol.arrays import Floats
-from protocol.messages import Pose
+from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
 

@@ -22,7 +22,7 @@ from agent.corner_scan import CornerScan
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
-from protocol.messages import Pose
+from protocol.geometry import Pose, wrapped
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,7 @@ def squared(transform: Floats, about: Floats, mine: Floats, theirs: Floats) -> F
 
     A few sightings within a room give the turn to some degrees only; walls at right angles give it modulo a quarter.
     """
-    turn = float(_main_way(mine) - _main_way(theirs) - transform[2])
-    turn = (turn + math.pi / 4) % (math.pi / 2) - math.pi / 4
+    turn = wrapped(float(_main_way(mine) - _main_way(theirs) - transform[2]), 0.5 * math.pi)
     x, y = move(transform, about[0], about[1])
     theta = float(transform[2]) + turn
     c, s = math.cos(theta), math.sin(theta)

@@ -21,6 +21,7 @@ from agent.alignment.feature import Corners
 from agent.geometry.transform import fit
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
+from protocol.geometry import wrapped
 
 DRAWS_PER_BASE = 50
 """Four points are drawn at most so often for one base; clouds on a line have none."""
@@ -225,7 +226,7 @@ def _congruent(
                         r, s = pairs[i0 + i]
                         bx, by = target[s, 0] - target[r, 0], target[s, 1] - target[r, 1]
                         found_angle = math.atan2(bx * dy - by * dx, bx * dx + by * dy)
-                        if abs((found_angle - angle + math.pi) % (2.0 * math.pi) - math.pi) > turn:
+                        if abs(wrapped(found_angle - angle)) > turn:
                             continue
                         there[0], there[1], there[2], there[3] = target[r], target[s], target[p], target[q]
                         t = fit(four, there, 4)

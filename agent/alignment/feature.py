@@ -14,6 +14,7 @@ import numpy as np
 from agent.alignment.config import AlignmentConfig
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
+from protocol.geometry import wrapped
 from protocol.wireframe import Label, Wireframe
 
 UNKNOWN, EXACT, AT_LEAST = 0, 1, 2
@@ -116,7 +117,7 @@ def _features(
         for k in range(3):
             if size[k] > 0.0 and size[k + 1] > 0.0:
                 turn = direction[k + 1] - direction[k]
-                values[v, 4 + k] = (turn + math.pi) % (2.0 * math.pi) - math.pi
+                values[v, 4 + k] = wrapped(turn)
                 kinds[v, 4 + k] = 1
                 middle = sd[line[k + 1]]
                 blur = (middle / size[k]) ** 2 + (middle / size[k + 1]) ** 2
@@ -215,7 +216,7 @@ def _log_density(values: Floats, kinds: Ints, sds: Floats, pool: Floats, turn: f
             for k in range(low, high):
                 d = pool[k] - values[i]
                 if turn > 0.0:
-                    d = (d + 0.5 * turn) % turn - 0.5 * turn
+                    d = wrapped(d, turn)
                 if abs(d) < 4.0 * sd:
                     found += math.exp(-0.5 * (d / sd) ** 2) / (sd * 2.5066282746310002)
             out[i] = math.log(found / total)
@@ -266,7 +267,7 @@ def _likeness(
                 if one == 1 and two == 1:
                     d = a[i, k] - b[j, k]
                     if k >= 4:
-                        d = (d + math.pi) % (2.0 * math.pi) - math.pi
+                        d = wrapped(d)
                     var = a_sds[i, k] ** 2 + b_sds[j, k] ** 2
                     gain = log_wrong  # what nearly all pairs are, without logarithm and exponential
                     fits = NEGLIGIBLE

@@ -11,7 +11,7 @@ from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import compose, inverse
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
-from protocol.messages import Pose
+from protocol.geometry import Pose
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import Event, Pose
+from protocol.geometry import Pose
+from protocol.messages import Event
 from protocol.wireframe import Wireframe
 
 

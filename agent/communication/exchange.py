@@ -14,9 +14,10 @@ import numpy as np
 from agent.communication.config import TalkConfig
 from agent.communication.contacts import NOTHING_SEEN, Contacts, Seen
 from protocol.errors import ProtocolError
+from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import EVERYONE, Event, Heard, Pose, Send
+from protocol.messages import EVERYONE, Event, Heard, Send
 from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe

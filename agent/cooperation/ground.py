@@ -17,7 +17,7 @@ from agent.kernels import kernel
 from agent.mapping.contradiction import GRAZING, ON, THROUGH, ViewRules, look_at
 from agent.mapping.scan_merge import to_map_frame
 from protocol.arrays import Bools, Floats, Ints
-from protocol.messages import Pose
+from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
 PIECE_M = 0.1
@@ -120,7 +120,7 @@ def _look(
     on: Ints,
     through: Ints,
     t: Floats,
-    pose: tuple[float, float, float],
+    pose: Pose,
     raw: NDArray[np.void],
     seen: NDArray[np.void],
     sight: Sight,
@@ -149,7 +149,7 @@ def sees_place(
     x: float,
     y: float,
     radius: float,
-    pose: tuple[float, float, float],
+    pose: Pose,
     raw: NDArray[np.void],
     seen: NDArray[np.void],
     sight: Sight,

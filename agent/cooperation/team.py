@@ -26,12 +26,12 @@ from agent.cooperation.verification import Verification
 from agent.corner_scan import CornerScan
 from agent.errand import ErrandEnd
 from agent.geometry.clearance import distances_to_walls
-from agent.geometry.frames import moved
-from agent.geometry.transform import apart, apply, compose
+from agent.geometry.transform import apart, compose
 from agent.mapping.contradiction import ViewRules
 from agent.mapping.layers import Layer, layer_of
 from protocol.arrays import Bools, Floats
-from protocol.messages import Event, Pose, RobotSpec, TeammatePose
+from protocol.geometry import Pose, apply
+from protocol.messages import Event, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
 LOOK_TICKS = 3
@@ -208,7 +208,7 @@ class Cooperation:
         self._events, self.changed, self._told_views = [], False, False
         if not self.config.sharing:
             return []
-        discs = moved(scan.discs, pose)
+        discs = apply(pose, scan.discs)
         for contact in contacts.present.values():
             self._hear(tick, contact, pose, scan, discs)
         for peer in self.peers.values():

@@ -14,11 +14,10 @@ import numpy as np
 from agent.cooperation.config import VerificationConfig
 from agent.cooperation.ground import Ground, sees_place
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import apply
 from agent.mapping.contradiction import ViewRules
 from agent.mapping.scan_merge import to_map_frame
 from protocol.arrays import Floats
-from protocol.messages import Pose
+from protocol.geometry import Pose, apply
 
 KINDS = ("ground", "discs", "heard", "later_maps")
 

@@ -11,9 +11,8 @@ from agent.exploration.config import DrivingConfig
 from agent.geometry.clearance import distance_to_walls, keeps_clear
 from agent.kernels import kernel
 from protocol.arrays import Floats
+from protocol.geometry import Pose
 from protocol.messages import RobotSpec
-
-PoseXYT = tuple[float, float, float]
 
 
 class Motion(NamedTuple):
@@ -22,11 +21,6 @@ class Motion(NamedTuple):
     speed_mps: float
     turn_rps: float
     held: bool
-
-
-def wrap(angle: float) -> float:
-    """Angle in (-pi, pi]."""
-    return math.atan2(math.sin(angle), math.cos(angle))
 
 
 @kernel
@@ -109,7 +103,7 @@ class Driver:
         self.wall_limit = spec.radius_m + config.wall_margin_m
         self.disc_limit = 2.0 * spec.radius_m + config.teammate_margin_m
 
-    def follow(self, path: Floats, pose: PoseXYT, walls: Floats, discs: Floats, clearance_m: float) -> Motion:
+    def follow(self, path: Floats, pose: Pose, walls: Floats, discs: Floats, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.
 
         walls (m, 4), discs (j, 2) of teammates: all in the frame of the pose.
@@ -153,13 +147,14 @@ class Driver:
             shift -= c.wall_margin_m
         return px, py
 
-    def towards(self, px: float, py: float, pose: PoseXYT, walls: Floats, discs: Floats, left_m: float) -> Motion:
+    def towards(self, px: float, py: float, pose: Pose, walls: Floats, discs: Floats, left_m: float) -> Motion:
         """Command for the next tick towards a point, with left_m to go at most."""
         c, spec = self.config, self.spec
         x, y, theta = pose
         if math.hypot(px - x, py - y) < 1e-6:
             return Motion(0.0, 0.0, False)
-        error = wrap(math.atan2(py - y, px - x) - theta)
+        bearing = math.atan2(py - y, px - x) - theta
+        error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, c.turn_gain * error / c.tick_s))
         if abs(error) > c.turn_in_place_rad:
             return Motion(0.0, turn, False)
@@ -169,7 +164,7 @@ class Driver:
             speed = min(speed, c.slow_share * spec.max_speed_mps)
         return self.safely(speed, turn, pose, walls, discs)
 
-    def safely(self, speed: float, turn: float, pose: PoseXYT, walls: Floats, discs: Floats) -> Motion:
+    def safely(self, speed: float, turn: float, pose: Pose, walls: Floats, discs: Floats) -> Motion:
         """The fastest share of the command whose predicted motion touches nothing; turning on the spot always is."""
         c = self.config
         seconds = c.horizon_ticks * c.tick_s

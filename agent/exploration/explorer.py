@@ -23,13 +23,11 @@ from agent.exploration.planning import Roads, still_clear
 from agent.exploration.sweep import Sweep
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import distances_to_walls, keeps_clear
-from agent.geometry.frames import moved
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats, Ints
+from protocol.geometry import Pose, apply
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
-
-PoseXYT = tuple[float, float, float]
 
 _NEAR_M = 1.5
 """Walls within this of the robot matter for the next ticks; it drives 0.09 m in two."""
@@ -61,7 +59,7 @@ class Situation(NamedTuple):
     """The map."""
     version: int
     """Greater whenever the map changed structurally."""
-    pose: PoseXYT
+    pose: Pose
     scan: Wireframe
     """Corners and walls seen now, frame of the robot's pose."""
     discs: Floats
@@ -247,8 +245,8 @@ class Explorer:
     def _sense(self, scan: Wireframe, discs: Floats) -> None:
         """Walls of map and scan, standing teammates as walls, and all teammates, in the frame of the map."""
         known = self.wireframe.segments()
-        seen = moved(scan.points, self.pose)[scan.edges].reshape(-1, 4)
-        self.discs = self.teammates.update(self.tick, moved(discs, self.pose), known)
+        seen = apply(self.pose, scan.points)[scan.edges].reshape(-1, 4)
+        self.discs = self.teammates.update(self.tick, apply(self.pose, discs), known)
         standing, _ = self.teammates.obstacles(self.tick, self.planning.tight_clearance_m)
         fronts = self.teammates.fronts(self.here)
         self.walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self._barriers)))

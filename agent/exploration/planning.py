@@ -17,6 +17,7 @@ from agent.exploration.config import PlanningConfig
 from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
+from protocol.geometry import wrapped
 from protocol.wireframe import Label, Wireframe
 
 _UNASKED, _BARRED = -2, -1
@@ -40,7 +41,7 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
         if a >= 0 and b >= 0:
             first = math.atan2(y - points[a, 1], x - points[a, 0])
             second = math.atan2(points[b, 1] - y, points[b, 0] - x)
-            turn = (second - first + math.pi) % (2.0 * math.pi) - math.pi
+            turn = -wrapped(first - second)
             if turn > math.pi - 1e-6:
                 turn = -math.pi
         elif a >= 0:

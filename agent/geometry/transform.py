@@ -11,6 +11,7 @@ import numpy as np
 
 from agent.kernels import kernel
 from protocol.arrays import Floats
+from protocol.geometry import apply, wrapped
 
 
 def compose(a: Floats, b: Floats) -> Floats:
@@ -25,18 +26,6 @@ def inverse(a: Floats) -> Floats:
     """The way back of (..., 3)."""
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], wrapped(-a[..., 2])], -1)
-
-
-def apply(a: Floats, points: Floats) -> Floats:
-    """Points (n, 2) moved by one transform (3,)."""
-    c, s = math.cos(a[2]), math.sin(a[2])
-    moved: Floats = points @ np.array([[c, s], [-s, c]]) + a[:2]
-    return moved
-
-
-def wrapped(angle: Floats) -> Floats:
-    """Angles in [-pi, pi)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def distance(a: Floats, b: Floats, centre: Floats) -> tuple[float, float]:
@@ -58,7 +47,7 @@ def move(t: Floats, x: float, y: float) -> tuple[float, float]:
 @kernel
 def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float) -> bool:
     """Whether two transforms differ by more than the limits, at the map's centre."""
-    if abs((a[2] - b[2] + math.pi) % (2.0 * math.pi) - math.pi) > limit_rad:
+    if abs(wrapped(a[2] - b[2])) > limit_rad:
         return True
     ax, ay = move(a, centre[0], centre[1])
     bx, by = move(b, centre[0], centre[1])

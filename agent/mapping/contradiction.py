@@ -25,6 +25,7 @@ from agent.mapping.edges import (
     set_tip,
     tip_at,
 )
+from protocol.geometry import Pose
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 
@@ -94,7 +95,7 @@ def within(sectors: NDArray[np.float64], bearing: float, margin: float) -> bool:
 def look_at(
     x: float,
     y: float,
-    pose: tuple[float, float, float],
+    pose: Pose,
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
     sight: Sight,
@@ -184,7 +185,7 @@ def _usurped(edges: Edges, count: int, e: int, hit: NDArray[np.bool_], margin: f
 def contradict(
     edges: Edges,
     count: int,
-    pose: tuple[float, float, float],
+    pose: Pose,
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
     walls: NDArray[np.int64],

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.corner_scan import PIECE
-from agent.geometry.transform import apply
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
 from agent.mapping.edges import CANDIDATE, FREE, WALL, Edges, remove
 from agent.mapping.scan_merge import MergeRules, merge_scan
 from protocol.arrays import Floats
+from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 
 SCANS = 20.0

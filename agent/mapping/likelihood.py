@@ -17,6 +17,7 @@ from agent.kernels import kernel
 from agent.mapping.association import Gates, cost
 from agent.mapping.contradiction import GRAZING, ON, THROUGH, UNSEEN, ViewRules, look_at
 from agent.mapping.edges import NOMINAL, OCCLUSION, WALL, Edges, above, along, length, tip_at
+from protocol.geometry import Pose
 
 
 class Odds(NamedTuple):
@@ -34,7 +35,7 @@ class Odds(NamedTuple):
 def log_likelihood(
     edges: Edges,
     count: int,
-    pose: tuple[float, float, float],
+    pose: Pose,
     raw: NDArray[np.void],
     pieces: NDArray[np.void],
     walls: NDArray[np.int64],

@@ -19,13 +19,12 @@ from agent.mapping.contradiction import ViewRules, contradict, patient_view
 from agent.mapping.edges import EDGE, OCCLUSION, WALL, Edges
 from agent.mapping.layers import Layer, merge_gates, merged
 from agent.mapping.likelihood import Odds, log_likelihood
-from agent.mapping.pose_correction import correct_pose, motion_covariance, moved
+from agent.mapping.pose_correction import correct_pose, motion_covariance
 from agent.mapping.scan_merge import MergeRules, main_axis, merge_scan, patient_merge, to_map_frame
 from protocol.arrays import Floats
+from protocol.geometry import Pose, compose, relative
 from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
-
-Pose = tuple[float, float, float]
 
 SPARE = 64
 """Free records that a particle keeps for one scan; a scan of 360 beams has at most 120 pieces, in practice 20."""
@@ -202,14 +201,14 @@ class WireframeFilter:
             grown = np.zeros((len(self.edges), 2 * self.edges.shape[1]), EDGE)
             grown[:, : self.edges.shape[1]] = self.edges
             self.edges = grown
-        by = _between(self._odometry, odometry) if self._odometry is not None else (0.0, 0.0, 0.0)
+        by = relative(self._odometry, odometry) if self._odometry is not None else (0.0, 0.0, 0.0)
         self._odometry = odometry
         if self._noisy:
             for p, pose in enumerate(self.poses):
                 before = (float(pose[0]), float(pose[1]), float(pose[2]))
                 self.covariances[p] = motion_covariance(self.covariances[p], before, by, self._odometry_noise)
                 self.covariances[p] += 1e-8 * np.eye(3)  # never singular
-                self.poses[p] = moved(before, by)
+                self.poses[p] = compose(before, by)
         else:
             self.poses[:] = odometry
         scores = update_particles(
@@ -275,7 +274,7 @@ class WireframeFilter:
 
     def predicted(self, odometry: Pose) -> Pose:
         """Where the best particle would be at this odometry, before a scan corrects it."""
-        return moved(self.pose, _between(self._odometry, odometry)) if self._odometry is not None else odometry
+        return compose(self.pose, relative(self._odometry, odometry)) if self._odometry is not None else odometry
 
     @property
     def nbytes(self) -> int:
@@ -295,14 +294,6 @@ class WireframeFilter:
     def view_rules(self, margin_m: float) -> ViewRules:
         """How scans are held against walls that are known to this precision, metres."""
         return self._views._replace(margin=margin_m)
-
-
-def _between(a: Pose, b: Pose) -> Pose:
-    """Pose b in the frame a."""
-    c, s = math.cos(a[2]), math.sin(a[2])
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    turn = b[2] - a[2]
-    return c * dx + s * dy, c * dy - s * dx, math.atan2(math.sin(turn), math.cos(turn))
 
 
 def wireframe_of(edges: Edges, publish_after: float) -> Wireframe:

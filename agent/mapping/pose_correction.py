@@ -11,31 +11,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry.angles import wrapped
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
 from agent.mapping.association import Gates
 from agent.mapping.edges import NOMINAL, OCCLUSION, Edges, along, line_sd, spread, tip_at
 from protocol.arrays import Floats
+from protocol.geometry import Pose, wrapped
 
 
 @kernel
-def moved(pose: tuple[float, float, float], by: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Pose after a motion given in its own frame."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    theta = pose[2] + by[2]
-    return (
-        pose[0] + c * by[0] - s * by[1],
-        pose[1] + s * by[0] + c * by[1],
-        wrapped(theta, 2 * math.pi),
-    )
-
-
-@kernel
-def motion_covariance(
-    covariance: Floats, pose: tuple[float, float, float], by: tuple[float, float, float], noise: Floats
-) -> Floats:
-    """(3, 3) covariance of `moved(pose, by)`. noise: sd in m per sqrt(m), rad per sqrt(m), rad per sqrt(rad)."""
+def motion_covariance(covariance: Floats, pose: Pose, by: Pose, noise: Floats) -> Floats:
+    """(3, 3) covariance of `compose(pose, by)`. noise: sd in m per sqrt(m), rad per sqrt(m), rad per sqrt(rad)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = c * by[0] - s * by[1], s * by[0] + c * by[1]
     out = covariance.copy()
@@ -79,14 +65,14 @@ def correct_pose(
     edges: Edges,
     raw: NDArray[np.void],
     walls: NDArray[np.int64],
-    predicted: tuple[float, float, float],
+    predicted: Pose,
     covariance: Floats,
     axis: float,
     axis_sd: float,
     floor_m: float,
     floor_rad: float,
     gates: Gates,
-) -> tuple[tuple[float, float, float], Floats]:
+) -> tuple[Pose, Floats]:
     """Pose and its (3, 3) covariance from pieces (robot's frame), each associated with a wall or -1.
 
     axis, axis_sd: rad, common axis of the walls and how well they keep it; inf where they are not rectilinear.
@@ -98,7 +84,7 @@ def correct_pose(
     for _ in range(3):
         h = prior.copy()
         d0, d1 = pose[0] - predicted[0], pose[1] - predicted[1]
-        d2 = wrapped(pose[2] - predicted[2], 2 * math.pi)
+        d2 = wrapped(pose[2] - predicted[2])
         g = -times(prior, np.array([d0, d1, d2]))
         c, s = math.cos(pose[2]), math.sin(pose[2])
         for k in range(len(raw)):
@@ -118,7 +104,7 @@ def correct_pose(
             off = (y - w.y) * w.ux - (x - w.x) * w.uy
             sd = math.hypot(gates.noise / math.sqrt(p.hits), math.hypot(line_sd(w, t, gates.noise), floor_m))
             _count(h, g, -w.uy, w.ux, w.uy * ry + w.ux * rx, off, sd)
-            turn = wrapped(direction - math.atan2(w.uy, w.ux), 2 * math.pi)
+            turn = wrapped(direction - math.atan2(w.uy, w.ux))
             sd = math.hypot(direction_sd, math.hypot(gates.noise / math.sqrt(spread(w)), floor_rad))
             _count(h, g, 0.0, 0.0, 1.0, turn, sd)
             for side in range(2):  # ends hold the robot along a corridor
@@ -133,4 +119,4 @@ def correct_pose(
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         step = times(inverse(h), g)
         pose = (pose[0] + step[0], pose[1] + step[1], pose[2] + step[2])
-    return (pose[0], pose[1], wrapped(pose[2], 2 * math.pi)), inverse(h)
+    return (pose[0], pose[1], wrapped(pose[2])), inverse(h)

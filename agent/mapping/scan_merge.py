@@ -36,6 +36,7 @@ from agent.mapping.edges import (
     spread,
     tip_at,
 )
+from protocol.geometry import Pose
 
 
 class MergeRules(NamedTuple):
@@ -83,7 +84,7 @@ def patient_merge(rules: MergeRules, factor: float) -> MergeRules:
 
 
 @kernel
-def to_map_frame(pieces: NDArray[np.void], pose: tuple[float, float, float]) -> NDArray[np.void]:
+def to_map_frame(pieces: NDArray[np.void], pose: Pose) -> NDArray[np.void]:
     """Pieces moved from the robot's frame into the map's."""
     out = pieces.copy()
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry.angles import wrapped
 from agent.kernels import kernel
 from agent.perception.segmentation import beam_sums, fit
 from protocol.arrays import Floats
+from protocol.geometry import wrapped
 
 FEW_BEAMS = 3
 """Any circle fits so many beams, and so does any line; beyond, what fits better decides (ours)."""
@@ -153,7 +153,7 @@ def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sig
             beside = jump[c, side]
             for other in range(count):  # a row of them is a wall, so one with both ends hidden does not count
                 if other != c and (jump[other, 0] or jump[other, 1]) and not beside:
-                    gap = wrapped(bearing + (2 * side - 1) * (half + step) - found[other, 1], 2 * math.pi)
+                    gap = wrapped(bearing + (2 * side - 1) * (half + step) - found[other, 1])
                     beside = abs(gap) <= math.asin(min(radius / found[other, 0], 1.0)) + step
             bounded = bounded and beside
         if bounded and (jump[c, 0] or jump[c, 1]):

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from agent.geometry.frames import seen_from
 from agent.perception.config import PerceptionConfig
 from protocol.arrays import Floats
-
-Pose = tuple[float, float, float]
+from protocol.geometry import Pose, seen_from
 
 _MOST = 200
 """Posts kept, the newest (16 bytes each): a hall has a dozen."""
@@ -56,4 +54,4 @@ class Posts:
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) those in reach of a pose, in its frame."""
         near = np.hypot(*(self.places - pose[:2]).T) <= self.reach_m + 1.0
-        return seen_from(self.places[near], pose)
+        return seen_from(pose, self.places[near])

@@ -6,10 +6,8 @@ from collections import deque
 
 import numpy as np
 
-from agent.geometry.frames import moved, seen_from
 from protocol.arrays import Floats
-
-Pose = tuple[float, float, float]
+from protocol.geometry import Pose, apply, seen_from
 
 
 class SeenDiscs:
@@ -27,8 +25,8 @@ class SeenDiscs:
         if not seen:
             return np.zeros((0, 3))
         discs = np.vstack([np.column_stack((d, np.full(len(d), slack))) for d, slack in seen])
-        return np.column_stack((seen_from(discs[:, :2], pose), discs[:, 2]))
+        return np.column_stack((seen_from(pose, discs[:, :2]), discs[:, 2]))
 
     def see(self, pose: Pose, discs: Floats) -> None:
         """Remember the discs (k, 2) of a scan, given in the robot's frame."""
-        self._scans.append(moved(discs, pose))
+        self._scans.append(apply(pose, discs))

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
 from protocol.arrays import Floats
+from protocol.geometry import relative
 from world.config import WorldConfig
 from world.episode import generator
 from world.lidar import Lidar
-from world.odometry import relative
 from world.worldfile import load
 
 

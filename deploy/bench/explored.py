@@ -12,6 +12,7 @@ from deploy import inprocess
 from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
 from deploy.metrics import Truth, score, truth_of
+from protocol.geometry import Pose
 from protocol.messages import Heard, Observation, RobotSpec
 from world.config import WorldConfig
 from world.episode import Episode
@@ -59,7 +60,7 @@ class Explored(NamedTuple):
         place = float(start[0]), float(start[1])
         return truth_of(self.episode.world, place, spec.radius_m, spec.lidar.range_max_m, self.episode.config.coverage)
 
-    def frame(self, robot: str = "r1") -> tuple[float, float, float]:
+    def frame(self, robot: str = "r1") -> Pose:
         """Pose of the robot's own frame in the world."""
         x, y, theta = self.episode.starts[self.episode.robots.index(robot)].tolist()
         return x, y, theta

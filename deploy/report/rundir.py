@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Floats
+from protocol.geometry import apply
 from protocol.wireframe import Label
 from world.worldfile import World, load
 
@@ -43,8 +44,7 @@ class Map:
         """The map in the frame in which `frame` (x, y, theta) is given; itself where that is None."""
         if frame is None:
             return self
-        c, s = math.cos(frame[2]), math.sin(frame[2])
-        return Map(self.points @ np.array([[c, s], [-s, c]]) + frame[:2], self.labels, self.edges)
+        return Map(apply(frame, self.points), self.labels, self.edges)
 
     def inset(self, distance: float) -> Map:
         """The map with all walls moved by so many metres to their free side (the left), corners kept closed.

@@ -11,7 +11,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from deploy.metrics import score, score_walls, to_world, truth_of
+from deploy.metrics import score, score_walls, truth_of
+from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 from world import worldfile
 from world.recorder import map_fields
@@ -50,7 +51,7 @@ def test_a_perfect_map_is_perfect_in_any_frame(room: World) -> None:
     frame = (1.0, -0.4, 2.0)
     c, s = math.cos(frame[2]), math.sin(frame[2])
     walls = (inner(room).reshape(-1, 2) - frame[:2]) @ np.array([[c, -s], [s, c]])
-    np.testing.assert_allclose(to_world(walls, frame), inner(room).reshape(-1, 2))
+    np.testing.assert_allclose(apply(frame, walls), inner(room).reshape(-1, 2))
     got = score(wireframe(walls.reshape(-1, 4)), frame, truth)
     assert (got.wall_recall, got.wall_precision, got.corner_recall, got.corner_precision) == (1, 1, 1, 1)
     assert got.wall_rmse_m == pytest.approx(0, abs=1e-9) and got.corner_rmse_m == pytest.approx(0, abs=1e-9)

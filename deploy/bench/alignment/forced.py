@@ -11,7 +11,7 @@ import numpy as np
 from agent.alignment import prepare
 from agent.alignment.align import candidates, pose_of
 from agent.cooperation.team import Peer
-from agent.geometry.transform import apply, compose, inverse
+from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.live import errors, right, true_transform
 from deploy.bench.bars import Column, Section
@@ -19,6 +19,7 @@ from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of
 from protocol.arrays import Floats
+from protocol.geometry import apply
 from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Wireframe
 from world.episode import generator

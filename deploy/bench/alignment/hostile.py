@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.geometry.transform import apply, compose, inverse
+from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bench.alignment.pairs import moved, random_pose
@@ -19,9 +19,10 @@ from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
 from protocol.arrays import Floats
+from protocol.geometry import Pose, apply
 from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
-from protocol.messages import EVERYONE, Heard, Observation, Pose, RobotSpec
+from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
 from protocol.talk import MAX_PARTS, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig

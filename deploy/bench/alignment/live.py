@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.geometry.transform import apply, compose, inverse
+from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import RIGHT_DEG, RIGHT_M
 from deploy.bench.alignment.recordings import KEEP, mapped
@@ -23,6 +23,7 @@ from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import path_of
 from deploy.metrics import Truth, score, truth_of
 from protocol.arrays import Floats
+from protocol.geometry import apply, wrapped
 from protocol.messages import Observation, RobotSpec
 from world.episode import Episode, generator
 from world.worldfile import load, to_yaml
@@ -287,8 +288,8 @@ def errors(transform: Sequence[float], mine: Floats, theirs: Floats, centre: Flo
     """Metres at the centre (2,) of the peer's map, and degrees, that a transform is off."""
     truth, found = true_transform(mine, theirs), np.array(transform)
     gap = (apply(found, centre[None]) - apply(truth, centre[None]))[0]
-    turn = (found[2] - truth[2] + math.pi) % (2 * math.pi) - math.pi
-    return math.hypot(gap[0], gap[1]), abs(math.degrees(float(turn)))
+    turn = wrapped(float(found[2] - truth[2]))
+    return math.hypot(gap[0], gap[1]), abs(math.degrees(turn))
 
 
 def right(metres: float, degrees: float) -> bool:

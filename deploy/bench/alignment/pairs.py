@@ -9,10 +9,10 @@ from itertools import combinations
 
 import numpy as np
 
-from agent.geometry.transform import apply, compose, inverse
+from agent.geometry.transform import compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
 from protocol.arrays import Floats
-from protocol.messages import Pose
+from protocol.geometry import Pose, apply, wrapped
 from protocol.wireframe import Wireframe
 
 MIN_CORNERS = 16
@@ -56,7 +56,7 @@ class Pair:
             return math.inf, math.inf
         middle = self.theirs.points.mean(0)[None]
         gap = (apply(np.array(found), middle) - apply(self.truth, middle))[0]
-        turn = (found[2] - self.truth[2] + math.pi) % (2 * math.pi) - math.pi
+        turn = wrapped(float(found[2] - self.truth[2]))
         return math.hypot(gap[0], gap[1]), abs(math.degrees(turn))
 
     def right(self, found: Pose) -> bool:

@@ -21,9 +21,10 @@ from agent.robot import Robot, Step
 from deploy.bench.cases import PACKAGES, ROOT, Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of, present
-from deploy.metrics import Truth, distance_to, to_world, truth_of
+from deploy.metrics import Truth, distance_to, truth_of
 from protocol.arrays import Bools, Floats
-from protocol.messages import Observation, Pose, RobotSpec
+from protocol.geometry import Pose, apply
+from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
 from world.config import CoverageConfig
 from world.maze import generate
@@ -199,13 +200,13 @@ def whole_map(world: str) -> Wireframe:
 
 def mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
     """(p,) which pieces of the visible true wall are in the map."""
-    segments = to_world(wireframe.points, frame)[wireframe.edges].reshape(-1, 4)
+    segments = apply(frame, wireframe.points)[wireframe.edges].reshape(-1, 4)
     near: Bools = distance_to(truth.seen_points, truth.seen_directions, segments) < NEAR_M
     return near
 
 
 def _true_corners(wireframe: Wireframe, frame: Pose, truth: Truth) -> int:
     """True corners near a vertex that is taken for one."""
-    points = to_world(wireframe.points[wireframe.labels != Label.FRONTIER], frame)
+    points = apply(frame, wireframe.points[wireframe.labels != Label.FRONTIER])
     away = np.linalg.norm(truth.corners[:, None] - points[None], axis=2).min(1, initial=np.inf)
     return int((away < CORNER_M).sum())

@@ -19,7 +19,6 @@ import numpy as np
 
 from agent.config import AgentConfig
 from agent.exploration.driving import Driver
-from agent.geometry.frames import moved
 from agent.kernels import kernel
 from agent.perception.perceive import perceive
 from agent.robot import Step
@@ -31,6 +30,7 @@ from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
 from deploy.occupancy_grid import GrowingGrid
 from protocol.arrays import Bools, Floats, Ints
+from protocol.geometry import Pose, apply
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
@@ -235,7 +235,7 @@ class DenseRobot:
         if not self.complete and observation.tick % REPLAN_TICKS == 0:
             self._plan(pose)
         scan = perceive(ranges, self.spec.lidar, self.config.perception).wireframe()
-        walls = np.ascontiguousarray(moved(scan.points, pose)[scan.edges].reshape(-1, 4))
+        walls = np.ascontiguousarray(apply(pose, scan.points)[scan.edges].reshape(-1, 4))
         speed = turn = 0.0
         if self.path is not None:
             motion = self.driver.follow(self.path, pose, walls, np.zeros((0, 2)), self.clearance)
@@ -247,7 +247,7 @@ class DenseRobot:
         empty = ScanReport(tick=observation.tick, wireframe=encode_wireframe(Wireframe()))
         return Step(action, [], empty, PoseReport(tick=observation.tick, pose=pose), None)
 
-    def _plan(self, pose: tuple[float, float, float]) -> None:
+    def _plan(self, pose: Pose) -> None:
         box = self._known()
         log_odds = np.ascontiguousarray(self.log_odds[box])
         i, j = self._cell(pose[0], pose[1])

@@ -13,12 +13,10 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.explored import explore
-from deploy.metrics import Truth, to_world
+from deploy.metrics import Truth
 from protocol.arrays import Floats
+from protocol.geometry import Pose, apply, relative
 from protocol.messages import Observation, RobotSpec
-from world.odometry import relative
-
-Pose = tuple[float, float, float]
 
 HERE: Pose = (0.0, 0.0, 0.0)
 """Pose of the frame of a recording's truth, for a score: it is the robot's own."""
@@ -66,10 +64,10 @@ def _moved(truth: Truth, frame: Pose) -> Truth:
     """The truth in the frame of this pose."""
     back = relative(frame, HERE)
     return Truth(
-        outline=to_world(truth.outline.reshape(-1, 2), back).reshape(-1, 4),
-        corners=to_world(truth.corners, back),
-        seen_points=to_world(truth.seen_points, back),
-        seen_directions=to_world(truth.seen_directions, (0.0, 0.0, back[2])),
+        outline=apply(back, truth.outline.reshape(-1, 2)).reshape(-1, 4),
+        corners=apply(back, truth.corners),
+        seen_points=apply(back, truth.seen_points),
+        seen_directions=apply((0.0, 0.0, back[2]), truth.seen_directions),
         seen_lengths=truth.seen_lengths,
-        seen_corners=to_world(truth.seen_corners, back),
+        seen_corners=apply(back, truth.seen_corners),
     )

@@ -19,7 +19,7 @@ from deploy.bandwidth.representations import measure as measure_run
 from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
-from world.odometry import relative
+from protocol.geometry import Pose, relative, wrapped
 
 BAD = [
     {"kind": "bernoulli", "loss": 0.3},
@@ -79,10 +79,10 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
     }
 
 
-def _is_false(event: Mapping[str, Any], frames: Mapping[str, tuple[float, float, float]]) -> bool:
+def _is_false(event: Mapping[str, Any], frames: Mapping[str, Pose]) -> bool:
     true = relative(frames[event["robot"]], frames[event["peer"]])
     x, y, theta = event["transform"]
-    turn = math.remainder(theta - true[2], 2 * math.pi)
+    turn = wrapped(theta - true[2])
     return math.hypot(x - true[0], y - true[1]) > FALSE_M or abs(math.degrees(turn)) > FALSE_DEG
 
 

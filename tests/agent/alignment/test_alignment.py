@@ -12,7 +12,8 @@ from agent.alignment import Alignment, AlignmentConfig, Contact, align
 from agent.alignment.agreement import agreement, index_walls
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
 from agent.alignment.meeting import place_of
-from agent.geometry.transform import apply, compose, distance, fit, inverse
+from agent.geometry.transform import distance, inverse
+from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 from world.maze import generate
 from world.worldfile import from_document
@@ -194,16 +195,6 @@ def test_agreement_and_conflict_are_metres_of_wall_and_the_other_face_is_neither
     assert agreement(mine, walls((4, -0.1, 0, -0.1)), still, CONFIG) == pytest.approx((0.0, 0.0))  # the other face
     agreed, conflict = agreement(mine, walls((1, 0.3, 3, 0.3)), still, CONFIG)
     assert agreed == 0.0 and conflict == pytest.approx(2.0)
-
-
-def test_transforms_compose_invert_and_fit() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        a, b = rng.uniform(-3, 3, (2, 3))
-        points = rng.uniform(-5, 5, (6, 2))
-        assert apply(compose(a, b), points) == pytest.approx(apply(a, apply(b, points)))
-        assert apply(inverse(a), apply(a, points)) == pytest.approx(points)
-        assert apply(fit(points, apply(a, points), 6), points) == pytest.approx(apply(a, points))
 
 
 @pytest.mark.parametrize("seed", range(10))

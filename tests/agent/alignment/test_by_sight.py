@@ -8,9 +8,10 @@ import numpy as np
 
 from agent.alignment.by_sight import Consensus, Sighting, apart_places, consensus, squared
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import apply, compose, distance, inverse
+from agent.geometry.transform import compose, distance, inverse
 from deploy.bench.alignment.live import errors
 from deploy.bench.explored import explore
+from protocol.geometry import apply
 from tests.agent.mapping.test_layers import scan_at
 from tests.agent.mapping.test_particle_filter import ROOM
 

@@ -9,7 +9,8 @@ import pytest
 
 from agent.alignment import AlignmentConfig
 from agent.alignment.congruent_sets import draw_bases, matched_clouds
-from agent.geometry.transform import apply, distance, inverse
+from agent.geometry.transform import distance, inverse
+from protocol.geometry import apply
 from tests.agent.alignment.test_alignment import chain, found, moved
 
 CONFIG = AlignmentConfig()

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from agent.exploration.config import DrivingConfig, PlanningConfig
-from agent.exploration.driving import Driver, wrap
+from agent.exploration.driving import Driver
 from agent.geometry.clearance import distance_to_walls
-from agent.geometry.frames import moved
 from protocol.messages import RobotSpec
 from tests.agent.exploration.test_planning import Roads, chain, go, room, two_rooms
 
@@ -88,8 +87,3 @@ def test_a_standing_teammate_is_passed_at_a_distance():
     assert np.hypot(*(poses[:, :2] - disc).T).min() >= 2 * SPEC.radius_m + CONFIG.teammate_margin_m - 1e-3
     beside = poses[np.abs(poses[:, 0] - 2.0).argmin()]
     assert beside[1] < 1.0  # on the right
-
-
-def test_frames():
-    assert wrap(3 * math.pi) == pytest.approx(math.pi)
-    assert moved(np.array([[1.0, 0.0]]), (2.0, 3.0, math.pi / 2))[0] == pytest.approx((2.0, 4.0))

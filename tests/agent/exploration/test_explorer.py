@@ -17,6 +17,7 @@ from agent.exploration.frontiers import GoalMemory, open_ends, same_wall, stands
 from agent.exploration.planning import Roads
 from agent.exploration.teammates import Teammates
 from agent.geometry.visibility import all_seen
+from protocol.geometry import Pose
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
@@ -30,7 +31,7 @@ PLANNING = PlanningConfig()
 NOBODY = np.zeros((0, 2))
 
 
-def drawn(*polylines: list[tuple[float, float]], spawn: tuple[float, float, float]) -> World:
+def drawn(*polylines: list[tuple[float, float]], spawn: Pose) -> World:
     walls = [[*a, *b] for line in polylines for a, b in pairwise(line)]
     return from_document({"name": "drawn", "units": "m", "walls": walls, "spawns": [list(spawn)]})
 

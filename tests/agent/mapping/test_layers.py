@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from agent.cooperation.ground import Ground, pieces_of
-from agent.geometry.transform import apply, compose, inverse
+from agent.geometry.transform import compose, inverse
 from agent.mapping.layers import layer_of
 from agent.perception.config import PerceptionConfig
 from agent.perception.perceive import perceive
+from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.alignment.test_alignment import moved
@@ -85,7 +86,7 @@ def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) ->
     assert both.likelihood[~both.own].min() > theirs.min() - 0.1
 
 
-def scan_at(pose: tuple[float, float, float], walls: list[tuple[float, float, float, float]]):
+def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
     walk = Walk(walls, LidarSpec())
     ranges = walk.lidar.measured(walk.lidar.cast(np.array([pose])), [np.random.default_rng(3)])[0]
     return perceive(np.asarray(ranges, np.float64), walk.spec, PerceptionConfig(), np.zeros((0, 3)))

@@ -7,19 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from agent.geometry.frames import seen_from
 from agent.mapping.config import FilterConfig, MapConfig
 from agent.mapping.edges import FRONTIER, length, new_slot, set_tip
 from agent.mapping.particle_filter import WireframeFilter, systematic
 from agent.perception.config import PerceptionConfig
 from agent.perception.perceive import perceive
 from agent.perception.seen_discs import SeenDiscs
+from protocol.geometry import Pose, seen_from, wrapped
 from protocol.messages import LidarSpec, OdometrySpec
 from protocol.wireframe import Label, Wireframe
 from world.lidar import Lidar
 
 Place = tuple[float, float]
-Pose = tuple[float, float, float]
 
 
 def ring(*points: tuple[float, float]) -> list[tuple[float, float, float, float]]:
@@ -68,7 +67,7 @@ class Walk:
         ranges = self.lidar.cast(np.array([pose]), discs)
         measured = np.asarray(self.lidar.measured(ranges, [self.rng])[0], np.float64)
         odometry = odometry or pose
-        posts = None if post is None else seen_from(np.array([post]), pose)
+        posts = None if post is None else seen_from(pose, np.array([post]))
         scan = perceive(measured, self.spec, PerceptionConfig(), self.discs.expected(odometry), posts=posts)
         self.discs.see(odometry, scan.discs)
         self.filter.update(scan, odometry)
@@ -224,7 +223,7 @@ def test_odometry_noise_is_corrected_by_the_map(particles: int) -> None:
     for pose in ROOM_TOUR * 3:
         c, s = math.cos(last[2]), math.sin(last[2])
         dx, dy = pose[0] - last[0], pose[1] - last[1]
-        step, turn = c * dx + s * dy, (pose[2] - last[2] + math.pi) % (2 * math.pi) - math.pi
+        step, turn = c * dx + s * dy, wrapped(pose[2] - last[2])
         side = c * dy - s * dx
         step += rng.normal() * spec.distance_sd * math.sqrt(abs(step))
         turn += rng.normal() * math.hypot(
