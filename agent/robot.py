@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.communication.contacts import Contacts
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
-from agent.cooperation.team import Cooperation
+from agent.cooperation.evidence import WALL_MARGIN_M
+from agent.cooperation.merging import SAME_WALL_M
+from agent.cooperation.team import Team
 from agent.errand import ErrandEnd
 from agent.exploration.explorer import Command, Configs, Explorer, Situation
 from agent.mapping.particle_filter import WireframeFilter
@@ -38,8 +39,8 @@ from protocol.wireframe import Wireframe, encode_wireframe
 MOVED_M = 0.01
 """A corner that moved less is where it was: the size of a quantised position on the radio."""
 
-LAY_TICKS = 3
-"""Merged maps are laid over the own one every third tick at most; what is just seen is in the scan anyway."""
+LAY_S = 0.6
+"""Merged maps are laid over the own one at most this often; what was just seen is in the scan anyway."""
 
 
 class Step(NamedTuple):
@@ -72,26 +73,19 @@ class Robot:
         self.explorer = Explorer(
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
-        self.contacts = Contacts(robot, round(config.radio.silence_s * spec.lidar.rate_hz))
-        mtu = min(config.radio.mtu_bytes, spec.radio_mtu_bytes or config.radio.mtu_bytes)
-        talk = config.radio.model_copy(update={"mtu_bytes": mtu})
-        self.exchange = Exchange(self.contacts, talk, spec.lidar.rate_hz)
+        self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
-        self.cooperation = Cooperation(
-            config.cooperation,
-            config.alignment,
-            spec,
-            self.filter.view_rules(config.cooperation.verification.wall_margin_m),
-            self._random(seed, "align"),
-        )
+        rules = self.filter.view_rules(WALL_MARGIN_M)
+        self.team = Team(config.cooperation, config.alignment, spec, rules, self._random(seed, "align"))
         self.own = Wireframe()
         """The map of own scans alone."""
         self.wireframe = Wireframe()
         """The map: the same with merged ones laid over it."""
         self._map_bytes = encode_wireframe(self.wireframe)
         self.version = 0
-        self._laid_tick = -LAY_TICKS
+        self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
+        self._laid_tick = -self._lay_ticks
         self._errand_ended: ErrandEnd | None = None
 
     @staticmethod
@@ -100,7 +94,7 @@ class Robot:
         return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """Take one tick: the paper's Algorithm 1, with mapping before it. C is `contacts`, Z and T `cooperation`."""
+        """Take one tick: the paper's Algorithm 1, with mapping before it. C is `exchange.contacts`, Z and T `team`."""
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
@@ -112,12 +106,12 @@ class Robot:
         pose = self.filter.pose
         self.posts.look(tick, pose, apply(pose, scan.discs), len(heard) > 0)
         own_changed = self._read_own()
-        events = self.exchange.hear(tick, heard)
-        events += self.cooperation.step(tick, self.contacts, self.own, pose, scan, self._errand_ended)
+        hearing = self.exchange.hear(tick, heard)
+        events = hearing.events + self.team.step(tick, hearing, self.own, pose, scan, self._errand_ended)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
-        errand, rivals = self.cooperation.errand, self.cooperation.rivals(tick)
-        explorer, viewpoints = self.explorer, self.cooperation.viewpoints
+        errand = None if self.team.drive is None else self.team.drive.goal
+        explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
         explorer.look(Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints))
         if not len(self.wireframe.edges):
             command = explorer.drive_forward()
@@ -129,8 +123,8 @@ class Robot:
             command = explorer.drive(explorer.default_state())
         self._errand_ended = command.ended
         looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
-        ask = () if command.complete else self.cooperation.shares_work_with
-        in_sight = len(scan.discs) > 0 and self.cooperation.strangers(tick, self.contacts)
+        ask = () if command.complete else self.team.shares_work_with
+        in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts.present)
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
@@ -138,7 +132,7 @@ class Robot:
             self._act(tick, command, events, len(sends), len(self._map_bytes), started),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
-            PoseReport(tick=tick, pose=pose, teammates=self.cooperation.teammates(tick)),
+            PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
         )
 
@@ -160,14 +154,14 @@ class Robot:
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
-        layers = self.cooperation.layers
+        layers = self.team.layers
         new = self.own
         if layers:
-            due = own_changed and tick - self._laid_tick >= LAY_TICKS
-            if not due and not self.cooperation.changed:
+            due = own_changed and tick - self._laid_tick >= self._lay_ticks
+            if not due and not self.team.changed:
                 return False
             self._laid_tick = tick
-            new = self.filter.wireframe_with(layers, self.config.cooperation.merge_offset_m)
+            new = self.filter.wireframe_with(layers, SAME_WALL_M)
         if new is self.wireframe or _alike(new, self.wireframe):
             return False
         self.wireframe = new
@@ -187,7 +181,7 @@ class Robot:
             map_bytes=map_bytes,
             filter_bytes=self.filter.nbytes + self.explorer.nbytes,
             step_ms=(time.perf_counter() - started) * 1e3,
-            merged=self.cooperation.merged_ticks,
+            merged=self.team.merged_ticks,
         )
 
 

@@ -24,6 +24,9 @@ MAX_EVENT_DEPTH = 8
 MAX_EVENT_NODES = 10_000
 """Values in one event; ours."""
 
+MTU_BYTES = 1200
+"""The longest message that goes on the air by default: below what any IP link carries in one piece."""
+
 RobotId = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
 Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
@@ -125,8 +128,8 @@ class RobotSpec(Message):
     odometry: OdometrySpec = OdometrySpec()
     radio_range_m: Annotated[Finite, Field(gt=0)] | None = None
     """Distance beyond which no message arrives; None where the radio has no such bound."""
-    radio_mtu_bytes: Annotated[int, Field(ge=64)] | None = None
-    """The longest message that the radio carries; None where the robot has to know."""
+    radio_mtu_bytes: Annotated[int, Field(ge=64)] = MTU_BYTES
+    """The longest message that the radio carries."""
 
 
 class Join(Message):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StringConstraints
 
-from protocol.messages import RobotId
+from protocol.messages import MTU_BYTES, RobotId
 from protocol.settings import Chance, Config, NotNegative, Positive
 
 LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}$")]
@@ -138,8 +138,8 @@ class RadioConfig(Config):
 
     range_m: Positive | None = 4.0
     """A disc around the sender, judged at the sending tick (paper III: robots within radio range); null for none."""
-    mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = 1200
-    """The longest message that goes on the air: below what any IP link carries in one piece."""
+    mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = MTU_BYTES
+    """The longest message that goes on the air; robots are told it."""
     models: list[Model] = Field(default_factory=list)
 
     def __str__(self) -> str:

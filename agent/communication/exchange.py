@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agent.communication.config import TalkConfig
-from agent.communication.contacts import NOTHING_SEEN, Contacts, Seen
+from agent.communication.contacts import Contacts
+from agent.communication.hearing import NO_VIEWS, Hearing, News, PeerViews, ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
@@ -32,6 +33,16 @@ WHOLE_BYTES = 1.0
 """A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
 KEPT_VIEWS = 6000
 """Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+REASSEMBLY_S = 30.0
+"""Parts of a map wait this long for the next part: three retries."""
+SLACK_CELLS = 1.5
+"""A corner that moved by less than this, in cells of the grid, is not news. Most corners of a map still shift by
+some millimetres a minute."""
+SLACK_LEVELS = 2
+"""A wall's likelihood that changed by less than this, in sevenths, is not news."""
+AXIS_SLACK_DEG = 1.0
+"""The grid is turned anew where the map's main axis is off by more. Then a wall of 1.2 m spans 2 cells across, which
+costs 3 bits each."""
 MOST_TRIES = 10
 """A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
 
@@ -85,8 +96,8 @@ class Known:
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the newest, and those that it may still tell changes to."""
     arriving: Arriving | None = None
-    seen: Seen = NOTHING_SEEN
-    seen_until: int = 0
+    views: PeerViews = NO_VIEWS
+    views_until: int = 0
     """Tick of its last viewpoint that was told."""
 
     @property
@@ -94,13 +105,18 @@ class Known:
         """Version of its map as known; 0: none."""
         return max(self.maps, default=0)
 
+    def map(self) -> ReceivedMap | None:
+        """The newest map; None before the first."""
+        return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None
+
 
 class Exchange:
     """One robot's part of all exchanges of maps."""
 
-    def __init__(self, contacts: Contacts, config: TalkConfig, rate_hz: float) -> None:
-        """rate_hz: ticks a second."""
-        self.contacts, self.config = contacts, config
+    def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int) -> None:
+        """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries."""
+        self.config, self.mtu_bytes = config, mtu_bytes
+        self.contacts = Contacts(round(config.silence_s * rate_hz))
         self._told: dict[str, Told] = {}
         self._known: dict[str, Known] = {}
         self._answers: list[tuple[str, Ack, int]] = []
@@ -110,77 +126,83 @@ class Exchange:
         self._asks: dict[str, int] = {}
         """Who wants to know where the robot looked from, and since when."""
         self._axis: int | None = None
-        self._greet = False
+        self._beacon_due = False
         self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
         self._sight_ticks = max(1, round(config.sight_beacon_s * rate_hz))
         self._period_ticks = max(1, round(config.map_period_s * rate_hz))
         self._retry_ticks = max(1, round(config.retry_s * rate_hz))
-        self._patience_ticks = max(1, round(config.reassembly_s * rate_hz))
+        self._patience_ticks = max(1, round(REASSEMBLY_S * rate_hz))
 
     # --- hearing ------------------------------------------------------------------------------------------------
 
-    def hear(self, tick: int, heard: Sequence[Heard]) -> list[Event]:
-        """Take a tick's messages; returns `contact`, `lost`, `refused` and the last talk's `untold` events.
+    def hear(self, tick: int, heard: Sequence[Heard]) -> Hearing:
+        """Take a tick's messages. Events are `contact`, `lost`, `refused` and the last talk's `untold`.
 
         A bad message meets nobody.
         """
         events, self._events = self._events, []
         refused: dict[str, str] = {}
+        news: dict[str, News] = {}
         for message in heard:
             peer = message.sender
             try:
-                self._take(tick, peer, message)
+                said = self._take(tick, peer, message)
             except ProtocolError as error:
                 refused.setdefault(peer, str(error))
                 continue
-            if met := self.contacts.hear(tick, peer):
-                self._greet = True
-                told = self._told.setdefault(peer, Told())
-                told.sent, told.tries = NEVER, 0  # what did not arrive before goes out at once
-                events += met
-            self._tell_contact(peer, message)
+            if self.contacts.hear(tick, peer):
+                events.append(self._greet(peer))
+                known = self._known.get(peer)
+                news[peer] = News(peer, tick, map=None if known is None else known.map())
+            one = news.get(peer) or News(peer, self.contacts.present[peer].since)
+            match said:
+                case Beacon():
+                    one = one._replace(beacon=said)
+                case ReceivedMap():
+                    one = one._replace(map=said)
+                case PeerViews():
+                    one = one._replace(views=said)
+            news[peer] = one
         events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
-        return events + self.contacts.forget(tick)
+        events += self.contacts.forget(tick)
+        return Hearing([news[peer] for peer in self.contacts.present if peer in news], events)
 
-    def _take(self, tick: int, peer: str, message: Heard) -> None:
-        """What a message changes but the contact; raises ProtocolError for a bad one."""
+    def _greet(self, peer: str) -> Event:
+        """Answer a new contact by a beacon, and tell at once what did not arrive before."""
+        self._beacon_due = True
+        told = self._told.setdefault(peer, Told())
+        told.sent, told.tries = NEVER, 0
+        return Event(event="contact", data={"peer": peer})
+
+    def _take(self, tick: int, peer: str, message: Heard) -> Beacon | ReceivedMap | PeerViews | None:
+        """What a message tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
-            Beacon.decode(message.payload)
-        elif message.kind in (MAP, DELTA, RESEND):
-            self._take_part(tick, peer, Part.decode(message.payload))
-        elif message.kind == ACK:
+            return Beacon.decode(message.payload)
+        if message.kind in (MAP, DELTA, RESEND):
+            return self._take_part(tick, peer, Part.decode(message.payload))
+        if message.kind == ACK:
             self._take_ack(peer, Ack.decode(message.payload))
-        elif message.kind == VIEWS:
-            self._take_views(peer, decode_views(message.payload))
-        else:
-            raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
+            return None
+        if message.kind == VIEWS:
+            return self._take_views(peer, decode_views(message.payload))
+        raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
 
-    def _tell_contact(self, peer: str, message: Heard) -> None:
-        contact = self.contacts.present[peer]
-        if message.kind == BEACON:
-            beacon = Beacon.decode(message.payload)
-            contact.pose, contact.pose_tick = beacon.pose, beacon.tick
-        known = self._known.get(peer)
-        if known is not None and known.newest > contact.map_tick:
-            contact.wireframe, contact.map_tick = known.maps[known.newest].wireframe(), known.newest
-        if known is not None:
-            contact.seen = known.seen
-
-    def _take_part(self, tick: int, peer: str, part: Part) -> None:
+    def _take_part(self, tick: int, peer: str, part: Part) -> ReceivedMap | None:
+        """Keep a part; the map, once it is whole."""
         known = self._known.setdefault(peer, Known())
         if part.version in known.maps:
             self._answer(peer, Ack(part.version), part.parts)
-            return
+            return None
         if part.version < known.newest:
-            return  # overtaken by a newer one
+            return None  # overtaken by a newer one
         if part.base and part.base not in known.maps:
             self._answer(peer, Ack(part.version, None), part.parts)
-            return
+            return None
         arriving = known.arriving
         if arriving is not None and tick - arriving.last > self._patience_ticks:
             arriving = None
         if arriving is not None and part.version < arriving.version:
-            return
+            return None
         if arriving is None or part.version > arriving.version:
             arriving = Arriving(part.version, part.base, part.parts, tick)
         elif (arriving.base, arriving.count) != (part.base, part.parts):
@@ -199,6 +221,7 @@ class Exchange:
             for version in sorted(known.maps)[:-KEPT_MAPS]:
                 del known.maps[version]
         self._answer(peer, Ack(part.version, arriving.missing), part.parts)
+        return None if arriving.missing else known.map()
 
     def _answer(self, peer: str, ack: Ack, count: int) -> None:
         """Acknowledge at this tick's end: one answer a peer and version, the last word."""
@@ -219,19 +242,20 @@ class Exchange:
             told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
             told.parts = [p for p in told.parts if p.version > ack.version]
 
-    def _take_views(self, peer: str, views: AskViews | Views) -> None:
+    def _take_views(self, peer: str, views: AskViews | Views) -> PeerViews | None:
         if isinstance(views, AskViews):
             self._asks[peer] = views.since
-            return
+            return None
         known = self._known.setdefault(peer, Known())
-        if views.until <= known.seen_until or views.since not in (0, known.seen_until):
-            return  # twice, or late; what is missing will be asked for
-        old = known.seen if views.since else NOTHING_SEEN
+        if views.until <= known.views_until or views.since not in (0, known.views_until):
+            return None  # twice, or late; what is missing will be asked for
+        old = known.views if views.since else NO_VIEWS
         need = np.full(len(views.cells), known.newest)
-        known.seen = Seen(
+        known.views_until = views.until
+        known.views = PeerViews(
             np.vstack((old.points, views.points))[-KEPT_VIEWS:], np.concatenate((old.need, need))[-KEPT_VIEWS:]
         )
-        known.seen_until = views.until
+        return known.views
 
     # --- talking ------------------------------------------------------------------------------------------------
 
@@ -253,9 +277,9 @@ class Exchange:
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
-        if self._greet or tick % period == 0 or tick % self._beacon_ticks == 0:
+        if self._beacon_due or tick % period == 0 or tick % self._beacon_ticks == 0:
             sends.append(Send(tick=tick, to=EVERYONE, kind=BEACON, payload=Beacon(tick, pose).encode()))
-        self._greet = False
+        self._beacon_due = False
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
         self._answers = []
         for peer in self.contacts.present:
@@ -272,14 +296,14 @@ class Exchange:
                 continue
             if not told.parts and told.compared == state:
                 told.current = tick
-            views = looked.between(since, told.current, self.config.mtu_bytes)
+            views = looked.between(since, told.current, self.mtu_bytes)
             if views is not None:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
         self._asks = {}
         if tick % self._beacon_ticks == 0:
             for peer in self.contacts.present:
                 if peer in ask:
-                    question = AskViews(self._known.setdefault(peer, Known()).seen_until)
+                    question = AskViews(self._known.setdefault(peer, Known()).views_until)
                     sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
@@ -319,13 +343,13 @@ class Exchange:
         """
         config = self.config
         axis = main_axis(wireframe)
-        slack = config.axis_slack_deg / 90 * AXIS_STEPS
+        slack = AXIS_SLACK_DEG / 90 * AXIS_STEPS
         if self._axis is None or abs((axis - self._axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
             self._axis = axis
         base = told.maps.get(told.acked)
         if base is not None and base.axis != self._axis:
             base = None
-        new = quantise(wireframe, config.cell_mm, self._axis, base, config.slack_cells, config.level_slack)
+        new = quantise(wireframe, config.cell_mm, self._axis, base, SLACK_CELLS, SLACK_LEVELS)
         if base is not None and new.alike(base) and not told.parts:
             return []
         coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
@@ -338,7 +362,7 @@ class Exchange:
             return []
         if not len(new.cells) and base is None:
             return []
-        parts = in_parts(tick, version, coded.data, config.mtu_bytes)
+        parts = in_parts(tick, version, coded.data, self.mtu_bytes)
         told.maps[tick] = coded.map
         for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
             del told.maps[old]

@@ -1,7 +1,7 @@
 """A proposal on trial: a hypothesis with a weight that new scans and messages update (paper IV; the rule is ours).
 
-A sequential test on evidence that the alignment did not use. Its weight is the log-odds, in nats, that the transform
-is right; at either bound it decides, before the robot arrives where it wanted to look.
+The trial is a sequential test on evidence that the alignment did not use. Its weight is the log-odds, in nats, that
+the transform is right. At either bound the trial decides, also before the robot arrives where it wanted to look.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from agent.alignment.by_sight import Sighting
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.ground import Ground, sees_place
+from agent.cooperation.evidence import WallEvidence, sees_place
 from agent.corner_scan import CornerScan
 from agent.mapping.contradiction import ViewRules
 from agent.mapping.scan_merge import to_map_frame
@@ -20,17 +21,44 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
 KINDS = ("ground", "discs", "heard", "later_maps")
+"""Kinds of evidence, as the switches of VerificationConfig and the figures of events name them."""
+
+GROUND_NATS_PER_M = 0.6
+"""Gain for newly seen wall as predicted: little, as rooms are alike."""
+GROUND_MOST_NATS = 3.0
+"""The gain by walls is never more than this, as a room's twin agrees everywhere. So the drive alone accepts nothing."""
+GROUND_AGAINST_NATS_PER_M = 4.0
+"""Loss for predicted wall that is not there. Right maps have 0.2 m of it at the median, twins of a room several
+metres."""
+DISC_NATS = 2.5
+"""Gain for a disc where the teammate must be. By chance a disc is there in one of twelve such looks at most."""
+DISC_AGAINST_NATS = 2.5
+"""Loss for free floor where the teammate must be in view: perception misses one teammate of ten."""
+LATER_NATS = 2.5
+"""Gain where maps that have grown give the same transform, unambiguously."""
+LATER_AGAINST_NATS = 6.0
+"""Loss where they give another one: decides."""
+HEARD_AGAINST_NATS = 10.0
+"""Loss for a message from beyond the radio's range: decides."""
+
+FRESH_LOOKS = 2
+"""Scans that must say the same of a piece of wall before it counts."""
+DISC_GATE_M = 0.15
+"""A disc this near to where a teammate is predicted is the teammate: 0.05 m that it drives in a tick, and 3 sigma of
+the transform's error and of the disc's fit, 0.03 m."""
+DISC_FAR_M = 2.5
+"""A teammate farther off may be missed: its disc has five beams there."""
+DISC_MOVED_M = 0.3
+"""Looks at a teammate are independent once it or the robot has moved this far."""
 
 
 @dataclass
-class Verification:
+class Trial:
     """The evidence on one transform (3,), which takes the peer's frame into the robot's own."""
 
     config: VerificationConfig
     transform: Floats
-    ground: Ground
-    begun: int
-    """Tick of the proposal."""
+    walls: WallEvidence
     used: int = 0
     """Sightings of the peer that gave the transform, and so are no evidence for it."""
     nats: dict[str, float] = field(default_factory=lambda: dict.fromkeys(KINDS, 0.0))
@@ -40,12 +68,13 @@ class Verification:
     agreed_again: int = 0
     """Later alignments that gave the same transform."""
     _looked_from: Floats | None = None
+    """(4,) predicted place of the peer, and the robot's, when the peer was last missed."""
     _seen_at: list[tuple[float, float]] = field(default_factory=list)
     """Places of the peer, in its own frame, at which discs were counted."""
 
     @property
     def weight(self) -> float:
-        """Log-odds of right against wrong."""
+        """Log-odds of right against wrong, by the kinds of evidence that count."""
         return sum(self.nats[kind] for kind in KINDS if getattr(self.config, kind))
 
     @property
@@ -55,54 +84,58 @@ class Verification:
             return True
         return False if self.weight <= -self.config.reject else None
 
-    def walk(self) -> None:
-        """Weigh the ground that was looked at."""
-        confirmed, against = self.ground.said(self.config.fresh_looks)
-        gain = min(self.config.ground_nats_per_m * confirmed, self.config.ground_most)
-        self.nats["ground"] = gain - self.config.ground_against_per_m * against
+    def walk(self, pose: Pose, scan: CornerScan, rules: ViewRules) -> None:
+        """Hold a scan against the received walls, and weigh what is known of them."""
+        self.walls.look(self.transform, pose, scan, rules)
+        confirmed, against = self.walls.said(FRESH_LOOKS)
+        gain = min(GROUND_NATS_PER_M * confirmed, GROUND_MOST_NATS)
+        self.nats["ground"] = gain - GROUND_AGAINST_NATS_PER_M * against
+
+    def meet(self, sighting: Sighting, reach_m: float, radius_m: float, rules: ViewRules) -> None:
+        """Weigh a message and the scan of its moment. reach_m: the radio's range; radius_m: of the peer's body."""
+        self.hear(sighting.here, sighting.theirs, reach_m)
+        self.look_for_disc(sighting.here, sighting.theirs, sighting.scan, sighting.discs, radius_m, rules)
 
     def hear(self, here: Pose, theirs: Pose, reach_m: float) -> None:
         """A message was heard here from a peer that says where it is, in its own frame; both must fit the radio."""
         x, y = apply(self.transform, np.array([theirs[:2]]))[0]
         if math.hypot(x - here[0], y - here[1]) > reach_m:
-            self.nats["heard"] -= self.config.heard_against
+            self.nats["heard"] -= HEARD_AGAINST_NATS
 
     def look_for_disc(
         self, here: Pose, theirs: Pose, scan: CornerScan, discs: Floats, radius_m: float, rules: ViewRules
     ) -> None:
         """Is the peer where the transform puts it? discs (d, 2): seen in this scan, robot's own frame, metres.
 
-        A disc counts once the peer has moved on from all places where one did, as what stands still may be a post or
-        another teammate; free floor once either robot has moved on since the last look.
+        A disc counts once the peer has moved on from all places where one counted, as what stands still may be a post
+        or another teammate. Free floor counts once either robot has moved on since the last look.
         """
         x, y = apply(self.transform, np.array([theirs[:2]]))[0].tolist()
         away = math.hypot(x - here[0], y - here[1])
         if away < 2.0 * radius_m:
             return
-        if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= self.config.disc_gate_m:
-            if all(math.dist(theirs[:2], place) >= self.config.disc_moved_m for place in self._seen_at):
+        if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= DISC_GATE_M:
+            if all(math.dist(theirs[:2], place) >= DISC_MOVED_M for place in self._seen_at):
                 self._seen_at.append((theirs[0], theirs[1]))
                 self.discs_seen += 1
-        elif away <= self.config.disc_far_m:
+        elif away <= DISC_FAR_M:
             places = np.array([x, y, here[0], here[1]])
-            if self._looked_from is not None and np.abs(places - self._looked_from).max() < self.config.disc_moved_m:
+            if self._looked_from is not None and np.abs(places - self._looked_from).max() < DISC_MOVED_M:
                 return
             if sees_place(x, y, radius_m, here, scan.pieces, to_map_frame(scan.pieces, here), scan.sight, rules):
                 self.discs_missed += 1
                 self._looked_from = places
-        gain = self.config.disc_nats * max(self.discs_seen - self.used, 0)
-        self.nats["discs"] = gain - self.config.disc_against * self.discs_missed
+        gain = DISC_NATS * max(self.discs_seen - self.used, 0)
+        self.nats["discs"] = gain - DISC_AGAINST_NATS * self.discs_missed
 
-    def align_again(self, same: bool | None) -> None:
-        """Later maps were aligned: the same transform, another one, or none (None)."""
-        if same is None:
-            return
+    def align_again(self, same: bool) -> None:
+        """Later maps were aligned, and gave the same transform or another one."""
         self.agreed_again += int(same)
-        self.nats["later_maps"] += self.config.later_nats if same else -self.config.later_against
+        self.nats["later_maps"] += LATER_NATS if same else -LATER_AGAINST_NATS
 
     def figures(self) -> dict[str, object]:
         """For an event."""
-        confirmed, against = self.ground.said(self.config.fresh_looks)
+        confirmed, against = self.walls.said(FRESH_LOOKS)
         return {
             "weight": round(self.weight, 2),
             "evidence": {kind: round(nats, 2) for kind, nats in self.nats.items()},

@@ -82,9 +82,7 @@ def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
 
 def test_a_robot_keeps_to_the_radio_s_mtu() -> None:
     spec = RobotSpec(radio_mtu_bytes=100)
-    assert Robot("r1", spec, AgentConfig(), 7).exchange.config.mtu_bytes == 100
-    small = AgentConfig.model_validate({"radio": {"mtu_bytes": 80}})
-    assert Robot("r1", spec, small, 7).exchange.config.mtu_bytes == 80
+    assert Robot("r1", spec, AgentConfig(), 7).exchange.mtu_bytes == 100
 
 
 def test_a_peer_is_met_once_and_lost_after_silence() -> None:
@@ -95,10 +93,10 @@ def test_a_peer_is_met_once_and_lost_after_silence() -> None:
         events += [(tick, e.event, e.data) for e in mind.step(observation(tick, len(said)), said).action.events]
     met = [(tick, name) for tick, name, data in events if name in ("contact", "lost")]
     assert met == [(5, "contact"), (46, "lost"), (70, "contact")]
-    contact = mind.contacts.present["r2"]
-    assert (contact.pose, contact.pose_tick) == ((0.5, 0.5, 0.0), 70)
-    assert contact.wireframe is not None and len(contact.wireframe.edges) == 4
-    assert contact.map_tick == 70
+    log = mind.team.peers["r2"].log
+    assert (log.pose, log.pose_tick) == ((0.5, 0.5, 0.0), 70)
+    assert log.map is not None and len(log.map.wireframe.edges) == 4
+    assert log.map.tick == 70
 
 
 @pytest.mark.parametrize(
@@ -119,7 +117,7 @@ def test_a_bad_message_is_refused_with_a_reason_and_changes_nothing(bad: Heard) 
     assert len(refused) == 1
     assert refused[0].data["peer"] == "r2"
     assert refused[0].data["reason"]
-    assert not mind.contacts.present
+    assert not mind.exchange.contacts.present and not mind.team.peers
 
 
 def test_the_same_observations_give_the_same_step() -> None:

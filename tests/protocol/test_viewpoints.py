@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.communication.contacts import Contacts, Seen
 from agent.communication.exchange import Exchange
+from agent.communication.hearing import PeerViews
 from protocol.errors import ProtocolError
-from protocol.messages import Heard, Send
+from protocol.messages import MTU_BYTES, Heard, Send
 from protocol.viewpoints import CELL_M, VIEWS, AskViews, Looked, Views, decode_views
 from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
 
@@ -61,7 +61,7 @@ class Two:
     """Robot a maps and looks, robot b asks; messages take a tick, and some are lost."""
 
     def __init__(self, loss: float = 0.0) -> None:
-        self.a, self.b = (Exchange(Contacts(name, 25), TalkConfig(), RATE_HZ) for name in "ab")
+        self.a, self.b = (Exchange(TalkConfig(), RATE_HZ, MTU_BYTES) for _ in "ab")
         self.tick, self.rooms = 0, 1
         self.flying: list[tuple[str, Send]] = []
         self.sent: list[tuple[str, Send]] = []
@@ -81,7 +81,7 @@ class Two:
                     for sender, send in heard
                     if sender != name
                 ]
-                assert not [event for event in robot.hear(self.tick, mine) if event.event == "refused"]
+                assert not [event for event in robot.hear(self.tick, mine).events if event.event == "refused"]
                 if name == "a":
                     sends = robot.talk(self.tick, (0, 0, 0), comb(self.rooms), self.rooms, self.looked)
                 else:
@@ -93,8 +93,8 @@ class Two:
             self.tick += 1
 
     @property
-    def seen(self) -> Seen:
-        return self.b._known["a"].seen if "a" in self.b._known else Seen()
+    def seen(self) -> PeerViews:
+        return self.b._known["a"].views if "a" in self.b._known else PeerViews()
 
     @property
     def known(self) -> int:
@@ -139,7 +139,7 @@ def test_no_viewpoint_is_told_before_the_map_of_what_was_seen_from_there() -> No
 def test_a_robot_that_began_anew_tells_all_again() -> None:
     two = Two()
     two.run(200)
-    two.a = Exchange(Contacts("a", 25), TalkConfig(), RATE_HZ)
+    two.a = Exchange(TalkConfig(), RATE_HZ, MTU_BYTES)
     two.looked = Looked([], [])
     two.run(100)
     born = 200

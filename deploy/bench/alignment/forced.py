@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.alignment import prepare
 from agent.alignment.align import candidates, pose_of
-from agent.cooperation.team import Peer
+from agent.cooperation.peer import Heard, Merged
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.alignment.live import errors, right, true_transform
@@ -90,41 +90,36 @@ class ForcedRun:
         return {"forced": self.forced, "open": len(self._open)}
 
     def _watch(self, robot: Robot, observation: Observation, step: Step) -> None:
-        cooperation = robot.cooperation
-        if observation.tick == 0:
-            natural = cooperation._align_if_grown
-
-            def only_again(tick: int, peer: Peer, own: Wireframe, pose: Any) -> bool:
-                """Nothing but what is on trial is aligned."""
-                return peer.status == "proposed" and natural(tick, peer, own, pose)
-
-            cooperation._align_if_grown = only_again  # type: ignore[method-assign]
+        team = robot.team
+        if observation.tick == 0:  # nothing but what is on trial is aligned
+            team._align_heard = lambda *_: False  # type: ignore[method-assign]
+            team._update = lambda *_: None  # type: ignore[method-assign]
         for event in step.action.events:
             if event.event in ("accepted", "rejected"):
                 self._close(robot.robot, event.event, event.data)
-        for name, peer in list(cooperation.peers.items()):
+        for name, peer in list(team.peers.items()):
             early = observation.tick < self._next.get((robot.robot, name), 0)
             if early or (robot.robot, name) in self._open:
                 continue
-            if event_free(peer) and peer.wireframe is not None:
-                if min(len(peer.wireframe.edges), len(robot.own.edges)) >= LEAST_WALLS:
-                    self._force(robot, peer, observation.tick)
-            elif peer.status == "merged":  # a near miss that later maps put right, or a failure: go on
-                cooperation._unmerge(peer, "made free for the next", {})
+            if isinstance(peer, Merged):  # a near miss that later maps put right, or a failure: go on
+                team.undo(peer, "made free for the next", {})
+            elif isinstance(peer, Heard) and peer.log.contact is not None and peer.log.map is not None:
+                theirs = peer.log.map.wireframe
+                if min(len(theirs.edges), len(robot.own.edges)) >= LEAST_WALLS:
+                    self._force(robot, peer, theirs, observation.tick)
 
-    def _force(self, robot: Robot, peer: Peer, tick: int) -> None:
+    def _force(self, robot: Robot, peer: Heard, theirs: Wireframe, tick: int) -> None:
         kind = KINDS[len(self.forced) % len(KINDS)]
-        truth = true_transform(self.frames[robot.robot], self.frames[peer.name])
-        wrong = self._wrong(kind, robot, peer, truth)
-        assert peer.wireframe is not None and peer.contact is not None
-        robot.cooperation.propose(tick, peer.name, pose_of(wrong), robot.own, {"forced": True})
-        peer.corners, peer.alignment = (len(robot.own.edges), len(peer.wireframe.edges)), None
-        self._next[robot.robot, peer.name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
-        self._open[robot.robot, peer.name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
+        name = peer.log.name
+        truth = true_transform(self.frames[robot.robot], self.frames[name])
+        wrong = self._wrong(kind, robot, peer, theirs, truth)
+        robot.team.propose(peer, pose_of(wrong), robot.own, {"forced": True})
+        peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
+        self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
+        self._open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
-    def _wrong(self, kind: str, robot: Robot, peer: Peer, truth: Floats) -> Floats:
+    def _wrong(self, kind: str, robot: Robot, peer: Heard, theirs: Wireframe, truth: Floats) -> Floats:
         """(3,) a transform of that kind that is wrong."""
-        assert peer.wireframe is not None and peer.contact is not None
         mine = self.frames[robot.robot]
         if kind == "twin":
             half = np.array([*(2.0 * self.centre), math.pi])  # the half turn about the building's centre
@@ -136,22 +131,19 @@ class ForcedRun:
             return compose(np.array([away * math.cos(angle), away * math.sin(angle), 0.0]), truth)
         if kind == "rival":
             config = robot.config.alignment
-            one, two = prepare(robot.own, config), prepare(peer.wireframe, config)
+            one, two = prepare(robot.own, config), prepare(theirs, config)
             if one is not None and two is not None and one.walls is not None and two.walls is not None:
                 found: Floats
                 for found in candidates(one, two, config, self.rng).transforms:
-                    if not right(*self._errors(found, robot, peer)):
+                    off = errors(found.tolist(), mine, self.frames[peer.log.name], theirs.points.mean(0))
+                    if not right(*off):
                         return found
         # a turn about where the peer was at the contact, which stays within range
-        spot = apply(truth, np.array([peer.contact[1][:2]]))[0]
+        assert peer.log.contact is not None
+        spot = apply(truth, np.array([peer.log.contact.theirs[:2]]))[0]
         turn = float(self.rng.choice([0.5, 1.0, 1.5])) * math.pi
         about = compose(np.array([spot[0], spot[1], turn]), np.array([-spot[0], -spot[1], 0.0]))
         return compose(about, truth)
-
-    def _errors(self, transform: Floats, robot: Robot, peer: Peer) -> tuple[float, float]:
-        assert peer.wireframe is not None
-        centre = peer.wireframe.points.mean(0)
-        return errors(transform.tolist(), self.frames[robot.robot], self.frames[peer.name], centre)
 
     def _close(self, one: str, event: str, data: Mapping[str, Any]) -> None:
         opened = self._open.pop((one, data["peer"]), None)
@@ -170,11 +162,6 @@ class ForcedRun:
                 "evidence": data["evidence"],
             }
         )
-
-
-def event_free(peer: Peer) -> bool:
-    """Whether a peer has been heard and nothing is proposed of it."""
-    return peer.status == "heard" and peer.contact is not None
 
 
 def sections(figures: Mapping[str, Figures]) -> list[Section]:

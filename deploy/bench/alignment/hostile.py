@@ -89,14 +89,14 @@ class _Besieged:
 
     def _judge(self) -> None:
         """What of it became part of the robot's map."""
-        for name in self.robot.cooperation.merged_ticks:
-            peer = self.robot.cooperation.peers[name]
+        for peer in self.robot.team.merged:
+            name = peer.log.name
             if self.kinds[name] != "shifted":
                 self.merged.add(name)
-            elif peer.transform is not None and peer.taken is not None:
-                # the good one may be merged, but what is merged must stay where it was
-                gap = apply(peer.transform, np.zeros((1, 2))) - apply(inverse(self.frames[name]), np.zeros((1, 2)))
-                self.moved_m = max(self.moved_m, float(np.hypot(*gap[0])))
+                continue
+            # the good map may be merged, but then it must stay where it was
+            gap = apply(peer.transform, np.zeros((1, 2))) - apply(inverse(self.frames[name]), np.zeros((1, 2)))
+            self.moved_m = max(self.moved_m, float(np.hypot(*gap[0])))
 
     def figures(self) -> Figures:
         """Messages, and what was merged of them."""
@@ -122,7 +122,7 @@ class _Besieged:
             told = moved(self.elsewhere[int(name[1:]) % len(self.elsewhere)], frame)
             corner = told.points[int(self.rng.integers(len(told.points)))]
             place = float(corner[0]), float(corner[1]), 0.0
-        elif kind == "shifted" and name in self.robot.cooperation.merged_ticks:
+        elif kind == "shifted" and name in self.robot.team.merged_ticks:
             told = moved(told, np.array([1.0, 0.0, 0.0]))
         elif kind == "off its map":
             place = place[0] + 500.0, place[1], place[2]

@@ -199,7 +199,7 @@ class Watched:
             if event.event in EVENTS:
                 self.events.append({"t": t, "robot": robot.robot, "event": event.event, **event.data})
         if observation.tick % round(LOOK_S * robot.spec.lidar.rate_hz) == 0:
-            for peer in robot.contacts.present:
+            for peer in robot.exchange.contacts.present:
                 if (robot.robot, peer) not in self.due and peer in self.minds:
                     self.see_overlap(t, robot.robot, peer)
 
@@ -207,7 +207,7 @@ class Watched:
         """Whether no pair can be merged any more, all have 99 %, and every pair had the time that the issue gives."""
         since = max(self.due.values(), default=0.0)
         others = len(self.minds) - 1
-        merged = all(len(mind.cooperation.merged_ticks) == others for mind in self.minds.values())
+        merged = all(len(mind.team.merged_ticks) == others for mind in self.minds.values())
         return merged and _each(episode) and episode.t >= since + JOINT_S
 
     def see_overlap(self, t: float, one: str, two: str) -> None:
@@ -239,7 +239,7 @@ class Watched:
         pairs = []
         for (one, two), since in sorted(self.due.items()):
             if since <= end - JOINT_S:
-                merged = two in run.robots[one].cooperation.merged_ticks
+                merged = two in run.robots[one].team.merged_ticks
                 pairs.append(
                     {"robot": one, "peer": two, "since": since, "merged": merged, "reason": self._last(one, two)}
                 )

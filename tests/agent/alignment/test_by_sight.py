@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from agent.alignment.by_sight import Consensus, Sighting, apart_places, consensus, squared
+from agent.cooperation.peer import Merged
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import compose, distance, inverse
 from deploy.bench.alignment.live import errors
@@ -87,7 +88,7 @@ def test_twins_of_rooms_are_no_obstacle_to_robots_that_see_each_other() -> None:
         centre = run.robots[peer].own.points.mean(0)
         metres, degrees = errors(data["transform"], frames[robot], frames[peer], centre)  # type: ignore[arg-type]
         assert metres < 0.1 and degrees < 2.0
-        assert run.robots[robot].cooperation.peers[peer].status == "merged"
+        assert isinstance(run.robots[robot].team.peers[peer], Merged)
 
 
 def test_two_robots_that_drive_straight_fit_each_other_but_on_a_line() -> None:

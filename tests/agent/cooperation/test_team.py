@@ -7,8 +7,9 @@ import pytest
 
 from agent.config import AgentConfig
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.ground import Ground
-from agent.cooperation.verification import Verification
+from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.peer import Heard
+from agent.cooperation.verification import Trial
 from agent.robot import Robot, Step
 from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
@@ -21,8 +22,8 @@ from tests.agent.mapping.test_particle_filter import ROOM, Walk
 MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0}
 
 
-def trial(**config: object) -> Verification:
-    return Verification(VerificationConfig.model_validate(config), np.zeros(3), Ground(), 0)
+def trial(**config: object) -> Trial:
+    return Trial(VerificationConfig.model_validate(config), np.zeros(3), WallEvidence())
 
 
 def test_each_kind_of_evidence_counts_and_can_be_switched_off() -> None:
@@ -42,7 +43,6 @@ def test_the_bounds_decide() -> None:
     one = trial()
     assert one.verdict is None
     one.align_again(True)
-    one.align_again(None)
     assert one.verdict is None and one.agreed_again == 1
     one.align_again(True)
     assert one.verdict is True
@@ -106,7 +106,7 @@ def test_robots_that_meet_merge_rightly_and_say_why(met) -> None:
         proposed = [d for r, event, d in events if (r, event) == (robot, "proposed") and d["peer"] == peer]
         assert proposed and {"candidates", "inliers", "residual", "margin", "agreement", "conflict"} <= set(proposed[0])
         mind = run.robots[robot]
-        assert peer in mind.cooperation.merged_ticks
+        assert peer in mind.team.merged_ticks
         assert len(mind.wireframe.edges) >= len(mind.own.edges)
     attempts = [data for _, event, data in events if event == "attempt"]
     assert all(data["reason"] for data in attempts)
@@ -116,13 +116,13 @@ def test_the_teammate_s_pose_is_published_where_it_is(met) -> None:
     run, _, teammates = met
     assert any(one.status == "merged" for one in teammates)
     for name, mind in run.robots.items():
-        for one in mind.cooperation.teammates(run.episode.tick):
+        for one in mind.team.teammates(run.episode.tick):
             assert one.robot != name and one.covariance[0] > 0 and one.covariance[8] > 0
 
 
 def test_without_sharing_nothing_is_aligned() -> None:
     run = explore({**MEET, "max_time_s": 40.0}, {"cooperation": {"sharing": False}})
-    assert all(not mind.cooperation.peers for mind in run.robots.values())
+    assert all(not mind.team.peers for mind in run.robots.values())
 
 
 def test_forced_wrong_proposals_are_not_accepted() -> None:
@@ -147,25 +147,20 @@ def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> No
     def watch(robot: Robot, observation: Observation, step: Step) -> None:
         if robot.robot != "r1":
             return
-        cooperation = robot.cooperation
+        team = robot.team
         if reason.startswith("own"):
-            cooperation._align_if_grown = lambda *_: False  # type: ignore[method-assign]
+            team._align = lambda *_: None  # type: ignore[method-assign]
         for event in step.action.events:
             if event.event == "unmerged":
                 events.append((observation.tick / 5, event.event, event.data))
-                undone.append(
-                    robot.wireframe is robot.own and not cooperation.layers and not len(cooperation.viewpoints)
-                )
-        peer = cooperation.peers.get("r2")
+                undone.append(robot.wireframe is robot.own and not team.layers and not len(team.viewpoints))
+        peer = team.peers.get("r2")
         if observation.tick < 100 or peer is None:  # until both have seen something that can be contradicted
             return
-        if peer.status == "heard" and not events and peer.wireframe is not None:
-            x, y, _ = peer.pose
+        if isinstance(peer, Heard) and not events and peer.log.map is not None:
+            x, y, _ = peer.log.pose
             there = (-x + 1.0, -y + 0.5, 0.4)  # anywhere but where it is
-            cooperation.propose(observation.tick, "r2", there, robot.own, {})
-            cooperation.queue.remove("r2")
-            peer.trial = None
-            cooperation.merge(observation.tick, peer)
+            team.merge(team.propose(peer, there, robot.own, {}), observation.tick)
 
     explore({**MEET, "seed": seed}, {}, watch)
     assert undone == [True]

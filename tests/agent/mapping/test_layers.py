@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.cooperation.ground import Ground, pieces_of
+from agent.cooperation.evidence import WallEvidence, pieces_of
 from agent.geometry.transform import compose, inverse
 from agent.mapping.layers import layer_of
 from agent.perception.config import PerceptionConfig
@@ -98,7 +98,7 @@ def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where
     rules = walk.filter.view_rules(0.12)
     turned = compose(np.array([2.0, 2.0, math.pi / 2]), compose(np.array([-2.0, -2.0, 0.0]), T))
     for transform, good in ((T, True), (T + np.array([0.0, -0.6, 0.0]), False), (turned, False)):
-        ground = Ground()
+        ground = WallEvidence()
         ground.lay(whole)
         for pose in ROOM_TOUR[::10]:
             ground.look(transform, pose, scan_at(pose, ROOM), rules)
@@ -113,7 +113,7 @@ def test_ground_that_an_alignment_used_is_not_fresh_and_what_is_known_of_it_outl
     walk: Walk, whole: Wireframe
 ) -> None:
     rules = walk.filter.view_rules(0.12)
-    ground = Ground()
+    ground = WallEvidence()
     pieces, _ = pieces_of(whole)
     ground.lay(whole, np.zeros(len(pieces), np.bool_))
     pose = ROOM_TOUR[0]
@@ -138,7 +138,7 @@ def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wiref
         np.append(whole.likelihood, 1.0).astype(np.float32),
         np.append(whole.own, True),
     )
-    ground = Ground()
+    ground = WallEvidence()
     ground.lay(phantom)
     rules = walk.filter.view_rules(0.12)
     pose = (2.5, 0.7, 0.0)

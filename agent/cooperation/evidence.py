@@ -1,7 +1,7 @@
-"""What own scans say of a received map, piece by piece of its walls: as predicted, not there, or not looked at (ours).
+"""What own scans say of a received map, piece by piece of its walls: found, seen through, or not looked at (ours).
 
-Each piece of 10 cm counts once, however often it is seen, as scans are not independent. Pieces that the alignment
-has already used are not fresh and count for nothing.
+A piece of 10 cm counts once, however many scans show it, as scans are not independent. Pieces that lie on walls of the
+own map are not fresh: the alignment has used them, so they count for nothing.
 """
 
 from __future__ import annotations
@@ -17,18 +17,25 @@ from agent.kernels import kernel
 from agent.mapping.contradiction import GRAZING, ON, THROUGH, ViewRules, look_at
 from agent.mapping.scan_merge import to_map_frame
 from protocol.arrays import Bools, Floats, Ints
-from protocol.geometry import Pose
+from protocol.geometry import Pose, apply
 from protocol.wireframe import Wireframe
 
 PIECE_M = 0.1
-"""Length of a piece of ground (facts/alignment.md)."""
+"""Length of a piece of wall."""
 MAX_PIECES = 20_000
-"""Of one map: 2 km of wall."""
+"""Pieces of one map: 2 km of wall. A larger map is cut into longer pieces."""
 ALIKE = 0.94
-"""Cosine of 20 degrees: walls that differ by less in direction may be one."""
+"""Cosine of 20 degrees: walls whose directions differ by less may be one."""
+WALL_MARGIN_M = 0.12
+"""A wall within this of where the received map predicts one is the predicted one: 3 sigma of both maps' errors and of
+the transform's."""
+USED_M = 2.0 * WALL_MARGIN_M
+"""A piece of a received map within this of an own wall, in x and in y, is not fresh."""
+USED_COSINE = 0.9
+"""... if its direction differs by less than this cosine says, 26 degrees."""
 
 
-class Ground:
+class WallEvidence:
     """The walls of a received map in pieces, in the sender's frame, and what own scans said of each."""
 
     def __init__(self) -> None:
@@ -37,6 +44,7 @@ class Ground:
         self.wall = np.zeros(0, np.int64)
         """(k,) index of the edge that each belongs to."""
         self.fresh = np.zeros(0, np.bool_)
+        """(k,) whether no alignment has used it."""
         self.on = np.zeros(0, np.int64)
         """(k,) scans that found the wall in its place."""
         self.through = np.zeros(0, np.int64)
@@ -46,7 +54,7 @@ class Ground:
     def lay(self, wireframe: Wireframe, fresh: Bools | None = None) -> None:
         """Take a newer map of the same sender; what is known of pieces that it still has is kept.
 
-        fresh: (k,) for the pieces of `pieces_of`; None: new ones are.
+        fresh: (k,) for the pieces of `pieces_of`; None: as before, and pieces that are new are fresh.
         """
         pieces, wall = pieces_of(wireframe)
         keys = _keys(pieces)
@@ -76,13 +84,13 @@ class Ground:
         )
 
     def said(self, looks: int) -> tuple[float, float]:
-        """Metres of fresh wall that own scans confirm, and that they contradict, each by so many scans."""
+        """Metres of fresh wall that at least `looks` own scans confirm, and that at least so many contradict."""
         confirmed = (self.on >= looks) & (self.on > self.through)
         against = (self.through >= looks) & (self.through > self.on)
         return PIECE_M * float((confirmed & self.fresh).sum()), PIECE_M * float((against & self.fresh).sum())
 
     def hidden(self, after: int, edges: int) -> Bools:
-        """(edges,) walls that own scans have seen through along a third of their length or more."""
+        """(edges,) walls that at least `after` own scans have seen through, along a third of the length or more."""
         seen_through = (self.through >= after) & (self.through > self.on)
         total = np.bincount(self.wall, minlength=edges)
         return np.asarray(3 * np.bincount(self.wall[seen_through], minlength=edges) >= np.maximum(total, 1))
@@ -106,8 +114,24 @@ def pieces_of(wireframe: Wireframe) -> tuple[Floats, Ints]:
     return np.column_stack([places, (along / np.maximum(length, 1e-9)[:, None])[wall]]), wall
 
 
+def fresh_pieces(theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:
+    """(k,) pieces of a received map, moved by a transform (3,), that lie on no wall of the own map."""
+    pieces, _ = pieces_of(theirs)
+    mine, _ = pieces_of(own)
+    places = apply(transform, pieces[:, :2])
+    c, s = math.cos(transform[2]), math.sin(transform[2])
+    ways = pieces[:, 2:] @ np.array([[c, s], [-s, c]])
+    fresh = np.ones(len(pieces), np.bool_)
+    for low in range(0, len(pieces), 500):  # bounds the memory
+        part = slice(low, low + 500)
+        near = np.abs(places[part, None, 0] - mine[:, 0]) < USED_M
+        near &= np.abs(places[part, None, 1] - mine[:, 1]) < USED_M
+        fresh[part] = ~(near & (ways[part] @ mine[:, 2:].T > USED_COSINE)).any(1)
+    return fresh
+
+
 def _keys(pieces: Floats) -> Ints:
-    """(k,) of cells of 10 cm and quarter turns, so that a piece is known again in a newer map."""
+    """(k,) cell of 10 cm and quarter of the direction, by which a piece is found again in a newer map."""
     x, y = (np.round(pieces[:, k] / PIECE_M).astype(np.int64) + (1 << 20) for k in (0, 1))
     quarter = np.round(np.arctan2(pieces[:, 3], pieces[:, 2]) / (math.pi / 2)).astype(np.int64) % 4
     keys: Ints = (x << 24) + (y << 2) + quarter

@@ -1,0 +1,124 @@
+"""The map of an accepted peer as part of the robot's: merged, refined with later maps, and undone (paper IV; ours).
+
+Every function returns the peer's new state. The merged map is a layer over the own one (agent.mapping.layers), so
+undoing a merge is complete: the layer is left away.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from agent.alignment import AlignmentConfig, PreparedMap
+from agent.alignment.agreement import agreement
+from agent.alignment.candidates import refine
+from agent.communication.hearing import ReceivedMap
+from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.peer import Heard, Merged, Proposed
+from agent.geometry.transform import apart
+from agent.mapping.layers import Layer, layer_of
+from protocol.arrays import Bools, Floats
+
+SAME_WALL_M = 0.06
+"""A received wall this near to an own one is the same: the error of the transform and of both walls."""
+HITS_PER_M = 3.0
+"""Weight of a received wall against own hits, of which a wall that was seen once has 20 and more a metre."""
+HIDDEN_AFTER = 3
+"""Own scans that see through a piece of a received wall before it is not shown."""
+UNMERGE_M = 2.0
+"""Received wall that own scans contradict before a merge is undone: no right merge measured has more than 1 m."""
+UNMERGE_SHARE = 0.2
+"""... and its least share of what own scans looked at."""
+REFUSED_MAPS = 5
+"""Newer maps in a row that contradict the own map before a merge is undone."""
+REJECTED_GROWTH = 0.3
+"""After a rejection or an undone merge, one map must gain this share of its walls before the pair is aligned again."""
+REFINED_DEG = 5.0
+"""A refinement that turns the transform by more than this is not believed."""
+AGREED_SHARE = 0.6
+"""A newer map must agree with the own one along this share of what the merged map agrees along."""
+
+Figures = Mapping[str, object]
+
+
+def merge(peer: Proposed, tick: int) -> Merged:
+    """Accept a proposal: the map on trial becomes part of the robot's."""
+    peer.log.map_is_news = True
+    walls, transform = peer.trial.walls, peer.trial.transform
+    hidden, layer = _laid(peer.map, transform, walls)
+    return Merged(peer.log, peer.map, transform, peer.fit_m, walls, hidden, layer, tick, tick)
+
+
+def heard_again(peer: Proposed | Merged) -> Heard:
+    """Reject a proposal or undo a merge."""
+    peer.log.growth = REJECTED_GROWTH
+    return Heard(peer.log)
+
+
+def hide_seen_through(peer: Merged) -> Merged:
+    """Leave away at once what own scans have seen through: a phantom would go from map to map and come back for ever.
+
+    The same peer, unchanged, where there is nothing new of it.
+    """
+    hidden = _hidden(peer.map, peer.walls)
+    if not (hidden & ~peer.hidden).any():
+        return peer
+    hidden, layer = _laid(peer.map, peer.transform, peer.walls)
+    return replace(peer, hidden=hidden, layer=layer)
+
+
+def contradiction(peer: Merged) -> Figures | None:
+    """Figures where own scans see through so much of a merged map that the merge must be wrong."""
+    confirmed, against = peer.walls.said(HIDDEN_AFTER)
+    if against < UNMERGE_M or against / max(confirmed + against, 1e-9) < UNMERGE_SHARE:
+        return None
+    return {"ground_confirmed_m": round(confirmed, 2), "ground_against_m": round(against, 2)}
+
+
+def update(
+    peer: Merged, tick: int, mine: PreparedMap | None, theirs: PreparedMap | None, config: AlignmentConfig
+) -> tuple[Merged, Figures]:
+    """Take the newest map of a merged peer and refine the transform; refuse a map that contradicts the own one.
+
+    Returns how well the two agree, too, in metres of wall.
+    """
+    newest = peer.log.map
+    assert newest is not None
+    peer.log.map_is_news = False
+    peer = replace(peer, updated=tick)
+    if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+        return peer, {}
+    transform = _refined(peer.transform, mine, theirs, config)
+    agreed, conflict = agreement(mine.walls, theirs.walls, transform, config)
+    figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
+    if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
+        return replace(peer, refused=peer.refused + 1), figures
+    peer.walls.lay(newest.wireframe)
+    hidden, layer = _laid(newest, transform, peer.walls)
+    taken = replace(peer, map=newest, transform=transform, hidden=hidden, layer=layer)
+    return replace(taken, agreed_m=agreed, refused=0), figures
+
+
+def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig) -> Floats:
+    """The transform put right on matched corners, unless that moves it too far."""
+    found = refine(transform[None], mine.corners, theirs.corners, config)
+    if not len(found.transforms) or found.inliers[0] < config.min_inliers:
+        return transform
+    new: Floats = found.transforms[0]
+    if apart(new, transform, theirs.corners.centre, config.coarse_m, math.radians(REFINED_DEG)):
+        return transform
+    return new
+
+
+def _hidden(received: ReceivedMap, walls: WallEvidence) -> Bools:
+    """(m,) walls of a received map that own scans have seen through."""
+    return walls.hidden(HIDDEN_AFTER, len(received.wireframe.edges))
+
+
+def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer]:
+    """A received map in the robot's own frame, and (m,) the walls that it does not show."""
+    hidden = _hidden(received, walls)
+    return hidden, layer_of(received.wireframe, np.asarray(transform), hidden, HITS_PER_M)

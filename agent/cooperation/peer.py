@@ -1,0 +1,167 @@
+"""Another robot: heard, proposed or merged, and in each of these states a log of what it told."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.alignment import Alignment
+from agent.alignment.by_sight import Sighting
+from agent.communication.hearing import NO_VIEWS, PeerViews, ReceivedMap
+from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.verification import DISC_MOVED_M, Trial
+from agent.mapping.layers import Layer
+from protocol.arrays import Bools, Floats
+from protocol.geometry import Pose
+from protocol.messages import Event
+
+ENCOUNTERS_KEPT = 60
+"""Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
+
+
+class Encounter(NamedTuple):
+    """Where both robots were when a message came, each in its own frame."""
+
+    here: Pose
+    theirs: Pose
+
+
+@dataclass
+class PeerLog:
+    """What a peer told so far, and what alignment made of it. Poses, maps and viewpoints are in the peer's frame."""
+
+    name: str
+    map: ReceivedMap | None = None
+    """Its newest map. This is the only place that keeps it."""
+    map_is_news: bool = False
+    """Whether this map was neither aligned nor merged yet."""
+    views: PeerViews = NO_VIEWS
+    pose: Pose = (0.0, 0.0, 0.0)
+    """Where it was last heard to be."""
+    pose_tick: int = -1
+    """When it was there; -1: never heard."""
+    contact: Encounter | None = None
+    """When the last contact was made."""
+    encounters: list[Encounter] = field(default_factory=list)
+    """At messages of this contact, the first ones."""
+    sightings: deque[Sighting] = field(default_factory=lambda: deque(maxlen=ENCOUNTERS_KEPT))
+    """What was seen at messages, each after one of the two had moved; the newest ones."""
+    sighting_is_news: bool = False
+    """Whether the newest sighting was not used for an alignment yet."""
+    aligned_walls: tuple[int, int] = (0, 0)
+    """Walls that the owners saw themselves, of the own map and of the peer's, at the last alignment."""
+    growth: float = 0.0
+    """Share of them that one map must gain before the next alignment."""
+    explained: int = 0
+    """Sightings that the last alignment by sight explained."""
+    explained_by_proposal: int = 0
+    """The same of the last proposal by sight: another one must explain more."""
+
+    def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
+        """Keep where the peer says that it was at pose_tick, and what was seen when it said so.
+
+        since: when the contact began. max_drive_m: what a robot drives in a tick.
+        """
+        encounter = Encounter(sighting.here, sighting.theirs)
+        if self.contact is None or since >= self.pose_tick:
+            self.contact, self.encounters = encounter, []
+        may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
+        if math.dist(sighting.theirs[:2], self.pose[:2]) > 1.5 * may_have_driven + DISC_MOVED_M:
+            self.sightings.clear()  # it was started anew, in another frame
+            self.explained = self.explained_by_proposal = 0
+        self.pose, self.pose_tick = sighting.theirs, pose_tick
+        if len(self.encounters) < ENCOUNTERS_KEPT:
+            self.encounters.append(encounter)
+
+    def take_sighting(self, sighting: Sighting) -> None:
+        """Keep a sighting if one of the two robots has moved since the last one."""
+        if self.sightings:
+            last = self.sightings[-1]
+            pairs = (sighting.here, last.here), (sighting.theirs, last.theirs)
+            if all(math.dist(one[:2], two[:2]) < DISC_MOVED_M for one, two in pairs):
+                return
+        self.sightings.append(sighting)
+        self.sighting_is_news = True
+
+    def take_map(self, tick: int, received: ReceivedMap) -> None:
+        """Keep a newer map; nobody's map is of the future."""
+        self.map, self.map_is_news = received._replace(tick=min(received.tick, tick)), True
+
+
+@dataclass
+class Heard:
+    """A peer whose frame is not known."""
+
+    log: PeerLog
+
+
+@dataclass
+class Proposed:
+    """A peer of which a transform is on trial."""
+
+    log: PeerLog
+    map: ReceivedMap
+    """The map on trial."""
+    trial: Trial
+    fit_m: float
+    """Standard error of the transform, metres."""
+
+    @property
+    def transform(self) -> Floats:
+        """(3,) the peer's frame in the robot's own."""
+        return self.trial.transform
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A peer whose map is part of the robot's."""
+
+    log: PeerLog
+    map: ReceivedMap
+    """The merged map: a newer one takes its place only if it agrees with the own map."""
+    transform: Floats
+    """(3,) the peer's frame in the robot's own: T."""
+    fit_m: float
+    """Standard error of the transform, metres."""
+    walls: WallEvidence
+    """What own scans say of the merged map."""
+    hidden: Bools
+    """(m,) walls of the merged map that own scans have seen through, and that are not shown."""
+    layer: Layer
+    """The merged map in the robot's own frame."""
+    since: int
+    """Tick at which it was merged."""
+    updated: int
+    """Tick of the last attempt to take a newer map."""
+    agreed_m: float = 0.0
+    """Wall that the merged map and the own one have in common."""
+    refused: int = 0
+    """Newer maps in a row that contradict the own map."""
+
+
+Peer = Heard | Proposed | Merged
+
+
+def fit_error_m(alignment: Alignment | None) -> float:
+    """Standard error in metres of a transform by its alignment; None: of one that is given."""
+    return 0.1 if alignment is None else max(alignment.residual, 0.01) / math.sqrt(max(alignment.inliers, 1))
+
+
+def event_of(
+    event: str,
+    peer: str,
+    reason: str,
+    transform: Floats | Pose | None = None,
+    figures: Mapping[str, object] | None = None,
+) -> Event:
+    """A line of events.jsonl on a peer; numbers are rounded."""
+    rounded = {key: round(value, 4) if isinstance(value, float) else value for key, value in (figures or {}).items()}
+    data: dict[str, object] = {"peer": peer, "reason": reason, **rounded}
+    if transform is not None:
+        data["transform"] = [round(float(value), 5) for value in np.asarray(transform)]
+    return Event(event=event, data=data)
