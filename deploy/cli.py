@@ -196,58 +196,27 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
-@bench.command()
-def lidar(quick: Quick = False) -> None:
-    """Rays a second in the bundled worlds."""
-    from deploy.bench.lidar import measure
-    from deploy.bench.table import print_rows
-
-    print_rows("lidar", measure(quick))
-
-
-@bench.command()
-def lockstep(quick: Quick = False) -> None:
-    """Ticks a second over Zenoh with robots that do not think."""
-    from deploy.bench.lockstep import measure
-    from deploy.bench.table import print_rows
-
-    print_rows("lockstep", measure(quick))
+BENCHMARKS = {
+    "lidar": "Rays a second in the bundled worlds.",
+    "lockstep": "Ticks a second over Zenoh with robots that do not think.",
+    "filter": "Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours.",
+    "alignment": "Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours.",
+    "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes hours.",
+    "radio": "Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour.",
+}
 
 
-@bench.command("filter")
-def filter_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-    """Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours."""
-    from deploy.bench.filter import measure
+def _add_benchmark(name: str, words: str) -> None:
+    @bench.command(name, help=words)
+    def measure(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+        from deploy.bench.benchmark import benchmark
 
-    if not measure(quick, results, jobs):
-        raise typer.Exit(Status.FAILURE)
-
-
-@bench.command()
-def alignment(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-    """Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours."""
-    from deploy.bench.alignment import measure
-
-    if not measure(quick, results, jobs):
-        raise typer.Exit(Status.FAILURE)
+        if not benchmark(name).run(quick, results, jobs):
+            raise typer.Exit(Status.FAILURE)
 
 
-@bench.command()
-def exploration(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-    """Whole runs of one robot and of teams, mazes, default states, a bound of tours, a dense grid; takes hours."""
-    from deploy.bench.exploration import measure
-
-    if not measure(quick, results, jobs):
-        raise typer.Exit(Status.FAILURE)
-
-
-@bench.command("radio")
-def radio_(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-    """Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour."""
-    from deploy.bench.radio import measure
-
-    if not measure(quick, results, jobs):
-        raise typer.Exit(Status.FAILURE)
+for _name, _words in BENCHMARKS.items():
+    _add_benchmark(_name, _words)
 
 
 @app.command()

@@ -19,6 +19,8 @@ HIT, MISS = 0.85, -0.4
 """Log-odds of one scan: OctoMap's defaults, probabilities 0.7 and 0.4."""
 LOW, HIGH = -2.0, 3.5
 """Clamp: OctoMap's defaults, probabilities 0.12 and 0.97."""
+CELLS_PER_BYTE = 4
+"""Two bits hold a cell's state."""
 
 
 class Grid(NamedTuple):
@@ -39,6 +41,14 @@ class Grid(NamedTuple):
     def states(self) -> NDArray[np.uint8]:
         """(nx, ny) 0 unknown, 1 free, 2 occupied: what two bits a cell hold."""
         return np.where(self.log_odds > 0, 2, np.where(self.log_odds < 0, 1, 0)).astype(np.uint8)
+
+
+def two_bits(states: NDArray[np.uint8]) -> bytes:
+    """States of cells (see `Grid.states`), four a byte, the first in the lowest bits."""
+    padded = np.zeros((-(-states.size // CELLS_PER_BYTE), CELLS_PER_BYTE), np.uint8)
+    padded.reshape(-1)[: states.size] = states.reshape(-1)
+    packed: NDArray[np.uint8] = (padded << np.array([0, 2, 4, 6], np.uint8)).sum(1).astype(np.uint8)
+    return packed.tobytes()
 
 
 class GrowingGrid:

@@ -24,7 +24,7 @@ from agent.communication.config import TalkConfig
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
-from deploy.occupancy_grid import GrowingGrid
+from deploy.occupancy_grid import GrowingGrid, two_bits
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
@@ -197,7 +197,7 @@ def _whole_grid(states: States) -> dict[str, int]:
     image.save(png, "PNG", bits=2, optimize=True)
     return {
         "grid_raw": cells.size,
-        "grid_zlib": min(len(zlib.compress(cells.tobytes(), 9)), len(zlib.compress(_packed(cells), 9))),
+        "grid_zlib": min(len(zlib.compress(cells.tobytes(), 9)), len(zlib.compress(two_bits(cells), 9))),
         "grid_png": len(png.getvalue()),
         "points": POINT_BYTES * int((cells == 2).sum()),
     }
@@ -209,22 +209,14 @@ def _cropped(states: States) -> States:
     return states[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if len(rows) else states[:1, :1]
 
 
-def _packed(cells: States) -> bytes:
-    """Two bits a cell."""
-    four = np.zeros(-(-cells.size // 4) * 4, np.uint8)
-    four[: cells.size] = cells.reshape(-1)
-    packed: States = (four.reshape(-1, 4) * np.array([1, 4, 16, 64], np.uint8)).sum(1).astype(np.uint8)
-    return packed.tobytes()
-
-
 def _changed_cells(before: States, after: States) -> int:
     """Bytes of the cells that changed: as gaps and states, or as an image of their box, whichever is shorter."""
     changed = np.flatnonzero(before != after)
     gaps = np.diff(changed, prepend=-1).astype("<u4")
     listed = gaps.astype("<u2") if len(gaps) and gaps.max() < 2**16 else gaps
-    as_list = len(zlib.compress(listed.tobytes() + _packed(after.reshape(-1)[changed]), 9))
+    as_list = len(zlib.compress(listed.tobytes() + two_bits(after.reshape(-1)[changed]), 9))
     image = _cropped(np.where(before != after, after + 1, 0).astype(np.uint8))
-    return min(as_list, len(zlib.compress(image.tobytes(), 9)), len(zlib.compress(_packed(image), 9)))
+    return min(as_list, len(zlib.compress(image.tobytes(), 9)), len(zlib.compress(two_bits(image), 9)))
 
 
 def by_robot(measurement: Measurement, name: str) -> dict[str, list[tuple[float, int]]]:

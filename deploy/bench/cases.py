@@ -13,11 +13,12 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from inspect import getsourcefile
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -44,14 +45,31 @@ class Case:
     """JSON values."""
     alone: bool = False
     """Whether nothing may run beside it, because its figures are times."""
+    ignores: str = ""
+    """How the paths of sources begin that its figures do not depend on; empty: they depend on all."""
 
     @property
     def key(self) -> str:
         """Hash of all that decides the figures: sources of the minds and the world, the measure's, arguments."""
         own = getsourcefile(self.measure)
         assert own is not None
-        words = [_sources(), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
+        words = [_sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
         return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
+
+
+def each(
+    name: str,
+    measure: Callable[..., Figures],
+    fixed: Mapping[str, Any] | None = None,
+    alone: bool = False,
+    **loops: Iterable[Any],
+) -> list[Case]:
+    """One case a combination of the loops' values, the first loop outermost; its name has them at {LOOP}.
+
+    Arguments of `measure` are the values, and those that are `fixed`.
+    """
+    values = [dict(zip(loops, combination, strict=True)) for combination in product(*loops.values())]
+    return [Case(name.format(**found), measure, {**(fixed or {}), **found}, alone) for found in values]
 
 
 @dataclass(frozen=True)
@@ -63,14 +81,15 @@ class Outcome:
     """Why a case has no figures."""
 
 
-@lru_cache(maxsize=1)
-def _sources() -> str:
-    """Hash of the packages and what comes with them, as they are when first asked."""
+@cache
+def _sources(ignored: str) -> str:
+    """Hash of the packages and what comes with them, as they are when first asked, but for a part of them."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for source in sorted((ROOT / package).rglob("*")):
-            if source.suffix in (".py", ".yaml"):
-                digest.update(source.relative_to(ROOT).as_posix().encode() + b"\0" + source.read_bytes())
+            name = source.relative_to(ROOT).as_posix()
+            if source.suffix in (".py", ".yaml") and not (ignored and name.startswith(ignored)):
+                digest.update(name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
 
 

@@ -13,7 +13,8 @@ from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
 from deploy.metrics import Truth, score, truth_of
 from protocol.geometry import Pose
-from protocol.messages import Heard, Observation, RobotSpec
+from protocol.messages import Event, Heard, Observation, RobotSpec
+from protocol.wireframe import Label
 from world.config import WorldConfig
 from world.episode import Episode
 
@@ -52,6 +53,8 @@ class Explored(NamedTuple):
     robots: dict[str, Robot]
     summary: dict[str, Any]
     driven: Driven
+    events: list[tuple[float, str, Event]]
+    """Simulated seconds, robot and event, in order."""
 
     def truth(self, robot: str = "r1") -> Truth:
         """What the robot could have mapped."""
@@ -77,16 +80,37 @@ class Explored(NamedTuple):
             "vertices": len(mind.wireframe.points),
         }
 
+    def told(self, robot: str = "r1") -> Figures:
+        """What a robot's events and its last map say.
+
+        `silent`: frontier or occlusion ends that it neither resolved nor recorded as given up with a reason.
+        """
+        mind, explorer = self.robots[robot], self.robots[robot].explorer
+        events = [event for _, who, event in self.events if who == robot]
+        tried = explorer.memory.find(explorer.ends.points, explorer.ends.along).tolist()
+        reasons = [explorer.memory.tried[k].reason if k >= 0 else "" for k in tried]
+        completes = [event.data for event in events if event.event == "complete"]
+        return {
+            "reason": completes[-1]["reason"] if completes and explorer.complete else "",
+            "frontiers": int((mind.wireframe.labels == Label.FRONTIER).sum()),
+            "unreachable": sum(map(bool, reasons)),
+            "silent": reasons.count("") if explorer.complete else None,
+            "stuck": sum(event.event == "stuck" for event in events),
+            "goals": sum(event.event == "frontier" and event.data["what"] == "chosen" for event in events),
+            "resumed": sum(event.event == "resumed" for event in events),
+        }
+
 
 class _Watched:
     """A robot whose steps are seen from outside."""
 
-    def __init__(self, robot: Robot, watch: Watch) -> None:
-        self._robot, self._watch = robot, watch
+    def __init__(self, robot: Robot, watches: Sequence[Watch]) -> None:
+        self._robot, self._watches = robot, watches
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         step = self._robot.step(observation, heard)
-        self._watch(self._robot, observation, step)
+        for watch in self._watches:
+            watch(self._robot, observation, step)
         return step
 
 
@@ -106,10 +130,15 @@ def explore(
     robots: dict[str, Robot] = {}
     episodes: list[Episode] = []
     driven = Driven()
+    events: list[tuple[float, str, Event]] = []
+
+    def listen(robot: Robot, observation: Observation, step: Step) -> None:
+        t = observation.tick / robot.spec.lidar.rate_hz
+        events.extend((t, robot.robot, event) for event in step.action.events)
 
     def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> inprocess.Mind:
         robots[name] = Robot(name, spec, settings, seed)
-        return robots[name] if watch is None else _Watched(robots[name], watch)
+        return _Watched(robots[name], [listen, *([watch] if watch else [])])
 
     def keep(episode: Episode) -> None:
         if not episodes:
@@ -119,4 +148,21 @@ def explore(
             episode.ended = "time"
 
     summary = inprocess.run(config, AgentConfig.model_validate(agent), out, keep, make)
-    return Explored(episodes[0], robots, summary, driven)
+    return Explored(episodes[0], robots, summary, driven, events)
+
+
+def measure_run(
+    world: str,
+    seed: int,
+    limit_s: float,
+    starts: str = "file",
+    spec: Mapping[str, Any] | None = None,
+    agent: Mapping[str, Any] | None = None,
+) -> Figures:
+    """Figures of one robot's whole run: score, times, paths, contacts, and what it said of its frontiers and its end.
+
+    starts: of the world's `file`, or `random` from the seed; spec and agent: settings of the robot and of its mind.
+    """
+    settings = {"world": world, "robots": 1, "seed": seed, "starts": starts, "spec": spec or {}, "max_time_s": limit_s}
+    run = explore(settings, agent or {})
+    return run.figures() | run.told()

@@ -1,45 +1,60 @@
-"""How many rays a second the lidar casts in each bundled world."""
+"""`wireswarm bench lidar`: how many rays a second the lidar casts in each bundled world."""
 
 from __future__ import annotations
 
+import sys
 import time
-from typing import Any
 
 import numpy as np
 
+from deploy.bench.benchmark import Benchmark
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.tables import Column, Table, whole
+from protocol.arrays import Floats
 from protocol.messages import LidarSpec, RobotSpec
 from world.lidar import Lidar
 from world.worldfile import bundled, load
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
-    """One row per world and number of robots; every cast is at new poses."""
-    spec, radius_m = LidarSpec(), RobotSpec().radius_m
-    rows = []
-    for name in bundled()[: 2 if quick else None]:
-        world = load(name)
-        for robots in (1, 3) if quick else (1, 3, 10):
-            rng = np.random.default_rng(0)
-            poses = [world.starts(robots, radius_m, rng, drawn=True) for _ in range(5 if quick else 20)]
-            lidar = Lidar(world.segments, spec, one_sided=True)
-            for pose in poses:  # fills the cache of candidates
-                lidar.trace(pose, _discs(pose, radius_m))
-            casts, began = 0, time.perf_counter()
-            while (took := time.perf_counter() - began) < (0.2 if quick else 1.0):
-                pose = poses[casts % len(poses)]
-                lidar.trace(pose, _discs(pose, radius_m))
-                casts += 1
-            rows.append(
-                {
-                    "world": name,
-                    "walls": len(world.segments),
-                    "robots": robots,
-                    "rays_per_s": round(casts * robots * spec.beams / took),
-                    "us_per_scan": round(1e6 * took / (casts * robots), 1),
-                }
-            )
-    return rows
+def cases(quick: bool) -> list[Case]:
+    """Every bundled world with some numbers of robots, alone each: their figures are times."""
+    worlds, robots = (bundled()[:2], (1, 3)) if quick else (bundled(), (1, 3, 10))
+    fixed = {"places": 5 if quick else 20, "seconds": 0.2 if quick else 1.0}
+    return each("lidar/{world}/{robots}", measure, fixed, alone=True, world=worlds, robots=robots)
 
 
-def _discs(poses: np.ndarray[Any, np.dtype[np.float64]], radius_m: float) -> np.ndarray[Any, np.dtype[np.float64]]:
+def measure(world: str, robots: int, places: int, seconds: float) -> Figures:
+    """Every cast is at new poses, of so many."""
+    spec, radius_m, place, rng = LidarSpec(), RobotSpec().radius_m, load(world), np.random.default_rng(0)
+    poses = [place.starts(robots, radius_m, rng, drawn=True) for _ in range(places)]
+    lidar = Lidar(place.segments, spec, one_sided=True)
+    for pose in poses:  # fills the cache of candidates
+        lidar.trace(pose, _discs(pose, radius_m))
+    casts, began = 0, time.perf_counter()
+    while (took := time.perf_counter() - began) < seconds:
+        pose = poses[casts % len(poses)]
+        lidar.trace(pose, _discs(pose, radius_m))
+        casts += 1
+    rays_per_s, us_per_scan = round(casts * robots * spec.beams / took), round(1e6 * took / (casts * robots), 1)
+    return {"walls": len(place.segments), "robots": robots, "rays_per_s": rays_per_s, "us_per_scan": us_per_scan}
+
+
+def _discs(poses: Floats, radius_m: float) -> Floats:
     return np.hstack([poses[:, :2], np.full((len(poses), 1), radius_m)])
+
+
+TABLES = [
+    Table(
+        "lidar",
+        "Rays a second, one core",
+        [
+            Column("world", "world"),
+            Column("walls", "walls"),
+            Column("robots", "robots"),
+            Column("rays_per_s", "rays / s"),
+            Column("us_per_scan", "us a scan", digits=1),
+        ],
+        whole("lidar/{world}/*"),
+    )
+]
+BENCHMARK = Benchmark("lidar", (sys.modules[__name__],))

@@ -1,17 +1,20 @@
-"""What the processes and Zenoh cost: ticks a second with robots that do not think, with and without a network."""
+"""`wireswarm bench lockstep`: what processes and Zenoh cost, by ticks a second of robots that do not think."""
 
 from __future__ import annotations
 
 import json
+import sys
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from agent.config import AgentConfig
 from agent.robot import Step
 from deploy import inprocess
+from deploy.bench.benchmark import Benchmark
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.tables import Column, Table, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
@@ -36,28 +39,28 @@ class Thoughtless:
         )
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
-    """One row per number of robots, in maze-15, or a smaller world where quick."""
-    rows = []
-    for robots in (1, 3) if quick else (1, 3, 10):
-        ticks = 300 if quick else 2000
-        settings = {"world": "apartment" if quick else "maze-15", "robots": robots, "until": ticks / 5}
-        config = RunConfig.model_validate(settings)
-        with tempfile.TemporaryDirectory() as folder:
-            alone = _one_process(config)
-            out = Path(folder) / "run"
-            launch(config, out, command_line=[], robot_factory=Thoughtless)
-            factor = json.loads((out / "summary.json").read_text(encoding="utf-8"))["real_time_factor"]
-            shells = factor * config.spec.lidar.rate_hz
-        rows.append(
-            {
-                "robots": robots,
-                "ticks_per_s": round(shells),
-                "ticks_per_s_one_process": round(alone),
-                "shell_ms_per_tick_and_robot": round((1e3 / shells - 1e3 / alone) / robots, 3),
-            }
-        )
-    return rows
+def cases(quick: bool) -> list[Case]:
+    """Teams of several sizes in maze-15, or a smaller world where quick; alone each: their figures are times."""
+    fixed = {"world": "apartment" if quick else "maze-15", "ticks": 300 if quick else 2000}
+    return each("lockstep/{robots}", measure, fixed, alone=True, robots=(1, 3) if quick else (1, 3, 10))
+
+
+def measure(world: str, robots: int, ticks: int) -> Figures:
+    """Ticks a second with processes and in one process."""
+    spec = RobotSpec()
+    config = RunConfig.model_validate({"world": world, "robots": robots, "until": ticks / spec.lidar.rate_hz})
+    with tempfile.TemporaryDirectory() as folder:
+        alone = _one_process(config)
+        out = Path(folder) / "run"
+        launch(config, out, command_line=[], robot_factory=Thoughtless)
+        factor = json.loads((out / "summary.json").read_text(encoding="utf-8"))["real_time_factor"]
+    shells = factor * spec.lidar.rate_hz
+    return {
+        "robots": robots,
+        "ticks_per_s": round(shells),
+        "ticks_per_s_one_process": round(alone),
+        "shell_ms_per_tick_and_robot": round((1e3 / shells - 1e3 / alone) / robots, 3),
+    }
 
 
 def _one_process(config: RunConfig) -> float:
@@ -65,3 +68,19 @@ def _one_process(config: RunConfig) -> float:
     times: list[float] = []
     inprocess.run(config, config.agent, None, lambda episode: times.append(time.perf_counter()), Thoughtless)
     return (len(times) - 1) / (times[-1] - times[0])
+
+
+TABLES = [
+    Table(
+        "lockstep",
+        "Robots that do not think, with and without processes",
+        [
+            Column("robots", "robots"),
+            Column("ticks_per_s", "ticks / s"),
+            Column("ticks_per_s_one_process", "in one process"),
+            Column("shell_ms_per_tick_and_robot", "ms of the shell\na tick and robot"),
+        ],
+        whole("lockstep/*"),
+    )
+]
+BENCHMARK = Benchmark("lockstep", (sys.modules[__name__],))

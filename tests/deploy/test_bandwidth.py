@@ -20,9 +20,10 @@ from deploy import inprocess
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.plots import draw
 from deploy.bandwidth.replay import seen_again
-from deploy.bandwidth.representations import NAMES, _changed_cells, _packed, measure, write
+from deploy.bandwidth.representations import NAMES, _changed_cells, measure, write
 from deploy.cli import app
 from deploy.config import RunConfig
+from deploy.occupancy_grid import two_bits
 from protocol.messages import Heard, Observation, RobotSpec
 from tests.tiny import tiny_config
 from world.episode import Episode
@@ -192,6 +193,6 @@ def test_changed_cells_cost_what_changed() -> None:
     assert _changed_cells(before, after) < 20
     assert _changed_cells(before, before) < 20
     everything = _changed_cells(np.zeros_like(before), before)
-    assert everything <= len(zlib.compress(_packed(before), 9)) * 1.35
+    assert everything <= len(zlib.compress(two_bits(before), 9)) * 1.35
     cells = np.array([[0, 1, 2], [2, 1, 0]], np.uint8)
-    assert _packed(cells) == bytes([0 | 1 << 2 | 2 << 4 | 2 << 6, 1])
+    assert two_bits(cells) == bytes([0 | 1 << 2 | 2 << 4 | 2 << 6, 1])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from statistics import median
 
@@ -13,8 +12,8 @@ from agent.alignment import AlignmentConfig, align
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.alignment.trials import METHODS
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.tables import Column, Table
 
 VERTICES = 150
 NOISE_M = 0.005
@@ -25,8 +24,7 @@ REPEATS = 15
 
 def cases(quick: bool) -> list[Case]:
     """One case a method."""
-    repeats = 3 if quick else REPEATS
-    return [Case(f"cost/{method}", measure, {"method": method, "repeats": repeats}, alone=True) for method in METHODS]
+    return each("cost/{method}", measure, {"repeats": 3 if quick else REPEATS}, alone=True, method=METHODS)
 
 
 def measure(method: str, repeats: int) -> Figures:
@@ -50,18 +48,17 @@ def measure(method: str, repeats: int) -> Figures:
     return {"ms": times[1:], "vertices": n}  # the first one compiles
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """One table."""
-    rows = [
-        {"method": method, "vertices": found["vertices"], "ms": median(found["ms"]), "most": max(found["ms"])}
-        for method in METHODS
-        if (found := figures.get(f"cost/{method}"))
-    ]
-    columns = [
-        Column("method", "method"),
-        Column("vertices", "vertices each"),
-        Column("ms", "ms median", at_most=50.0, digits=1),
-        Column("most", "ms at most", digits=1),
-    ]
-    beside = frozenset(number for number, row in enumerate(rows) if row["method"] != "features")
-    return [Section("cost", "Time of one alignment", columns, rows, beside)]
+TABLES = [
+    Table(
+        "cost",
+        "Time of one alignment",
+        [
+            Column("method", "method"),
+            Column("vertices", "vertices each"),
+            Column("ms", "ms median", lambda runs, _: median(runs[0]["ms"]), at_most=50.0, digits=1),
+            Column("most", "ms at most", lambda runs, _: max(runs[0]["ms"]), digits=1),
+        ],
+        "cost/{method}",
+        judged=lambda row: row["method"] == "features",
+    )
+]

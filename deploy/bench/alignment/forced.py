@@ -13,11 +13,11 @@ from agent.alignment.align import candidates, pose_of
 from agent.cooperation.peer import Heard, Merged
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
-from deploy.bench.alignment.live import errors, right, true_transform
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.errors import errors, right, true_transform
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of
+from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label, runs_of
 from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.messages import Observation, RobotSpec
@@ -50,23 +50,18 @@ ROWS: dict[str, Mapping[str, Any]] = {
 def cases(quick: bool) -> list[Case]:
     """Runs with all evidence over all worlds, and some a row with less."""
     if quick:
-        return [Case("forced/all evidence/apartment/0", measure, _arguments("apartment", 0, {}, 60.0))]
-    made = []
-    for row, evidence in ROWS.items():
-        for world, runs in (RUNS if row == "all evidence" else dict.fromkeys(LESS, 1)).items():
-            for seed in range(runs):
-                name = f"forced/{row}/{world}/{seed}"
-                made.append(Case(name, measure, _arguments(world, 100 + seed, evidence, LIMIT_S)))
-    return made
+        return each("forced/all evidence/{world}/0", measure, {"seed": 0, "limit_s": 60.0}, world=["apartment"])
+    return [
+        Case(f"forced/{row}/{world}/{k}", measure, {"world": world, "seed": 100 + k, "evidence": row})
+        for row in ROWS
+        for world, runs in (RUNS if row == "all evidence" else dict.fromkeys(LESS, 1)).items()
+        for k in range(runs)
+    ]
 
 
-def _arguments(world: str, seed: int, evidence: Mapping[str, Any], limit_s: float) -> dict[str, Any]:
-    return {"world": world, "seed": seed, "evidence": evidence, "limit_s": limit_s}
-
-
-def measure(world: str, seed: int, evidence: Mapping[str, Any], limit_s: float) -> Figures:
-    """One run."""
-    return ForcedRun(world, seed, limit_s, evidence).figures()
+def measure(world: str, seed: int, evidence: str = "all evidence", limit_s: float = LIMIT_S) -> Figures:
+    """One run with the evidence of a row."""
+    return ForcedRun(world, seed, limit_s, ROWS[evidence]).figures()
 
 
 class ForcedRun:
@@ -164,43 +159,57 @@ class ForcedRun:
         )
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """Accepted by kind, and what each kind of evidence is worth."""
-    rows, kinds = [], []
-    for row in ROWS:
-        forced = [
-            one for name, found in figures.items() if name.startswith(f"forced/{row}/") for one in found["forced"]
-        ]
-        if not forced:
-            continue
-        wrong = [one for one in forced if not one["accepted"] or one["wrong"]]
-        accepted = [one for one in wrong if one["accepted"]]
-        by_evidence = sum(one["reason"] == "the evidence decides" and not one["accepted"] for one in wrong)
+def _wrong(runs: Runs) -> list[Figures]:
+    """The forced proposals that stayed wrong to the end."""
+    return [one for run in runs for one in run["forced"] if not one["accepted"] or one["wrong"]]
+
+
+def _by_evidence(figures: Outcomes) -> list[Row]:
+    """What became of all forced proposals, a row a set of evidence."""
+    rows = []
+    for row, runs in by_label(figures, "forced/{evidence}/*/*").items():
+        wrong, forced = _wrong(runs), sum(len(run["forced"]) for run in runs)
+        accepted = sum(one["accepted"] for one in wrong)
+        rejected = sum(one["reason"] == "the evidence decides" and not one["accepted"] for one in wrong)
         rows.append(
             {
                 "evidence": row,
-                "forced": len(forced),
-                "accepted": len(accepted),
-                "righted": len(forced) - len(wrong),
-                "by_evidence": by_evidence,
-                "given_up": len(wrong) - by_evidence - len(accepted),
+                "forced": forced,
+                "accepted": accepted,
+                "righted": forced - len(wrong),
+                "by_evidence": rejected,
+                "given_up": len(wrong) - rejected - accepted,
             }
         )
-        if row == "all evidence":
-            for kind in KINDS:
-                some = [one for one in wrong if one["kind"] == kind]
-                kinds.append({"kind": kind, "forced": len(some), "accepted": sum(one["accepted"] for one in some)})
-    columns = [
-        Column("evidence", "evidence"),
-        Column("forced", "forced"),
-        Column("accepted", "wrong accepted", at_most=0),
-        Column("righted", "put right by later maps"),
-        Column("by_evidence", "rejected by evidence"),
-        Column("given_up", "unreachable, time or undecided"),
-    ]
-    beside = frozenset(range(1, len(rows)))
-    by_kind = [Column("kind", "kind"), Column("forced", "forced"), Column("accepted", "accepted", at_most=0)]
-    return [
-        Section("forced", "Wrong proposals forced into the queue", columns, rows, beside),
-        Section("forced_kinds", "The same by kind, all evidence", by_kind, kinds),
-    ]
+    return [row for row in rows if row["forced"]]
+
+
+def _by_kind(figures: Outcomes) -> list[Row]:
+    """Accepted with all evidence, a row a kind."""
+    wrong = _wrong(runs_of(figures, "forced/all evidence/*/*"))
+    by_kind = {kind: [one["accepted"] for one in wrong if one["kind"] == kind] for kind in KINDS if wrong}
+    return [{"kind": kind, "forced": len(some), "accepted": sum(some)} for kind, some in by_kind.items()]
+
+
+TABLES = [
+    Table(
+        "forced",
+        "Wrong proposals forced into the queue",
+        [
+            Column("evidence", "evidence"),
+            Column("forced", "forced"),
+            Column("accepted", "wrong accepted", at_most=0),
+            Column("righted", "put right by later maps"),
+            Column("by_evidence", "rejected by evidence"),
+            Column("given_up", "unreachable, time or undecided"),
+        ],
+        _by_evidence,
+        judged=lambda row: row["evidence"] == "all evidence",
+    ),
+    Table(
+        "forced_kinds",
+        "The same by kind, all evidence",
+        [Column("kind", "kind"), Column("forced", "forced"), Column("accepted", "accepted", at_most=0)],
+        _by_kind,
+    ),
+]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,9 @@ from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
-from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
+from deploy.bench.tables import Column, Table, whole
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.grid_map import quantise
@@ -36,11 +35,9 @@ PERIOD_TICKS = 5
 
 def cases(quick: bool) -> list[Case]:
     """One run a kind."""
-    limit_s = 25.0 if quick else 150.0
-    world = "apartment" if quick else "maze-15"
-    each = 5 if quick else EACH
+    world, limit_s, peers = ("apartment", 25.0, 5) if quick else ("maze-15", 150.0, EACH)
     return [
-        Case(f"hostile/{kind}", besiege, {"world": world, "seed": k, "limit_s": limit_s, "kinds": [kind] * each})
+        Case(f"hostile/{kind}", besiege, {"world": world, "seed": k, "limit_s": limit_s, "kinds": [kind] * peers})
         for k, kind in enumerate(KINDS)
     ]
 
@@ -72,7 +69,6 @@ class _Besieged:
         self.merged: set[str] = set()
         self.refused = 0
         self.moved_m = 0.0
-        self._good: dict[str, Floats] = {}
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         own = list(heard)
@@ -159,20 +155,19 @@ def _travels(wireframe: Wireframe) -> Wireframe:
     return replace(wireframe, **kept)
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """One row a kind."""
-    rows: list[dict[str, Any]] = []
-    for kind in KINDS:
-        found = figures.get(f"hostile/{kind}")
-        if found:
-            rows.append({"kind": kind, **found})
-    columns = [
-        Column("kind", "kind"),
-        Column("maps", "peers"),
-        Column("messages", "messages"),
-        Column("refused", "refused as malformed"),
-        Column("merged", "merged", at_most=0),
-        Column("moved_m", "merged map moved m", at_most=0.25),
-    ]
-    note = "A shifting peer tells the truth first and may be merged; what it says after that must not move the map."
-    return [Section("hostile", "Hostile maps against a live robot", columns, rows, note=note)]
+TABLES = [
+    Table(
+        "hostile",
+        "Hostile maps against a live robot",
+        [
+            Column("kind", "kind"),
+            Column("maps", "peers"),
+            Column("messages", "messages"),
+            Column("refused", "refused as malformed"),
+            Column("merged", "merged", at_most=0),
+            Column("moved_m", "merged map moved m", at_most=0.25),
+        ],
+        whole("hostile/{kind}"),
+        note="A shifting peer tells the truth first and may be merged; what it says after that must not move the map.",
+    )
+]

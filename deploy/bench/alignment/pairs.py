@@ -11,8 +11,9 @@ import numpy as np
 
 from agent.geometry.transform import compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
+from deploy.bench.errors import off_by, right
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply, wrapped
+from protocol.geometry import Pose, apply
 from protocol.wireframe import Wireframe
 
 MIN_CORNERS = 16
@@ -23,8 +24,6 @@ RANGE_M = 4.0
 """Default radio range."""
 BODIES_M = 0.25
 """Two robots are not nearer."""
-RIGHT_M, RIGHT_DEG = 0.25, 5.0
-"""Farther off is wrong (the scorer's)."""
 NOTHING = 0.01
 """Overlap below which maps share nothing: a piece of wall or two."""
 BINS = ((0.0, NOTHING), (NOTHING, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 1.01))
@@ -54,15 +53,11 @@ class Pair:
         """Metres at the middle of their walls, and degrees, that a transform is off; inf without a truth."""
         if self.truth is None:
             return math.inf, math.inf
-        middle = self.theirs.points.mean(0)[None]
-        gap = (apply(np.array(found), middle) - apply(self.truth, middle))[0]
-        turn = wrapped(float(found[2] - self.truth[2]))
-        return math.hypot(gap[0], gap[1]), abs(math.degrees(turn))
+        return off_by(found, self.truth, self.theirs.points.mean(0))
 
     def right(self, found: Pose) -> bool:
         """Whether a transform counts as right."""
-        metres, degrees = self.errors(found)
-        return metres <= RIGHT_M and degrees <= RIGHT_DEG
+        return right(*self.errors(found))
 
 
 def moved(wireframe: Wireframe, by: Floats) -> Wireframe:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from deploy.bench.bars import Section
+from deploy.bench.tables import Section
 
 
 def draw(sections: Sequence[Section], stem: Path) -> list[Path]:

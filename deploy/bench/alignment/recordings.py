@@ -5,8 +5,6 @@ Two recordings in one world make pairs of maps that share no frame, and their st
 
 from __future__ import annotations
 
-import hashlib
-import json
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
@@ -18,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from agent.robot import Robot, Step
-from deploy.bench.cases import PACKAGES, ROOT, Case, Figures
+from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of, present
 from deploy.metrics import Truth, distance_to, truth_of
@@ -87,33 +85,15 @@ class Recording:
     snapshots: list[Snapshot]
 
 
-@dataclass(frozen=True)
-class RecordingCase(Case):
-    """A case that depends on all sources but those of the alignment: a robot alone hears no map to align."""
-
-    @property
-    def key(self) -> str:
-        """As of any case, without agent/alignment."""
-        digest = hashlib.sha256(Path(__file__).read_bytes())
-        for package in PACKAGES:
-            for source in sorted((ROOT / package).rglob("*")):
-                name = source.relative_to(ROOT).as_posix()
-                if source.suffix in (".py", ".yaml") and not name.startswith("agent/alignment/"):
-                    digest.update(name.encode() + b"\0" + source.read_bytes())
-        return hashlib.sha256((digest.hexdigest() + json.dumps(self.arguments, sort_keys=True)).encode()).hexdigest()[
-            :16
-        ]
-
-
-def cases(quick: bool) -> list[RecordingCase]:
-    """One case a recording."""
+def cases(quick: bool) -> list[Case]:
+    """One case a recording. It does not depend on the alignment: a robot alone hears no map to align."""
     if quick:
         wanted, limit_s = {"symmetric": 2, "apartment": 2}, 120.0
     else:
         shared = {name: SHARED[name] for name in present(list(SHARED))}
         wanted, limit_s = BUNDLED | MAZES | shared, LIMIT_S
     return [
-        RecordingCase(f"{world}/{seed}", record, {"world": world, "seed": seed, "limit_s": limit_s})
+        Case(f"{world}/{seed}", record, {"world": world, "seed": seed, "limit_s": limit_s}, ignores="agent/alignment/")
         for seed in range(max(wanted.values()))
         for world in wanted
         if seed < wanted[world]
@@ -134,32 +114,39 @@ def record(world: str, seed: int, limit_s: float) -> Figures:
     settings = {"world": file_of(world), "robots": 1, "seed": seed, "starts": "random", "max_time_s": limit_s}
     run = explore(settings, {}, watch)
     truth, frame = run.truth(), run.frame()
-    snapshots = []
-    for t, pose, wireframe in kept:
-        snapshots.append(
-            {
-                "t": t,
-                "pose": list(pose),
-                "wireframe": b64encode(zlib.compress(encode_wireframe(wireframe))).decode(),
-                "mapped": b64encode(zlib.compress(np.packbits(mapped(wireframe, frame, truth)).tobytes())).decode(),
-                "corners": _true_corners(wireframe, frame, truth),
-            }
-        )
-    lengths = b64encode(zlib.compress(truth.seen_lengths.astype("<f4").tobytes())).decode()
+    snapshots = [
+        {
+            "t": t,
+            "pose": list(pose),
+            "wireframe": _packed(encode_wireframe(wireframe)),
+            "mapped": _packed(np.packbits(mapped(wireframe, frame, truth)).tobytes()),
+            "corners": _true_corners(wireframe, frame, truth),
+        }
+        for t, pose, wireframe in kept
+    ]
+    lengths = _packed(truth.seen_lengths.astype("<f4").tobytes())
     return {"world": world, "frame": list(frame), "lengths": lengths, "snapshots": snapshots}
+
+
+def _packed(data: bytes) -> str:
+    return b64encode(zlib.compress(data)).decode()
+
+
+def _unpacked(text: str) -> bytes:
+    return zlib.decompress(b64decode(text))
 
 
 def recording_of(figures: Mapping[str, Any]) -> Recording:
     """What `record` has measured."""
-    lengths = np.frombuffer(zlib.decompress(b64decode(figures["lengths"])), "<f4").astype(np.float64)
+    lengths = np.frombuffer(_unpacked(figures["lengths"]), "<f4").astype(np.float64)
 
     def snapshot(kept: Mapping[str, Any]) -> Snapshot:
-        bits = np.frombuffer(zlib.decompress(b64decode(kept["mapped"])), np.uint8)
+        bits = np.frombuffer(_unpacked(kept["mapped"]), np.uint8)
         x, y, theta = kept["pose"]
         return Snapshot(
             kept["t"],
             (x, y, theta),
-            decode_wireframe(zlib.decompress(b64decode(kept["wireframe"]))),
+            decode_wireframe(_unpacked(kept["wireframe"])),
             np.unpackbits(bits, count=len(lengths)).astype(np.bool_),
             kept["corners"],
         )

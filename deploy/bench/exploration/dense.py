@@ -12,8 +12,7 @@ import heapq
 import math
 import time
 import zlib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,11 +22,11 @@ from agent.kernels import kernel
 from agent.perception.perceive import perceive
 from agent.robot import Step
 from deploy import inprocess
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
-from deploy.bench.exploration.runs import grouped, median, seeds, settings, worlds
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
 from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
+from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label, median, most
 from deploy.occupancy_grid import GrowingGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
@@ -297,9 +296,10 @@ class DenseRobot:
         return True
 
 
-def measure_dense(world: Mapping[str, Any]) -> Figures:
-    """One run of the dense robot."""
-    config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
+def measure_dense(world: str, seed: int) -> Figures:
+    """One run of the dense robot, from the start that ours has in `runs`."""
+    settings = {"robots": 1, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
+    config = WorldConfig.model_validate({**settings, "world": path_of(world)})
     x0, y0, x1, y1 = load(config.world).solid.bounds
     reach_m = math.hypot(x1 - x0, y1 - y0) + config.spec.lidar.range_max_m
     minds: list[DenseRobot] = []
@@ -316,15 +316,12 @@ def measure_dense(world: Mapping[str, Any]) -> Figures:
 
 def cases(quick: bool) -> list[Case]:
     """The dense robot from the same starts as ours in `runs`."""
-    return [
-        Case(f"dense/{world}/{seed}", measure_dense, {"world": settings(world, seed)})
-        for seed in seeds(quick)
-        for world in worlds(quick)
-    ]
+    return each("dense/{world}/{seed}", measure_dense, seed=seeds(quick), world=worlds(quick))
 
 
-def _compared(both: Sequence[tuple[float | None, float | None]]) -> dict[str, Any]:
+def _compared(mine: Runs, theirs: Runs) -> Row:
     """Our and the dense paths to 99 % of starts where both got so far, and of how many starts each did."""
+    both = [(a["path_99_m"], b["path_99_m"]) for a, b in zip(mine, theirs, strict=True)]
     reached = [(a, b) for a, b in both if a is not None and b is not None]
     return {
         "path": float(np.median([a for a, _ in reached])) if reached else None,
@@ -334,50 +331,51 @@ def _compared(both: Sequence[tuple[float | None, float | None]]) -> dict[str, An
     }
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """Ours and the dense one, medians over the starts."""
-    ours = grouped(figures, "runs")
-    rows: list[dict[str, Any]] = []
-    every: list[tuple[float | None, float | None]] = []
-    for world, theirs in grouped(figures, "dense").items():
-        mine = ours.get(world, [])
-        if len(mine) != len(theirs):
-            continue
-        both = [(a["path_99_m"], b["path_99_m"]) for a, b in zip(mine, theirs, strict=True)]
-        every += both
-        rows.append(
-            {
-                "world": world,
-                **_compared(both),
-                "path_90": median(mine, "path_90_m"),
-                "dense_path_90": median(theirs, "path_90_m"),
-                "map_bytes": median(mine, "map_bytes"),
-                "filter_bytes": median(mine, "filter_bytes"),
-                "grid_bytes": median(theirs, "grid_bytes"),
-                "grid_zlib_bytes": median(theirs, "grid_zlib_bytes"),
-                "dense_contacts": max(run["wall_contacts"] for run in theirs),
-            }
-        )
-    beside = frozenset(range(len(rows)))  # a world has few starts from which the dense one sees 99 % at all
-    if rows:
-        rows.append({"world": "all", **_compared(every)})
-    columns = [
-        Column("world", "world"),
-        Column("path_90", "m to 90 %", digits=1),
-        Column("dense_path_90", "dense", digits=1),
-        Column("path", "m to 99 %", digits=1),
-        Column("dense_path", "dense", digits=1),
-        Column("ratio", "ours / dense", at_most=MOST_RATIO, digits=2),
-        Column("reached", "99 % reached"),
-        Column("map_bytes", "map B", digits=0),
-        Column("filter_bytes", "filter B", digits=0),
-        Column("grid_bytes", "grid B", digits=0),
-        Column("grid_zlib_bytes", "grid zlib B", digits=0),
-        Column("dense_contacts", "dense wall contacts"),
+def _rows(figures: Outcomes) -> list[Row]:
+    """Ours and the dense one, a row a layout and one for all."""
+    ours = by_label(figures, "runs/{world}/*")
+    dense = by_label(figures, "dense/{world}/*")
+    worlds = [world for world, theirs in dense.items() if len(theirs) == len(ours.get(world, []))]
+    rows = [
+        {
+            "world": world,
+            **_compared(mine, theirs),
+            "path_90": median(mine, "path_90_m"),
+            "dense_path_90": median(theirs, "path_90_m"),
+            "map_bytes": median(mine, "map_bytes"),
+            "filter_bytes": median(mine, "filter_bytes"),
+            "grid_bytes": median(theirs, "grid_bytes"),
+            "grid_zlib_bytes": median(theirs, "grid_zlib_bytes"),
+            "dense_contacts": most(theirs, "wall_contacts"),
+        }
+        for world in worlds
+        for mine, theirs in [(ours[world], dense[world])]
     ]
-    note = (
-        "Medians of paths over starts where both reached 99 %; the ratio is that of their sums. Reached: ours / dense. "
-        "The bar is that of all worlds together. "
-        "Grid: one byte a cell of the box that is known."
+    all_ours, all_dense = ([run for world in worlds for run in runs[world]] for runs in (ours, dense))
+    return [*rows, {"world": "all", **_compared(all_ours, all_dense)}] if rows else []
+
+
+TABLES = [
+    Table(
+        "dense",
+        "Ours and nearest frontier on a grid of 5 cm",
+        [
+            Column("world", "world"),
+            Column("path_90", "m to 90 %", digits=1),
+            Column("dense_path_90", "dense", digits=1),
+            Column("path", "m to 99 %", digits=1),
+            Column("dense_path", "dense", digits=1),
+            Column("ratio", "ours / dense", at_most=MOST_RATIO, digits=2),
+            Column("reached", "99 % reached"),
+            Column("map_bytes", "map B", digits=0),
+            Column("filter_bytes", "filter B", digits=0),
+            Column("grid_bytes", "grid B", digits=0),
+            Column("grid_zlib_bytes", "grid zlib B", digits=0),
+            Column("dense_contacts", "dense wall contacts"),
+        ],
+        _rows,
+        judged=lambda row: row["world"] == "all",  # a world has few starts from which the dense one sees 99 % at all
+        note="Medians of paths over starts where both reached 99 %; the ratio is that of their sums. Reached: ours / "
+        "dense. The bar is that of all worlds together. Grid: one byte a cell of the box that is known.",
     )
-    return [Section("dense", "Ours and nearest frontier on a grid of 5 cm", columns, rows, beside, note)]
+]

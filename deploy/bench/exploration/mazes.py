@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
-from deploy.bench.exploration.runs import len_or, measure_run
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.explored import measure_run
+from deploy.bench.tables import Column, Outcomes, Row, Table, grouped, least, most, row_of, share
 from world.maze import MAX_SIDE_M, MIN_SIDE_M, generate
 
 MAZES = 50
@@ -27,42 +26,39 @@ def measure_maze(seed: int) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "maze.yaml"
         path.write_text(json.dumps(generate(width, height, rng)), encoding="utf-8")
-        world = {"world": str(path), "robots": 1, "seed": seed, "starts": "random", "max_time_s": ceiling}
-        found = measure_run(world, {})
+        found = measure_run(str(path), seed, ceiling, "random")
     return found | {"width_m": width, "height_m": height, "ceiling_s": ceiling}
 
 
 def cases(quick: bool) -> list[Case]:
     """Every maze once."""
-    return [Case(f"mazes/{seed}", measure_maze, {"seed": seed}) for seed in range(1 if quick else MAZES)]
+    return each("mazes/{seed}", measure_maze, seed=range(1 if quick else MAZES))
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
+COLUMNS = [
+    Column("mazes", "mazes"),
+    Column("complete", "complete in time", share(lambda run: run["ended"] == "complete"), at_least=1.0, digits=2),
+    Column("silent", "open, no reason", most, at_most=0),
+    Column("wall_recall", "recall", least, at_least=0.99, digits=4),
+    Column("wall_contacts", "wall contacts", most, at_most=0),
+    Column(
+        "share",
+        "time of ceiling",
+        lambda runs, _: max(run["ended_at"] / run["ceiling_s"] for run in runs),
+        at_most=1.0,
+        digits=2,
+    ),
+    Column("stuck", "stuck", most),
+]
+
+
+def _rows(figures: Outcomes) -> list[Row]:
     """All mazes in one row, and those that miss a bar by themselves."""
-    runs = {name: found for name, found in figures.items() if name.startswith("mazes/")}
-    columns = [
-        Column("mazes", "mazes"),
-        Column("complete", "complete in time", at_least=1.0, digits=2),
-        Column("silent", "open, no reason", at_most=0),
-        Column("wall_recall", "recall", at_least=0.99, digits=4),
-        Column("wall_contacts", "wall contacts", at_most=0),
-        Column("share", "time of ceiling", at_most=1.0, digits=2),
-        Column("stuck", "stuck"),
-    ]
-    rows = [{"mazes": name.removeprefix("mazes/"), **_row([found])} for name, found in runs.items()]
-    bad = [row for row in rows if any(column.met(row.get(column.key)) is False for column in columns)]
-    total = [{"mazes": f"all {len(runs)}", **_row(list(runs.values()))}] if runs else []
-    return [
-        Section("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", columns, total + bad)
-    ]
+    groups = grouped(figures, "mazes/{mazes}")
+    rows = [row_of(COLUMNS, runs, labels) for labels, runs in groups]
+    bad = [row for row in rows if any(column.met(row[column.key]) is False for column in COLUMNS)]
+    every = [run for _, runs in groups for run in runs]
+    return [row_of(COLUMNS, every, {"mazes": f"all {len(every)}"}), *bad] if every else []
 
 
-def _row(runs: list[Figures]) -> Figures:
-    return {
-        "complete": sum(run["ended"] == "complete" for run in runs) / len(runs),
-        "silent": max(len_or(run["silent"]) for run in runs),
-        "wall_recall": min(run["wall_recall"] for run in runs),
-        "wall_contacts": max(run["wall_contacts"] for run in runs),
-        "share": max(run["ended_at"] / run["ceiling_s"] for run in runs),
-        "stuck": max(run["stuck"] for run in runs),
-    }
+TABLES = [Table("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", COLUMNS, _rows)]

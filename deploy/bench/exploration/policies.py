@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import get_args
 
 from agent.exploration.config import DefaultState
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
-from deploy.bench.exploration.runs import grouped, measure_run, median, settings
+from deploy.bench.cases import Case, each
+from deploy.bench.exploration.runs import LIMIT_S, complete
+from deploy.bench.explored import measure_run
+from deploy.bench.tables import Column, Table, least, median
 
 WORLDS = ["hall", "maze-15"]
 """One with pillars that stand free and are out of range from the walls, and one without."""
@@ -17,39 +17,27 @@ SEEDS = 3
 
 def cases(quick: bool) -> list[Case]:
     """Every state in every world. Sweeps on the way belong to the states that sweep, not to the others."""
-    return [
-        Case(
-            f"policies/{world}/{state}/{seed}",
-            measure_run,
-            {"world": settings(world, seed), "agent": {"exploration": {"default_state": state}}},
-        )
-        for world in ([] if quick else WORLDS)
-        for state in get_args(DefaultState)
-        for seed in range(SEEDS)
-    ]
+    made = []
+    for world in [] if quick else WORLDS:
+        for state in get_args(DefaultState):
+            fixed = {"agent": {"exploration": {"default_state": state}}, "world": world}
+            name = f"policies/{world}/{state}/{{seed}}"
+            made += each(name, measure_run, {"limit_s": LIMIT_S, "starts": "random", **fixed}, seed=range(SEEDS))
+    return made
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """One row for each state and world; `ours` must find all."""
-    columns = [
-        Column("world", "world"),
-        Column("state", "default state"),
-        Column("complete", "complete", at_least=1.0, digits=2),
-        Column("wall_recall", "recall, worst", digits=4),
-        Column("ended_at", "complete s", digits=0),
-        Column("path_m", "path m", digits=0),
-    ]
-    rows = []
-    for group, runs in grouped(figures, "policies").items():
-        world, state = group.split("/")
-        rows.append(
-            {
-                "world": world,
-                "state": state,
-                "complete": sum(run["ended"] == "complete" and bool(run["reason"]) for run in runs) / len(runs),
-                "wall_recall": min(run["wall_recall"] for run in runs),
-                "ended_at": median(runs, "ended_at"),
-                "path_m": median(runs, "path_m"),
-            }
-        )
-    return [Section("policies", "Default states; times and paths are medians", columns, rows)]
+TABLES = [
+    Table(
+        "policies",
+        "Default states; times and paths are medians",
+        [
+            Column("world", "world"),
+            Column("state", "default state"),
+            Column("complete", "complete", complete, at_least=1.0, digits=2),
+            Column("wall_recall", "recall, worst", least, digits=4),
+            Column("ended_at", "complete s", median, digits=0),
+            Column("path_m", "path m", median, digits=0),
+        ],
+        "policies/{world}/{state}/*",
+    )
+]

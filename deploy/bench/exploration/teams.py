@@ -12,17 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
-from deploy.bench.exploration.runs import LIMIT_S, grouped
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.exploration.runs import LIMIT_S
 from deploy.bench.explored import explore
+from deploy.bench.tables import Column, Table, count, least, most, whole
 
 CORRIDOR = [
     *[[-5.0, -1.5], [-2.0, -1.5], [-2.0, -0.3], [2.0, -0.3], [2.0, -1.5], [5.0, -1.5]],
     *[[5.0, 1.5], [2.0, 1.5], [2.0, 0.3], [-2.0, 0.3], [-2.0, 1.5], [-5.0, 1.5], [-5.0, -1.5]],
 ]
 """Two rooms of 3 m x 3 m joined by a corridor of 4 m x 0.6 m."""
-MEETINGS = 10
+TEAMS, MEETINGS = 5, 10
+"""Runs of each."""
 
 
 def corridor(seed: int) -> dict[str, Any]:
@@ -33,9 +34,10 @@ def corridor(seed: int) -> dict[str, Any]:
     return {"name": "corridor", "units": "m", "walls": walls, "spawns": [[-x, y, 0.0], [u, v, math.pi]]}
 
 
-def measure_team(world: Mapping[str, Any]) -> Figures:
+def measure_team(seed: int) -> Figures:
     """Contacts of each robot, and how each ended."""
-    return _figures(explore(world, {}).summary)
+    settings = {"world": "maze-15", "robots": 5, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
+    return _figures(explore(settings, {}).summary)
 
 
 def measure_meeting(seed: int) -> Figures:
@@ -54,49 +56,42 @@ def _figures(summary: Mapping[str, Any]) -> Figures:
         "robot_contacts": max(robot["robot_contacts"] for robot in robots),
         "robot_contacts_all": sum(robot["robot_contacts"] for robot in robots),
         "wall_contacts": max(robot["wall_contacts"] for robot in robots),
-        "t_99": max((robot["t_99"] or math.inf) for robot in robots) if all(r["t_99"] for r in robots) else None,
+        "t_99": max(robot["t_99"] for robot in robots) if all(robot["t_99"] for robot in robots) else None,
     }
 
 
 def cases(quick: bool) -> list[Case]:
     """Five robots in the maze from drawn starts, and meetings head-on."""
-    if quick:
-        return [Case("head-on/0", measure_meeting, {"seed": 0})]
-    teams = [
-        {"world": "maze-15", "robots": 5, "seed": seed, "starts": "random", "max_time_s": LIMIT_S} for seed in range(5)
+    return [
+        *each("teams/maze-15/{seed}", measure_team, seed=range(0 if quick else TEAMS)),
+        *each("head-on/{seed}", measure_meeting, seed=range(1 if quick else MEETINGS)),
     ]
-    made = [Case(f"teams/maze-15/{world['seed']}", measure_team, {"world": world}) for world in teams]
-    return made + [Case(f"head-on/{seed}", measure_meeting, {"seed": seed}) for seed in range(MEETINGS)]
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """One row for each run of the team, and one for all meetings."""
-    columns = [
-        Column("seed", "seed"),
-        Column("complete", "complete", at_least=1.0, digits=2),
-        Column("robot_contacts", "contacts of a robot", at_most=1),
-        Column("robot_contacts_all", "of all"),
-        Column("wall_contacts", "with walls", at_most=0),
-        Column("coverage", "least coverage", digits=4),
-    ]
-    runs = grouped(figures, "teams").get("maze-15", [])
-    rows = [{"seed": str(seed), **run} for seed, run in enumerate(runs)]
-    made = [Section("teams", "Five robots in maze-15", columns, rows)]
-    meetings = [found for name, found in figures.items() if name.startswith("head-on/")]
-    if meetings:
-        row = {
-            "complete": min(run["complete"] for run in meetings),
-            "coverage": min(run["coverage"] for run in meetings),
-            "robot_contacts": max(run["robot_contacts"] for run in meetings),
-            "wall_contacts": max(run["wall_contacts"] for run in meetings),
-            "runs": len(meetings),
-        }
-        head = [
-            Column("runs", "runs"),
-            Column("complete", "both complete", at_least=1.0, digits=2),
-            Column("coverage", "least coverage", at_least=0.99, digits=4),
-            Column("robot_contacts", "contacts of a robot"),
+TABLES = [
+    Table(
+        "teams",
+        "Five robots in maze-15",
+        [
+            Column("seed", "seed"),
+            Column("complete", "complete", at_least=1.0, digits=2),
+            Column("robot_contacts", "contacts of a robot", at_most=1),
+            Column("robot_contacts_all", "of all"),
             Column("wall_contacts", "with walls", at_most=0),
-        ]
-        made.append(Section("head-on", "Two robots head-on in a corridor of 0.6 m, worst run", head, [row]))
-    return made
+            Column("coverage", "least coverage", digits=4),
+        ],
+        whole("teams/maze-15/{seed}"),
+    ),
+    Table(
+        "head-on",
+        "Two robots head-on in a corridor of 0.6 m, worst run",
+        [
+            Column("runs", "runs", count),
+            Column("complete", "both complete", least, at_least=1.0, digits=2),
+            Column("coverage", "least coverage", least, at_least=0.99, digits=4),
+            Column("robot_contacts", "contacts of a robot", most),
+            Column("wall_contacts", "with walls", most, at_most=0),
+        ],
+        "head-on/*",
+    ),
+]

@@ -20,8 +20,6 @@ It bounds the path that sees those places, and so all of the visible wall, not 9
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import shapely
@@ -31,10 +29,10 @@ from agent.exploration.planning import Roads
 from agent.geometry.clearance import keeps_clear
 from agent.geometry.visibility import visible_ring
 from agent.kernels import kernel
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
-from deploy.bench.exploration.runs import grouped, seeds, settings, worlds
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.exploration.runs import seeds, worlds
 from deploy.bench.layouts import path_of
+from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label
 from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
@@ -232,13 +230,10 @@ def best_bound(cost: Floats) -> tuple[float, int]:
 
 def measure_bound(world: str, seeds: list[int]) -> Figures:
     """Lower bounds in metres for the starts of these seeds, of a robot alone."""
-    file = path_of(world)
-    configs = [WorldConfig.model_validate({**settings(world, seed), "world": file}) for seed in seeds]
-    true, spec = load(file), configs[0].spec
-    starts = np.vstack(
-        [true.starts(1, spec.radius_m, generator(config.seed, "starts"), drawn=True)[:, :2] for config in configs]
-    )
-    sets = _Sets(true, starts[0], spec.radius_m, spec.lidar.range_max_m, configs[0])
+    true, config = load(path_of(world)), WorldConfig()
+    spec = config.spec
+    starts = np.vstack([true.starts(1, spec.radius_m, generator(seed, "starts"), drawn=True)[:, :2] for seed in seeds])
+    sets = _Sets(true, starts[0], spec.radius_m, spec.lidar.range_max_m, config)
     cost = sets.distances(starts, sets.hardest())
     s = len(starts)
     found = [best_bound(cost[np.ix_(rows, rows)]) for k in range(s) if (rows := [k, *range(s, len(cost))])]
@@ -247,35 +242,44 @@ def measure_bound(world: str, seeds: list[int]) -> Figures:
 
 def cases(quick: bool) -> list[Case]:
     """One for each layout."""
+    return each("tours/{world}/all", measure_bound, {"seeds": list(seeds(quick))}, world=worlds(quick))
+
+
+def _ratio(bounds: list[float], runs: Runs, key: str) -> float | None:
+    """Median of paths over bounds, run by run; None where a run has no such path."""
+    ratios = [run[key] / bound for run, bound in zip(runs, bounds, strict=False) if run[key] is not None]
+    return float(np.median(ratios)) if len(ratios) == len(bounds) else None
+
+
+def _rows(figures: Outcomes) -> list[Row]:
+    """Paths over the bound, a row a layout."""
+    runs, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
     return [
-        Case(f"tours/{world}/all", measure_bound, {"world": world, "seeds": list(seeds(quick))})
-        for world in worlds(quick)
+        {
+            "world": world,
+            "places": int(np.median(found["places"])),
+            "bound": float(np.median(found["bound_m"])),
+            "to_99": _ratio(found["bound_m"], runs.get(world, []), "path_99_m"),
+            "whole": _ratio(found["bound_m"], runs.get(world, []), "path_m"),
+            "dense_99": _ratio(found["bound_m"], dense.get(world, []), "path_99_m"),
+        }
+        for world, (found,) in by_label(figures, "tours/{world}/all").items()
     ]
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """Paths over the bound."""
-    runs, dense = grouped(figures, "runs"), grouped(figures, "dense")
-    rows: list[dict[str, Any]] = []
-    for world, (found,) in grouped(figures, "tours").items():
-        bound = np.array(found["bound_m"])
-        row = {"world": world, "places": int(np.median(found["places"])), "bound": float(np.median(bound))}
-        for key, group, field in (
-            ("to_99", runs, "path_99_m"),
-            ("whole", runs, "path_m"),
-            ("dense_99", dense, "path_99_m"),
-        ):
-            paths = [run[field] for run in group.get(world, [])]
-            ratios = [path / b for path, b in zip(paths, bound, strict=False) if path is not None]
-            row[key] = float(np.median(ratios)) if len(ratios) == len(bound) else None
-        rows.append(row)
-    columns = [
-        Column("world", "world"),
-        Column("places", "places"),
-        Column("bound", "bound m", digits=1),
-        Column("to_99", "path to 99 % / bound", digits=2),
-        Column("whole", "whole path / bound", digits=2),
-        Column("dense_99", "dense to 99 % / bound", digits=2),
-    ]
-    note = "No path that sees all visible wall is shorter than the bound. Medians over the starts."
-    return [Section("tours", "Paths over a lower bound of the shortest tour", columns, rows, note=note)]
+TABLES = [
+    Table(
+        "tours",
+        "Paths over a lower bound of the shortest tour",
+        [
+            Column("world", "world"),
+            Column("places", "places"),
+            Column("bound", "bound m", digits=1),
+            Column("to_99", "path to 99 % / bound", digits=2),
+            Column("whole", "whole path / bound", digits=2),
+            Column("dense_99", "dense to 99 % / bound", digits=2),
+        ],
+        _rows,
+        note="No path that sees all visible wall is shorter than the bound. Medians over the starts.",
+    )
+]

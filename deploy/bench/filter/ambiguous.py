@@ -7,15 +7,15 @@ driven. A map is judged all along the run, not only at its end, where one hypoth
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import HERE, Recording, record
+from deploy.bench.tables import Column, Outcomes, Row, Table, mean, runs_of
 from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
 from world.worldfile import to_yaml
@@ -50,11 +50,6 @@ def double_walls() -> dict[str, Any]:
         boxes.append([2.2 + 2.2 * k, 2.9, 0.0, 0.8, 0.03])
         boxes.append([2.2 + 2.2 * k, 2.9 + gap, 0.0, 0.8, 0.03])
     return {"name": "double-walls", "units": "m", "boxes": boxes, "spawns": [[1.0, 2.0, 0.3]]}
-
-
-def ambiguous_case(name: str, seed: int, particles: Sequence[int], limit_s: float) -> Case:
-    """A case of several sizes of filter on one run."""
-    return Case(name, measure_ambiguous, {"seed": seed, "particles": list(particles), "limit_s": limit_s})
 
 
 def measure_ambiguous(seed: int, particles: Sequence[int], limit_s: float) -> Figures:
@@ -93,41 +88,48 @@ def _f1(recall: float, precision: float) -> float:
 
 def cases(quick: bool) -> list[Case]:
     """One hypothesis against several sizes of filter."""
-    if quick:
-        return [ambiguous_case("ambiguous/0", 0, (1, 5, 10), 60.0)]
-    return [ambiguous_case(f"ambiguous/{seed}", seed, (1, 5, 10, 30, 100), 400.0) for seed in range(10)]
+    fixed = {"particles": [1, 5, 10] if quick else [1, 5, 10, 30, 100], "limit_s": 60.0 if quick else 400.0}
+    return each("ambiguous/{seed}", measure_ambiguous, fixed, seed=range(1 if quick else 10))
 
 
 JUDGED = ("along_walls", "along_corners")
 """What `ahead` asks: F1 of walls and of corners, mean over the run."""
-COLUMNS = [
-    Column("particles", "particles"),
-    Column("runs", "runs"),
-    Column("wall_recall", "recall", digits=4),
-    Column("wall_precision", "precision", digits=4),
-    Column("wall_rmse_m", "wall rmse m", digits=4),
-    Column("corners", "corner F1", digits=4),
-    Column("repeated", "repeated"),
-    Column("along_walls", "walls F1, along", digits=4),
-    Column("along_corners", "corner F1, along", digits=4),
-    Column("ahead", "ahead of one, along %", at_least=50.1, digits=0),
-]
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The table by size of the filter: means over the runs."""
-    runs = [found for name, found in figures.items() if name.startswith("ambiguous/")]
-    rows: list[dict[str, Any]] = []
+def _rows(figures: Outcomes) -> list[Row]:
+    """Means over the runs by size of the filter."""
+    runs = runs_of(figures, "ambiguous/*")
+    rows: list[Row] = []
     for n in runs[0] if runs else ():
-        mean = {key: float(np.mean([run[n][key] for run in runs])) for key in runs[0][n]}
+        means = {key: mean([run[n] for run in runs], key) for key in runs[0][n]}
         wins = [_win(run[n][key], run["1"][key]) for run in runs for key in JUDGED]
         ahead = {} if n == "1" else {"ahead": 100.0 * sum(wins) / len(wins)}
-        rows.append({"particles": int(n), "runs": len(runs), **mean, **ahead})
-    aside = frozenset(number for number, row in enumerate(rows) if row["particles"] == 1)
-    note = "Means over runs; along: mean over the run, every 10 s. Ahead: share of runs and figures, a tie is half."
-    title = f"Parallel walls 0.15 to 0.3 m apart, {NOISE_M} m range noise"
-    return [Section("ambiguous", title, COLUMNS, rows, aside, note)]
+        rows.append({"particles": int(n), "runs": len(runs), **means, **ahead})
+    return rows
 
 
 def _win(ours: float, one: float) -> float:
     return 0.5 if ours == one else float(ours > one)
+
+
+TABLES = [
+    Table(
+        "ambiguous",
+        f"Parallel walls 0.15 to 0.3 m apart, {NOISE_M} m range noise",
+        [
+            Column("particles", "particles"),
+            Column("runs", "runs"),
+            Column("wall_recall", "recall", digits=4),
+            Column("wall_precision", "precision", digits=4),
+            Column("wall_rmse_m", "wall rmse m", digits=4),
+            Column("corners", "corner F1", digits=4),
+            Column("repeated", "repeated"),
+            Column("along_walls", "walls F1, along", digits=4),
+            Column("along_corners", "corner F1, along", digits=4),
+            Column("ahead", "ahead of one, along %", at_least=50.1, digits=0),
+        ],
+        _rows,
+        judged=lambda row: row["particles"] != 1,
+        note="Means over runs; along: mean over the run, every 10 s. Ahead: share of runs and figures, a tie is half.",
+    )
+]

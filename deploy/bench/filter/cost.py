@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +14,11 @@ import numpy as np
 
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.filter.recording import record
 from deploy.bench.layouts import path_of, present
+from deploy.bench.tables import Column, Outcomes, Row, Table, by_label, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol.messages import Observation
@@ -112,70 +112,58 @@ def _load() -> float:
     return round(os.getloadavg()[0], 2)
 
 
+def speed_cases(stages: str, run: str, quick: bool) -> list[Case]:
+    """A step by stage and a whole run, under these names; alone each, for their figures are times."""
+    small, large = {"world": "apartment", "limit_s": 60.0}, {"world": "maze-15", "limit_s": 3600.0}
+    team = {"world": "apartment" if quick else "maze-15", "robots": 3, "until": 60.0 if quick else "complete"}
+    return [
+        *each(stages, measure_stages, small if quick else large, alone=True),
+        *each(run, measure_speed, team, alone=True),
+    ]
+
+
 def cases(quick: bool) -> list[Case]:
     """Alone each: their figures are times."""
     world, limit_s = ("apartment", 60.0) if quick else ("maze-15", 3600.0)
-    made = [Case("cost/stages", measure_stages, {"world": world, "limit_s": limit_s}, alone=True)]
-    for n in PARTICLES[: 3 if quick else None]:
-        arguments = {"world": world, "particles": n, "limit_s": limit_s}
-        made.append(Case(f"cost/particles/{n}", measure_growth, arguments, alone=True))
-    for large in ["apartment"] if quick else ["maze-15", *present(["gbeltramo_building", "pal_home_w"])]:
-        arguments = {"world": large, "particles": None, "limit_s": limit_s}
-        made.append(Case(f"cost/vertices/{large}", measure_growth, arguments, alone=True))
-    until: float | str = 60.0 if quick else "complete"
-    arguments = {"world": "apartment" if quick else "maze-15", "robots": 3, "until": until}
-    made.append(Case("cost/speed", measure_speed, arguments, alone=True))
-    return made
-
-
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The tables of stages, growth and speed."""
-    made = []
-    if "cost/stages" in figures:
-        made.append(stages_section(figures["cost/stages"]))
-    growth = [found for name, found in figures.items() if name.startswith("cost/particles/")]
-    columns = [
-        Column("particles", "particles"),
-        Column("median", "median ms", digits=2),
-        Column("p99", "99 % ms", digits=2),
-        Column("bytes", "filter bytes"),
-        Column("load", "load", digits=1),
+    worlds = ["apartment"] if quick else ["maze-15", *present(["gbeltramo_building", "pal_home_w"])]
+    sizes = PARTICLES[: 3 if quick else None]
+    particles = {"world": world, "limit_s": limit_s}
+    vertices = {"particles": None, "limit_s": limit_s}
+    stages, speed = speed_cases("cost/stages", "cost/speed", quick)
+    return [
+        stages,
+        *each("cost/particles/{particles}", measure_growth, particles, alone=True, particles=sizes),
+        *each("cost/vertices/{world}", measure_growth, vertices, alone=True, world=worlds),
+        speed,
     ]
-    made.append(Section("particles", "Filter update by particles", columns, growth))
-    rows = [
-        {"world": name.rpartition("/")[2], "particles": found["particles"], "vertices": int(size), "median": median}
-        for name, found in figures.items()
-        if name.startswith("cost/vertices/")
-        for size, median in found["by_vertices"].items()
-    ]
-    columns = [
-        Column("world", "world"),
-        Column("particles", "particles"),
-        Column("vertices", f"vertices, from (to {BIN_VERTICES} more)"),
-        Column("median", "median ms", digits=3),
-    ]
-    made.append(Section("vertices", "Filter update by vertices of the map", columns, rows))
-    if "cost/speed" in figures:
-        made.append(speed_section(figures["cost/speed"]))
-    return made
 
 
-def stages_section(found: Figures) -> Section:
+def stages_table(case: str) -> Table:
     """The table of `measure_stages`."""
-    rows = [{"stage": "whole step", **found["step"]}]
-    rows += [{"stage": stage, **found[stage]} for stage in ("perception", "filter", "planning")]
-    columns = [
-        Column("stage", "stage"),
-        Column("median", "median ms", at_most=5.0, digits=2),
-        Column("mean", "mean ms", digits=2),
-        Column("p99", "99 % ms", digits=2),
-    ]
-    title = f"A step of one robot, {found['particles']} particles"
-    note = f"The whole step has radio and coding, too. Load of the machine {found['load']:g}."
-    return Section("stages", title, columns, rows, frozenset({1, 2, 3}), note)
+
+    def rows(figures: Outcomes) -> list[Row]:
+        found = figures.get(case)
+        stages = {"whole step": "step", "perception": "perception", "filter": "filter", "planning": "planning"}
+        return [{"stage": stage, **found[key]} for stage, key in stages.items()] if found else []
+
+    return Table(
+        "stages",
+        lambda figures: f"A step of one robot, {figures[case]['particles']} particles",
+        [
+            Column("stage", "stage"),
+            Column("median", "median ms", at_most=5.0, digits=2),
+            Column("mean", "mean ms", digits=2),
+            Column("p99", "99 % ms", digits=2),
+        ],
+        rows,
+        judged=lambda row: row["stage"] == "whole step",
+        note=lambda figures: (
+            f"The whole step has radio and coding, too. Load of the machine {figures[case]['load']:g}."
+        ),
+    )
 
 
-def speed_section(found: Figures) -> Section:
+def speed_table(case: str) -> Table:
     """The table of `measure_speed`."""
     columns = [
         Column("real_time_factor", "times real time", at_least=30.0, digits=1),
@@ -183,4 +171,41 @@ def speed_section(found: Figures) -> Section:
         Column("ended", "ended"),
         Column("load", "load", digits=1),
     ]
-    return Section("speed", "wireswarm run, 3 robots", columns, [found])
+    return Table("speed", "wireswarm run, 3 robots", columns, whole(case))
+
+
+def _by_vertices(figures: Outcomes) -> list[Row]:
+    return [
+        {"world": world, "particles": found["particles"], "vertices": int(size), "median": median}
+        for world, (found,) in by_label(figures, "cost/vertices/{world}").items()
+        for size, median in found["by_vertices"].items()
+    ]
+
+
+TABLES = [
+    stages_table("cost/stages"),
+    Table(
+        "particles",
+        "Filter update by particles",
+        [
+            Column("particles", "particles"),
+            Column("median", "median ms", digits=2),
+            Column("p99", "99 % ms", digits=2),
+            Column("bytes", "filter bytes"),
+            Column("load", "load", digits=1),
+        ],
+        whole("cost/particles/*"),
+    ),
+    Table(
+        "vertices",
+        "Filter update by vertices of the map",
+        [
+            Column("world", "world"),
+            Column("particles", "particles"),
+            Column("vertices", f"vertices, from (to {BIN_VERTICES} more)"),
+            Column("median", "median ms", digits=3),
+        ],
+        _by_vertices,
+    ),
+    speed_table("cost/speed"),
+]

@@ -9,23 +9,18 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import Recording, record
 from deploy.bench.layouts import present
+from deploy.bench.tables import Column, Outcomes, Row, Table, by_label
 from deploy.metrics import Truth, score_walls
-from deploy.occupancy_grid import Grid, grid_of
+from deploy.occupancy_grid import CELLS_PER_BYTE, Grid, grid_of, two_bits
 from protocol.wireframe import encode_wireframe
 
-CELLS_PER_BYTE = 4
-"""Two bits a cell."""
 FINEST_M = 0.005
 """Cells are not made smaller: half the range noise."""
 
@@ -74,19 +69,11 @@ def _compressed_grid(run: Recording, size: int) -> Grid:
     while high - low > 0.02 * low:
         cell = math.sqrt(low * high)
         grid = _grid(run, cell)
-        if len(zlib.compress(_packed(grid), 9)) <= size:
+        if len(zlib.compress(two_bits(grid.states()), 9)) <= size:
             best, high = grid, cell
         else:
             low = cell
     return best
-
-
-def _packed(grid: Grid) -> bytes:
-    """Two bits a cell."""
-    states = grid.states().reshape(-1)
-    rows = np.pad(states, (0, -len(states) % CELLS_PER_BYTE)).reshape(-1, CELLS_PER_BYTE)
-    packed: NDArray[np.uint8] = (rows << np.array([0, 2, 4, 6], np.uint8)).sum(1).astype(np.uint8)
-    return packed.tobytes()
 
 
 def _grid_figures(grid: Grid, size: int, truth: Truth) -> Figures:
@@ -102,55 +89,52 @@ def _grid_figures(grid: Grid, size: int, truth: Truth) -> Figures:
 
 def cases(quick: bool) -> list[Case]:
     """A few layouts."""
-    worlds = (
-        ["apartment"]
-        if quick
-        else ["maze-15", "office", "apartment", *present(["drlnav_stage7", "gbeltramo_building"])]
-    )
+    more = ["maze-15", "office", "apartment", *present(["drlnav_stage7", "gbeltramo_building"])]
+    limit_s = 100.0 if quick else 3600.0
+    return each("storage/{world}", measure_storage, {"limit_s": limit_s}, world=["apartment"] if quick else more)
+
+
+def _rows(figures: Outcomes) -> list[Row]:
+    """A row a layout and size."""
     return [
-        Case(f"storage/{world}", measure_storage, {"world": world, "limit_s": 100.0 if quick else 3600.0})
-        for world in worlds
+        {
+            "world": world,
+            "storage": which,
+            "bytes": grid["bytes"],
+            "cell_m": grid["cell_m"],
+            "ours_rmse_m": ours["rmse_m"],
+            "grid_rmse_m": grid["rmse_m"],
+            "rmse_ahead_m": grid["rmse_m"] - ours["rmse_m"],
+            "recall_ahead": ours["recall"] - grid["recall"],
+            "precision_ahead": ours["precision"] - grid["precision"],
+            "grid_recall": grid["recall"],
+            "grid_precision": grid["precision"],
+        }
+        for world, (found,) in by_label(figures, "storage/{world}").items()
+        for which, grid in found["grids"].items()
+        for ours in (found["ours"],)
     ]
 
 
-COLUMNS = [
-    Column("world", "world"),
-    Column("storage", "storage"),
-    Column("bytes", "bytes"),
-    Column("cell_m", "grid's cell m"),
-    Column("ours_rmse_m", "our rmse m", digits=4),
-    Column("grid_rmse_m", "grid's rmse m", digits=4),
-    Column("rmse_ahead_m", "rmse ahead m", at_least=0.0001, digits=4),
-    Column("recall_ahead", "recall ahead", at_least=-0.01, digits=4),
-    Column("precision_ahead", "precision ahead", at_least=-0.01, digits=4),
-    Column("grid_recall", "grid's recall"),
-    Column("grid_precision", "grid's precision"),
+TABLES = [
+    Table(
+        "storage",
+        "Equal storage: occupancy grid against wireframe",
+        [
+            Column("world", "world"),
+            Column("storage", "storage"),
+            Column("bytes", "bytes"),
+            Column("cell_m", "grid's cell m"),
+            Column("ours_rmse_m", "our rmse m", digits=4),
+            Column("grid_rmse_m", "grid's rmse m", digits=4),
+            Column("rmse_ahead_m", "rmse ahead m", at_least=0.0001, digits=4),
+            Column("recall_ahead", "recall ahead", at_least=-0.01, digits=4),
+            Column("precision_ahead", "precision ahead", at_least=-0.01, digits=4),
+            Column("grid_recall", "grid's recall"),
+            Column("grid_precision", "grid's precision"),
+        ],
+        _rows,
+        judged=lambda row: row["storage"] in ("codec", "one particle"),
+        note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction.",
+    )
 ]
-
-
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The table of layouts and sizes; at the whole filter's bytes and compressed beside it."""
-    rows: list[dict[str, Any]] = []
-    for name, found in figures.items():
-        if not name.startswith("storage/"):
-            continue
-        ours = found["ours"]
-        for which, grid in found["grids"].items():
-            rows.append(
-                {
-                    "world": name.removeprefix("storage/"),
-                    "storage": which,
-                    "bytes": grid["bytes"],
-                    "cell_m": grid["cell_m"],
-                    "ours_rmse_m": ours["rmse_m"],
-                    "grid_rmse_m": grid["rmse_m"],
-                    "rmse_ahead_m": grid["rmse_m"] - ours["rmse_m"],
-                    "recall_ahead": ours["recall"] - grid["recall"],
-                    "precision_ahead": ours["precision"] - grid["precision"],
-                    "grid_recall": grid["recall"],
-                    "grid_precision": grid["precision"],
-                }
-            )
-    aside = frozenset(number for number, row in enumerate(rows) if row["storage"] not in ("codec", "one particle"))
-    note = "Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction."
-    return [Section("storage", "Equal storage: occupancy grid against wireframe", COLUMNS, rows, aside, note)]

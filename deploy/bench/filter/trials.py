@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,10 @@ from numpy.typing import NDArray
 
 from agent.geometry.visibility import all_seen
 from agent.mapping.particle_filter import WireframeFilter
-from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
 from deploy.bench.filter.recording import Recording, record
+from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, runs_of
 
 WORLDS = ["maze-15", "office", "apartment", "symmetric"]
 SCOPES = ("all", "half with the best", "half without the best")
@@ -33,14 +34,6 @@ SOON = 300
 GRAZING_DEG = 8.0
 DRAWS = 4000
 """Places drawn for one trial before it is given up."""
-
-
-def fault_case(
-    name: str, world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float
-) -> Case:
-    """A case of all kinds of faults in one recorded run; particles None: the default."""
-    arguments = {"world": world, "trials": trials, "particles": particles, "scopes": list(scopes), "limit_s": limit_s}
-    return Case(name, measure_faults, arguments)
 
 
 def measure_faults(world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float) -> Figures:
@@ -158,66 +151,66 @@ SOME = 10
 
 def cases(quick: bool) -> list[Case]:
     """The default filter, one hypothesis alone, and some particles."""
+    every, alone = list(SCOPES), list(SCOPES[:1])
     if quick:
         return [
-            fault_case("faults/apartment/default", "apartment", 3, None, SCOPES, 120.0),
-            fault_case("faults/apartment/some", "apartment", 2, SOME, SCOPES, 120.0),
+            Case("faults/apartment/default", measure_faults, _arguments("apartment", 3, None, every, 120.0)),
+            Case("faults/apartment/some", measure_faults, _arguments("apartment", 2, SOME, every, 120.0)),
         ]
-    made = []
-    for world in WORLDS:
-        made.append(fault_case(f"faults/{world}/default", world, 25, None, SCOPES, 1200.0))
-        made.append(fault_case(f"faults/{world}/one", world, 25, 1, SCOPES[:1], 1200.0))
-        made.append(fault_case(f"faults/{world}/some", world, 25, SOME, SCOPES, 1200.0))
-    return made
+    return [
+        Case(f"faults/{world}/{which}", measure_faults, _arguments(world, 25, particles, scopes, 1200.0))
+        for world in WORLDS
+        for which, particles, scopes in (("default", None, every), ("one", 1, alone), ("some", SOME, every))
+    ]
 
 
-COLUMNS = [
-    Column("fault", "fault"),
-    Column("scope", "in which particles"),
-    Column("particles", "particles"),
-    Column("trials", "trials"),
-    Column("gone", "gone in 50 scans %", at_least=95.0, digits=0),
-    Column("median", "median scans", digits=0),
-    Column("p90", "90 % scans", digits=0),
-]
+def _arguments(world: str, trials: int, particles: int | None, scopes: list[str], limit_s: float) -> dict[str, Any]:
+    return {"world": world, "trials": trials, "particles": particles, "scopes": scopes, "limit_s": limit_s}
 
 
-def rows(outcomes: Sequence[Figures]) -> list[dict[str, Any]]:
-    """One row per fault and scope, all worlds together."""
-    made = []
-    for kind in KINDS:
-        for scope in SCOPES:
-            counts = [count for one in outcomes for count in one["found"][kind].get(scope, [])]
-            if not counts:
-                continue
-            ranked = sorted(math.inf if count is None else count for count in counts)
-            made.append(
-                {
-                    "fault": kind,
-                    "scope": scope,
-                    "particles": outcomes[0]["particles"],
-                    "trials": len(counts),
-                    "gone": 100.0 * sum(count is not None for count in counts) / len(counts),
-                    "median": _rank(ranked, 0.5),
-                    "p90": _rank(ranked, 0.9),
-                }
-            )
-    return made
+def counts_of(runs: Runs, kinds: Iterable[str], scope: str) -> list[int | None]:
+    """Scans until gone of all trials of some kinds in one scope."""
+    return [count for run in runs for kind in kinds for count in run["found"][kind].get(scope, [])]
 
 
-def _rank(ranked: Sequence[float], share: float) -> int | None:
+def gone_percent(counts: Sequence[int | None]) -> float | None:
+    """Faults that were gone within WITHIN scans; None without trials."""
+    return 100.0 * sum(count is not None for count in counts) / len(counts) if counts else None
+
+
+def _rows(figures: Outcomes) -> list[Row]:
+    """One row per size of filter, fault and scope, all worlds together."""
+    rows = []
+    for which in ("default", "some", "one"):
+        runs = runs_of(figures, f"faults/*/{which}")
+        for kind, scope in product(KINDS, SCOPES):
+            if counts := counts_of(runs, [kind], scope):
+                row = {"fault": kind, "scope": scope, "particles": runs[0]["particles"], "trials": len(counts)}
+                row |= {"gone": gone_percent(counts), "median": _rank(counts, 0.5), "p90": _rank(counts, 0.9)}
+                rows.append(row | {"judged": which != "one"})
+    return rows
+
+
+def _rank(counts: Sequence[int | None], share: float) -> int | None:
+    ranked = sorted(math.inf if count is None else count for count in counts)
     value = ranked[min(len(ranked) - 1, math.floor(share * len(ranked)))]
     return int(value) if math.isfinite(value) else None
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The table of faults: the default filter and some particles judged, one hypothesis alone beside them."""
-    default, some, one = (
-        [found for name, found in figures.items() if name.startswith("faults/") and name.endswith(f"/{which}")]
-        for which in ("default", "some", "one")
+TABLES = [
+    Table(
+        "faults",
+        "Discrete faults injected in mid-run",
+        [
+            Column("fault", "fault"),
+            Column("scope", "in which particles"),
+            Column("particles", "particles"),
+            Column("trials", "trials"),
+            Column("gone", "gone in 50 scans %", at_least=95.0, digits=0),
+            Column("median", "median scans", digits=0),
+            Column("p90", "90 % scans", digits=0),
+        ],
+        _rows,
+        note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50.",
     )
-    judged = [row for outcomes in (default, some) if outcomes for row in rows(outcomes)]
-    beside = rows(one) if one else []
-    aside = frozenset(range(len(judged), len(judged) + len(beside)))
-    note = "Median and 90 % of the scans that saw the place until it was right again; - : more than 50."
-    return [Section("faults", "Discrete faults injected in mid-run", COLUMNS, [*judged, *beside], aside, note)]
+]

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from agent.robot import Robot, Step
-from deploy.bench.bars import Column, Section
-from deploy.bench.cases import Case, Figures
+from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.layouts import present
+from deploy.bench.tables import Column, Reduce, Runs, Table, total
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import Observation
@@ -26,7 +23,7 @@ EVERY_TICKS = 50
 def cases(quick: bool) -> list[Case]:
     """One exploration run per layout."""
     worlds = ["apartment"] if quick else present(SHARED)
-    return [Case(f"codec/{world}", measure_maps, {"world": world}) for world in worlds]
+    return each("codec/{world}", measure_maps, world=worlds)
 
 
 def measure_maps(world: str) -> Figures:
@@ -54,27 +51,37 @@ def _sizes(maps: list[Wireframe]) -> dict[str, int]:
     return {"maps": len(maps), "vertices": vertices, "bytes": bare, "with_likelihoods": with_likelihoods}
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """Bytes a vertex, header included, per layout and pooled."""
-    found = {name.removeprefix("codec/"): one for name, one in figures.items() if name.startswith("codec/")}
-    rows: list[dict[str, Any]] = []
-    for world, parts in [*found.items(), ("all pooled", None)]:
-        row: dict[str, Any] = {"world": world}
-        for part in ("full", "partial"):
-            counted = [one[part] for one in (found.values() if parts is None else [parts])]
-            vertices = sum(one["vertices"] for one in counted)
-            for key in ("bytes", "with_likelihoods"):
-                row[f"{part}_{key}"] = sum(one[key] for one in counted) / vertices if vertices else None
-            row[f"{part}_vertices"] = vertices
-        rows.append(row)
-    columns = [
-        Column("world", "world"),
-        Column("full_vertices", "vertices of\nthe full map"),
-        Column("full_bytes", "bytes a vertex", at_most=2.5),
-        Column("full_with_likelihoods", "with\nlikelihoods"),
-        Column("partial_vertices", "vertices of\npartial maps"),
-        Column("partial_bytes", "bytes a vertex", at_most=3.2),
-        Column("partial_with_likelihoods", "with\nlikelihoods"),
-    ]
-    note = "Robots' own maps, quantised to 1 cm, header included."
-    return [Section("codec", "Codec", columns, rows if found else [], frozenset(range(len(found))), note)]
+def _a_vertex(part: str, key: str) -> Reduce:
+    """Bytes of all maps over their vertices."""
+
+    def bytes_a_vertex(runs: Runs, _: str) -> float | None:
+        parts = [run[part] for run in runs]
+        vertices = total(parts, "vertices")
+        return total(parts, key) / vertices if vertices else None
+
+    return bytes_a_vertex
+
+
+def _vertices(part: str) -> Reduce:
+    return lambda runs, _: sum(run[part]["vertices"] for run in runs)
+
+
+TABLES = [
+    Table(
+        "codec",
+        "Codec",
+        [
+            Column("world", "world"),
+            Column("full_vertices", "vertices of\nthe full map", _vertices("full")),
+            Column("full_bytes", "bytes a vertex", _a_vertex("full", "bytes"), at_most=2.5),
+            Column("full_with_likelihoods", "with\nlikelihoods", _a_vertex("full", "with_likelihoods")),
+            Column("partial_vertices", "vertices of\npartial maps", _vertices("partial")),
+            Column("partial_bytes", "bytes a vertex", _a_vertex("partial", "bytes"), at_most=3.2),
+            Column("partial_with_likelihoods", "with\nlikelihoods", _a_vertex("partial", "with_likelihoods")),
+        ],
+        "codec/{world}",
+        total="all pooled",
+        judged=lambda row: row["world"] == "all pooled",
+        note="Robots' own maps, quantised to 1 cm, header included.",
+    )
+]

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from agent.communication.exchange import Exchange
-from deploy.bench.bars import Column, Section
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.radio.traffic import BAD
+from deploy.bench.tables import Column, Table, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from world.radio import Radio
@@ -95,34 +95,34 @@ def measure_wire(world: Mapping[str, Any]) -> Figures:
     return {**sums, "unexplained": worst, "real_time_factor": factor}
 
 
-def sections(figures: Mapping[str, Figures]) -> list[Section]:
-    """The tables of these cases."""
-    costs = [{"radio": n.partition("/")[2], **one} for n, one in figures.items() if n.startswith("cost/")]
-    wires = [{"run": n.partition("/")[2], **one} for n, one in figures.items() if n.startswith("wire/")]
-    cost = [
-        Column("radio", "radio"),
-        Column("ticks", "ticks"),
-        Column("total_s", "run s", digits=2),
-        Column("gate_s", "gate s"),
-        Column("exchange_s", "exchange s"),
-        Column("share", "share", at_most=0.05, digits=4),
-    ]
-    wire = [
-        Column("run", "run"),
-        Column("messages", "messages"),
-        Column("payload_bytes", "payload"),
-        Column("overhead_bytes", "overhead"),
-        Column("wire_bytes", "on the wire"),
-        Column("unexplained", "unexplained,\nworst link", at_most=0.01, digits=5),
-        Column("real_time_factor", "x real time", digits=1),
-    ]
-    return [
-        Section(
-            "cost",
-            "Share of a run's time",
-            cost,
-            costs,
-            note="Three robots in maze-15, in one process, which is all work.",
-        ),
-        Section("wire", "Bytes on the wires", wire, wires, note="Of all links and directions."),
-    ]
+TABLES = [
+    Table(
+        "cost",
+        "Share of a run's time",
+        [
+            Column("radio", "radio"),
+            Column("ticks", "ticks"),
+            Column("total_s", "run s", digits=2),
+            Column("gate_s", "gate s"),
+            Column("exchange_s", "exchange s"),
+            Column("share", "share", at_most=0.05, digits=4),
+        ],
+        whole("cost/{radio}"),
+        note="Three robots in maze-15, in one process, which is all work.",
+    ),
+    Table(
+        "wire",
+        "Bytes on the wires",
+        [
+            Column("run", "run"),
+            Column("messages", "messages"),
+            Column("payload_bytes", "payload"),
+            Column("overhead_bytes", "overhead"),
+            Column("wire_bytes", "on the wire"),
+            Column("unexplained", "unexplained,\nworst link", at_most=0.01, digits=5),
+            Column("real_time_factor", "x real time", digits=1),
+        ],
+        whole("wire/{run}"),
+        note="Of all links and directions.",
+    ),
+]

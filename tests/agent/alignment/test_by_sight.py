@@ -10,7 +10,7 @@ from agent.alignment.by_sight import Consensus, Sighting, apart_places, consensu
 from agent.cooperation.peer import Merged
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import compose, distance, inverse
-from deploy.bench.alignment.live import errors
+from deploy.bench.errors import errors
 from deploy.bench.explored import explore
 from protocol.geometry import apply
 from tests.agent.mapping.test_layers import scan_at

@@ -13,7 +13,7 @@ from agent.cooperation.verification import Trial
 from agent.robot import Robot, Step
 from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
-from deploy.bench.alignment.live import errors
+from deploy.bench.errors import errors
 from deploy.bench.explored import explore
 from protocol.messages import LidarSpec, Observation
 from tests.agent.mapping.test_layers import scan_at

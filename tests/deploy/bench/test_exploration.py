@@ -13,13 +13,13 @@ import pytest
 
 from agent.config import AgentConfig
 from deploy import inprocess
-from deploy.bench.exploration import PARTS
+from deploy.bench.exploration import runs
 from deploy.bench.exploration.dense import DenseRobot, _frontiers, _grown, _heard, _pulled, _way
 from deploy.bench.exploration.mazes import measure_maze
-from deploy.bench.exploration.runs import sections as run_sections
 from deploy.bench.exploration.teams import corridor
 from deploy.bench.exploration.tours import _Sets, best_bound, held_karp
 from deploy.bench.explored import Driven, explore
+from deploy.bench.tables import Section
 from protocol.messages import RobotSpec
 from world.config import WorldConfig
 from world.worldfile import from_document
@@ -154,30 +154,22 @@ def run_of(**changes: Any) -> dict[str, Any]:
     return good | changes
 
 
+def filled(name: str, figures: dict[str, Any]) -> Section:
+    return next(table for table in runs.TABLES if table.name == name).section(figures)
+
+
 @pytest.mark.parametrize(
     "changes",
     [{"ended": "time", "silent": None}, {"reason": ""}, {"silent": 1}, {"wall_recall": 0.98}, {"wall_contacts": 1}],
 )
 def test_one_bad_run_misses_the_bar(changes: dict[str, Any]) -> None:
     good = {f"runs/maze-15/{seed}": run_of() for seed in range(4)}
-    plain = next(section for section in run_sections(good) if section.name == "plain")
-    assert plain.met is True
-    plain = next(
-        section for section in run_sections(good | {"runs/maze-15/4": run_of(**changes)}) if section.name == "plain"
-    )
-    assert plain.met is False
+    assert filled("plain", good).met is True
+    assert filled("plain", good | {"runs/maze-15/4": run_of(**changes)}).met is False
 
 
 def test_the_time_in_the_maze_is_judged_by_its_median() -> None:
     figures = {f"runs/maze-15/{seed}": run_of(ended_at=t) for seed, t in enumerate((500.0, 590.0, 900.0))}
-    assert next(section for section in run_sections(figures) if section.name == "maze-15").met is True
+    assert filled("maze-15", figures).met is True
     figures["runs/maze-15/0"] = run_of(ended_at=700.0)
-    assert next(section for section in run_sections(figures) if section.name == "maze-15").met is False
-
-
-def test_every_case_has_a_name_of_its_own_and_plain_arguments() -> None:
-    for quick in (True, False):
-        cases = [case for part in PARTS for case in part.cases(quick)]
-        assert len({case.name for case in cases}) == len(cases)
-        assert all(len(case.key) == 16 for case in cases)
-    assert all(part.sections({}) is not None for part in PARTS)
+    assert filled("maze-15", figures).met is False

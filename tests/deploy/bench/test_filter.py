@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from deploy.bench.bars import Column, Section
-from deploy.bench.filter import PARTS
 from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
 from deploy.bench.filter.recording import HERE, Recording, record
-from deploy.bench.filter.runs import worst
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
+from deploy.bench.tables import Column, Section, count, least, most, row_of
 from deploy.metrics import score
 from deploy.occupancy_grid import grid_of
 from protocol.messages import LidarSpec
@@ -155,22 +153,15 @@ def test_bars_judge_and_missing_figures_miss() -> None:
     assert ">= 0.9" in text and "0.800 !" in text and "0.100 !" not in text
 
 
-def test_the_worst_of_runs_is_the_least_or_the_most_by_its_bar() -> None:
-    columns = [Column("wall_recall", ""), Column("wall_rmse_m", ""), Column("corner_rmse_m", "", at_most=1)]
+def test_a_row_is_made_of_runs_as_its_columns_say_and_lacks_what_a_run_lacks() -> None:
+    columns = [Column("runs", of=count), Column("wall_recall", of=least), Column("wall_rmse_m", of=most)]
+    columns.append(Column("corner_rmse_m", of=most, at_most=1))
     runs = [
         {"ended": "complete", "wall_recall": 0.9, "wall_rmse_m": 0.1, "corner_rmse_m": 0.1},
         {"ended": "time", "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None},
     ]
-    row = worst(runs, columns)
-    assert row == {"runs": 2, "complete": 1, "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None}
-
-
-def test_every_case_has_a_name_of_its_own_and_plain_arguments() -> None:
-    for quick in (True, False):
-        cases = [case for part in PARTS for case in part.cases(quick)]
-        assert len({case.name for case in cases}) == len(cases)
-        assert all(len(case.key) == 16 for case in cases)
-    assert all(part.sections({}) is not None for part in PARTS)
+    row = row_of(columns, runs, {"world": "a"})
+    assert row == {"world": "a", "runs": 2, "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None}
 
 
 def test_the_world_of_double_walls_is_one() -> None:

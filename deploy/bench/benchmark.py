@@ -1,0 +1,87 @@
+"""A benchmark: the declared cases and tables of its parts, measured, printed and written."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+
+from rich.console import Console
+
+from deploy.bench.cases import Case, measure_all
+from deploy.bench.tables import Outcomes, Section, Table
+
+WIDTH = 150
+"""Characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """All that `wireswarm bench NAME` measures."""
+
+    name: str
+    parts: Sequence[ModuleType]
+    """Each holds one question: `cases(quick)`, what is measured, where quick as little as shows that all works; and
+    `TABLES`, a list of `Table`."""
+    prepare: Callable[[bool], object] = lambda quick: None
+    """Called with quick before cases are measured, for what several of them need."""
+    draw: Callable[[Sequence[Section], Path], object] = lambda sections, stem: None
+    """Called with the tables, and with the path of their file without .json, to write pictures."""
+
+    def cases(self, quick: bool) -> list[Case]:
+        """The cases of all parts."""
+        return [case for part in self.parts for case in part.cases(quick)]
+
+    def sections(self, figures: Outcomes) -> list[Section]:
+        """All tables that have rows."""
+        tables: list[Table] = [table for part in self.parts for table in part.TABLES]
+        made = [table.section(figures) for table in tables]
+        return [section for section in made if section.rows]
+
+    def run(self, quick: bool, folder: Path, jobs: int | None) -> bool:
+        """Measure what is not in `folder` yet and print all tables; whether every case has figures, whatever they say.
+
+        Cases are kept under folder/NAME and the tables in folder/NAME.json, with -quick appended to NAME where quick.
+        """
+        stem = folder / (f"{self.name}-quick" if quick else self.name)
+        self.prepare(quick)
+        outcome = measure_all(self.cases(quick), stem, jobs)
+        sections = self.sections(outcome.figures)
+        report(stem.name, sections, outcome.failed, folder / f"{stem.name}.json")
+        self.draw(sections, stem)
+        return not outcome.failed
+
+
+def benchmark(name: str) -> Benchmark:
+    """The benchmark of that name."""
+    found: Benchmark = import_module(f"deploy.bench.{name}").BENCHMARK
+    return found
+
+
+def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
+    """Print all tables and write them to `out`, with the machine they were measured on."""
+    console = Console()
+    console.width = max(console.width, WIDTH)
+    for section in sections:
+        section.print(console)
+    for case, reason in failed.items():
+        console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
+    document = {
+        "bench": name,
+        "version": version("wireswarm"),
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "met": {section.name: section.met for section in sections},
+        "sections": {section.name: section.as_dict() for section in sections},
+        "failed": dict(failed),
+    }
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    console.print(f"written to {out}", highlight=False)

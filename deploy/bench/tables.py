@@ -1,0 +1,236 @@
+"""Declared tables: which cases make a row, what is made of their figures, and the bars that it must meet."""
+
+from __future__ import annotations
+
+import re
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as Printed
+from rich.text import Text
+
+from deploy.bench.cases import Figures
+
+Outcomes = Mapping[str, Figures]
+"""Figures of all cases by name."""
+Runs = Sequence[Figures]
+"""Figures of the cases that make one row."""
+Row = dict[str, Any]
+"""Value by column key."""
+Reduce = Callable[[Runs, str], Any]
+"""Makes one value of the figure of that key of some runs."""
+
+
+# what becomes of a figure of several runs; None where a run lacks it
+
+
+def only(runs: Runs, key: str) -> Any:
+    """The figure of the only run."""
+    return runs[0].get(key)
+
+
+def _of_all(make: Callable[[list[Any]], Any]) -> Reduce:
+    def reduce(runs: Runs, key: str) -> Any:
+        values = [run.get(key) for run in runs]
+        return make(values) if values and None not in values else None
+
+    return reduce
+
+
+least, most, total = _of_all(min), _of_all(max), _of_all(sum)
+median = _of_all(lambda values: float(statistics.median(values)))
+mean = _of_all(lambda values: float(statistics.fmean(values)))
+
+
+def count(runs: Runs, key: str) -> int:
+    """How many runs there are."""
+    return len(runs)
+
+
+def spread(runs: Runs, key: str) -> str:
+    """Least and most of the runs that have the figure."""
+    values = [run[key] for run in runs if run.get(key) is not None]
+    return f"{min(values):.0f}-{max(values):.0f}" if values else "-"
+
+
+def at(key: str, reduce: Reduce = only) -> Reduce:
+    """The figure of another key than the column's."""
+    return lambda runs, _: reduce(runs, key)
+
+
+def share(holds: Callable[[Figures], object]) -> Reduce:
+    """Share of the runs of which something holds."""
+    return lambda runs, _: sum(map(bool, map(holds, runs))) / len(runs)
+
+
+# tables
+
+
+@dataclass(frozen=True)
+class Column:
+    """One value of every row, and its bar, if it has one."""
+
+    key: str
+    head: str = ""
+    """Above the column; without one the value is in the JSON only."""
+    of: Reduce = only
+    """Makes the value, where rows are groups of cases."""
+    at_least: float | None = None
+    at_most: float | None = None
+    digits: int = 3
+
+    def met(self, value: object) -> bool | None:
+        """Whether a value meets the bar; None where there is nothing to judge. A missing value meets no bar."""
+        if self.at_least is None and self.at_most is None:
+            return None
+        if not isinstance(value, int | float):
+            return False
+        return (self.at_least is None or value >= self.at_least) and (self.at_most is None or value <= self.at_most)
+
+    @property
+    def bar(self) -> str:
+        """The bar in words; empty without."""
+        words = [f">= {self.at_least:g}"] if self.at_least is not None else []
+        return " ".join(words + ([f"<= {self.at_most:g}"] if self.at_most is not None else []))
+
+    def text(self, value: object) -> str:
+        """The value in words."""
+        if value is None:
+            return "-"
+        return f"{value:,.{self.digits}f}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A table that is filled: a row of values by column key each. Rows numbered in `beside` have no bars."""
+
+    name: str
+    title: str
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    beside: frozenset[int] = field(default_factory=frozenset)
+    note: str = ""
+
+    def missed(self, number: int) -> list[str] | None:
+        """Keys of the bars that a row misses; None where it has none."""
+        verdicts = {c.key: c.met(self.rows[number].get(c.key)) for c in self.columns if c.bar}
+        if number in self.beside or not verdicts:
+            return None
+        return [key for key, verdict in verdicts.items() if not verdict]
+
+    @property
+    def met(self) -> bool | None:
+        """Whether all rows meet all bars; None without bars."""
+        verdicts = [missed for number in range(len(self.rows)) if (missed := self.missed(number)) is not None]
+        return not any(verdicts) if verdicts else None
+
+    def print(self, console: Console) -> None:
+        """The table, each value beside its bar green if met and red with an ! if not."""
+        verdict = _verdict(self.met)
+        table = Printed(
+            title=f"{self.title}: {verdict}" if verdict else self.title,
+            title_justify="left",
+            caption=self.note or None,
+            caption_justify="left",
+            box=SIMPLE_HEAD,
+            padding=(0, 1, 0, 0),
+        )
+        columns = [column for column in self.columns if column.head]
+        for column in columns:
+            named = any(isinstance(row.get(column.key), str) for row in self.rows)
+            head = f"{column.head}\n{column.bar}".strip()
+            table.add_column(head, justify="left" if named else "right", no_wrap=named)
+        table.add_column("", no_wrap=True)
+        for number, row in enumerate(self.rows):
+            missed = self.missed(number)
+            cells = []
+            for column in columns:
+                bad = column.key in (missed or ())
+                style = "red" if bad else "green" if column.bar and missed is not None else ""
+                cells.append(Text(column.text(row.get(column.key)) + (" !" if bad else ""), style=style))
+            table.add_row(*cells, Text(_verdict(None if missed is None else not missed)))
+        console.print(table)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as JSON values."""
+        return {
+            "title": self.title,
+            "met": self.met,
+            "bars": {column.key: column.bar for column in self.columns if column.bar},
+            "rows": [{**row, "missed": self.missed(number)} for number, row in enumerate(self.rows)],
+        } | ({"note": self.note} if self.note else {})
+
+
+def _verdict(met: bool | None) -> str:
+    return "" if met is None else ("met" if met else "not met")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of a benchmark, as declared."""
+
+    name: str
+    title: str | Callable[[Outcomes], str]
+    columns: Sequence[Column]
+    rows: str | Callable[[Outcomes], Sequence[Row]]
+    """A pattern of case names (see `grouped`), each group of which is a row; or a function that makes the rows.
+
+    A row that holds "judged": False need not meet the bars; that key does not come into the table."""
+    total: str = ""
+    """First value of a last row over all groups; none without."""
+    judged: Callable[[Row], bool] = lambda row: True
+    """Which rows must meet the bars."""
+    note: str | Callable[[Outcomes], str] = ""
+
+    def section(self, figures: Outcomes) -> Section:
+        """The table with the figures of a benchmark; without rows where its cases have none."""
+        rows = list(self.rows(figures)) if callable(self.rows) else self._grouped(figures, self.rows)
+        judged = [row.pop("judged", True) and self.judged(row) for row in rows]
+        beside = frozenset(number for number, row in enumerate(rows) if not judged[number])
+        words = [(text(figures) if rows else "") if callable(text) else text for text in (self.title, self.note)]
+        return Section(self.name, words[0], self.columns, rows, beside, words[1])
+
+    def _grouped(self, figures: Outcomes, pattern: str) -> list[Row]:
+        groups = grouped(figures, pattern)
+        rows = [row_of(self.columns, runs, labels) for labels, runs in groups]
+        if rows and self.total:
+            every = [run for _, runs in groups for run in runs]
+            rows.append(row_of(self.columns, every, {self.columns[0].key: self.total}))
+        return rows
+
+
+def row_of(columns: Sequence[Column], runs: Runs, labels: Row) -> Row:
+    """A row of labels, and of values that the other columns make of the runs."""
+    return labels | {column.key: column.of(runs, column.key) for column in columns if column.key not in labels}
+
+
+def grouped(figures: Outcomes, pattern: str) -> list[tuple[Row, list[Figures]]]:
+    """Groups of the cases whose names fit: {KEY} labels a group, * is any one word between slashes.
+
+    So `runs/{world}/*` puts the seeds of a world together. Groups and runs are in the order of the cases.
+    """
+    fits = re.compile(re.sub(r"\{(\w+)\}", r"(?P<\1>.+)", pattern.replace("*", "[^/]+")))
+    groups: dict[tuple[str, ...], tuple[Row, list[Figures]]] = {}
+    for name, found in figures.items():
+        if match := fits.fullmatch(name):
+            groups.setdefault(match.groups(), (match.groupdict(), []))[1].append(found)
+    return list(groups.values())
+
+
+def by_label(figures: Outcomes, pattern: str) -> dict[str, list[Figures]]:
+    """The groups of a pattern with one label, by that label."""
+    return {next(iter(labels.values())): runs for labels, runs in grouped(figures, pattern)}
+
+
+def runs_of(figures: Outcomes, pattern: str) -> list[Figures]:
+    """All cases whose names fit."""
+    return [run for _, runs in grouped(figures, pattern) for run in runs]
+
+
+def whole(pattern: str) -> Callable[[Outcomes], list[Row]]:
+    """Rows of the labels and all figures of each case."""
+    return lambda figures: [labels | run for labels, runs in grouped(figures, pattern) for run in runs]

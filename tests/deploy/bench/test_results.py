@@ -1,0 +1,66 @@
+"""The declarations of the benchmarks fit the results that are committed, and each other."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.bench.benchmark import benchmark, report
+from deploy.bench.cases import ROOT
+from deploy.bench.tables import Column, Section, Table, at, grouped, median, share, spread, total
+from deploy.cli import BENCHMARKS
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_case_has_a_name_of_its_own_and_plain_arguments(name: str) -> None:
+    for quick in (True, False):
+        cases = benchmark(name).cases(quick)
+        assert len({case.name for case in cases}) == len(cases) > 0
+        assert all(len(case.key) == 16 for case in cases)
+    assert benchmark(name).sections({}) == []
+
+
+@pytest.mark.parametrize("name", ["alignment", "exploration", "filter", "radio"])
+def test_the_committed_results_have_the_declared_tables_columns_and_bars(name: str) -> None:
+    kept: dict[str, Any] = json.loads((ROOT / f"results/{name}.json").read_text())["sections"]
+    tables: dict[str, Table] = {table.name: table for part in benchmark(name).parts for table in part.TABLES}
+    assert list(kept) == [table for table in tables if table in kept]
+    assert set(tables) - set(kept) <= {"left"}  # nothing may be left to tell
+    for section, found in kept.items():
+        table = tables[section]
+        assert found["bars"] == {column.key: column.bar for column in table.columns if column.bar}
+        keys = {key for row in found["rows"] for key in row}
+        assert {column.key for column in table.columns} <= keys, section
+        if isinstance(table.title, str):
+            assert found["title"] == table.title
+
+
+def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
+    figures = {
+        f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
+    }
+    assert grouped(figures, "runs/{world}/*")[0] == ({"world": "a"}, [figures["runs/a/0"], figures["runs/a/1"]])
+    columns = [
+        Column("world", "world"),
+        Column("t", "median", median, at_most=3),
+        Column("spread", of=at("t", spread)),
+        Column("ok", of=share(lambda run: run["ok"])),
+        Column("sum", of=at("t", total)),
+    ]
+    table = Table("one", "One", columns, "runs/{world}/*", total="all", judged=lambda row: row["world"] != "b")
+    section = table.section(figures)
+    assert section.rows[0] == {"world": "a", "t": 1.5, "spread": "1-2", "ok": 1.0, "sum": 3}
+    assert section.rows[2]["world"] == "all" and section.rows[2]["sum"] == 8
+    assert [section.missed(k) for k in range(3)] == [[], None, []]
+    report("some", [section], {}, tmp_path / "some.json")
+    document = json.loads((tmp_path / "some.json").read_text())
+    assert document["met"] == {"one": True} and document["sections"]["one"]["bars"] == {"t": "<= 3"}
+
+
+def test_a_row_of_a_function_may_stand_beside_the_bars() -> None:
+    columns = [Column("x", "x", at_least=1)]
+    section: Section = Table("one", "One", columns, lambda _: [{"x": 0, "judged": False}, {"x": 1}]).section({})
+    assert list(section.rows) == [{"x": 0}, {"x": 1}] and section.met is True
