@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
-from agent.cooperation.evidence import WALL_MARGIN_M
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
 from agent.errand import ErrandEnd
@@ -61,23 +60,14 @@ class Robot:
         self.robot = robot
         self.spec = spec
         self.config = config
-        noise = max(spec.lidar.noise_m, config.perception.noise_floor_m)
-        self.filter = WireframeFilter(
-            config.map,
-            config.filter,
-            noise,
-            spec.lidar.beams,
-            spec.odometry,
-            np.random.SeedSequence([seed, zlib.crc32(b"filter")]),
-        )
+        self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.explorer = Explorer(
             Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
         )
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
-        rules = self.filter.view_rules(WALL_MARGIN_M)
-        self.team = Team(config.cooperation, config.alignment, spec, rules, self._random(seed, "align"))
+        self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
         self.own = Wireframe()
         """The map of own scans alone."""
         self.wireframe = Wireframe()
