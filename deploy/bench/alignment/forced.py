@@ -17,7 +17,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right, true_transform
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, runs_of
 from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.messages import Observation, RobotSpec
@@ -195,21 +195,12 @@ TABLES = [
     Table(
         "forced",
         "Wrong proposals forced into the queue",
-        [
-            Column("evidence", "evidence"),
-            Column("forced", "forced"),
-            Column("accepted", "wrong accepted", at_most=0),
-            Column("righted", "put right by later maps"),
-            Column("by_evidence", "rejected by evidence"),
-            Column("given_up", "unreachable, time or undecided"),
-        ],
         _by_evidence,
+        columns(
+            "evidence; forced; accepted <= 0: wrong accepted; righted: put right by later maps; "
+            "by_evidence: rejected by evidence; given_up: unreachable, time or undecided"
+        ),
         judged=lambda row: row["evidence"] == "all evidence",
     ),
-    Table(
-        "forced_kinds",
-        "The same by kind, all evidence",
-        [Column("kind", "kind"), Column("forced", "forced"), Column("accepted", "accepted", at_most=0)],
-        _by_kind,
-    ),
+    Table("forced_kinds", "The same by kind, all evidence", _by_kind, columns("kind; forced; accepted <= 0")),
 ]
