@@ -96,8 +96,11 @@ class Robot:
         pose = self.filter.pose
         self.posts.look(tick, pose, apply(pose, scan.discs), len(heard) > 0)
         own_changed = self._read_own()
-        hearing = self.exchange.hear(tick, heard)
-        events = hearing.events + self.team.step(tick, hearing, self.own, pose, scan, self._errand_ended)
+        hearing = self.exchange.hear(tick, heard)  # C
+        if self.config.cooperation.sharing:
+            self.team.hear(tick, hearing, pose, scan)
+            self.team.judge(tick, self.own, pose, self._errand_ended)  # Z and T by the evidence so far
+            self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
@@ -119,7 +122,7 @@ class Robot:
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
-            self._act(tick, command, events, len(sends), len(self._map_bytes), started),
+            self._act(tick, command, [*hearing.events, *self.team.events], len(sends), len(self._map_bytes), started),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
             PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),

@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.alignment import prepare
 from agent.alignment.align import candidates, pose_of
-from agent.cooperation.peer import Heard, Merged
+from agent.cooperation.peer import Heard, Merged, Proposed
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
@@ -87,8 +87,8 @@ class ForcedRun:
     def _watch(self, robot: Robot, observation: Observation, step: Step) -> None:
         team = robot.team
         if observation.tick == 0:  # nothing but what is on trial is aligned
-            team._align_heard = lambda *_: False  # type: ignore[method-assign]
-            team._update = lambda *_: None  # type: ignore[method-assign]
+            align = team._align
+            team._align = lambda tick, peer, own: isinstance(peer, Proposed) and align(tick, peer, own)  # type: ignore[method-assign]
         for event in step.action.events:
             if event.event in ("accepted", "rejected"):
                 self._close(robot.robot, event.event, event.data)
