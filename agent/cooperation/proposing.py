@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, Contact, PreparedMap, align_prepared, prepare
+from agent.alignment import Alignment, AlignmentConfig, Meeting, PreparedMap, align_prepared, prepare
 from agent.alignment.agreement import agreement
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
-from agent.alignment.candidates import refine
-from agent.cooperation.peer import PeerLog, Proposed, fit_error_m
+from agent.alignment.candidates import COARSE_M, DISTINCT_RAD, refine
+from agent.alignment.meeting import RANGE_SLACK_M
+from agent.cooperation.peer import PeerLog
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import apart
@@ -50,7 +51,7 @@ class Aligner:
         """rng: for alignment methods that draw."""
         self.config, self.spec, self.rng = config, spec, rng
         self.range_m = math.inf if spec.radio_range_m is None else spec.radio_range_m
-        self.reach_m = self.range_m + config.range_slack_m
+        self.reach_m = self.range_m + RANGE_SLACK_M
         """How far off a peer may be when its message comes: both move while the message is under way."""
         self._own: tuple[Wireframe, PreparedMap | None] | None = None
 
@@ -76,9 +77,9 @@ class Aligner:
     def align(self, log: PeerLog, own: Wireframe) -> Alignment:
         """Align by the maps. A transform that puts a message out of the radio's range is impossible."""
         assert log.map is not None and log.contact is not None
-        contact = Contact(*log.contact, self.range_m, self.spec.radius_m)
+        meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
         theirs = prepare(log.map.wireframe, self.config)
-        said = align_prepared(self.prepared(own), theirs, self.config, self.rng, contact)
+        said = align_prepared(self.prepared(own), theirs, self.config, self.rng, meeting)
         if said.transform is None or self._heard_from_there(log, np.array(said.transform)):
             return said
         return replace(said, transform=None, reason="impossible")
@@ -89,38 +90,26 @@ class Aligner:
         mine = np.array([one.here[:2] for one in log.encounters])
         return bool((np.hypot(*(theirs - mine).T) <= self.reach_m).all())
 
-    def compare(self, peer: Proposed, said: Alignment) -> None:
-        """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
-        assert peer.log.map is not None
-        limits = self.config.distinct_m, math.radians(self.config.distinct_deg)
-        centre = peer.log.map.wireframe.points.mean(0)
-        same = said.best is not None and not apart(np.array(said.best), peer.transform, centre, *limits)
-        against = said.reason in ("conflict", "impossible")
-        if said.transform is not None or (against and same):
-            peer.trial.align_again(same and not against)
-        if same and said.transform is not None:
-            peer.trial.transform, peer.fit_m = np.array(said.transform), fit_error_m(said)
-        if same and not against:
-            peer.map = peer.log.map
-            peer.trial.walls.lay(peer.map.wireframe)
-
-    def align_by_sight(self, log: PeerLog, own: Wireframe) -> tuple[Consensus, Alignment] | None:
-        """The transform by new sightings, and the alignment near it; None where either cannot be told."""
+    def seen(self, log: PeerLog) -> Consensus | None:
+        """The transform that the sightings of a peer give, if they suffice for a proposal and are news."""
         if not log.sighting_is_news:
             return None
         log.sighting_is_news = False
         places = apart_places(log.sightings, DISC_MOVED_M)
-        turn = math.radians(self.config.distinct_deg)
-        found = consensus(places, DISC_GATE_M, SIGHTING_BASE_M, self.config.distinct_m, turn)
+        found = consensus(places, DISC_GATE_M, SIGHTING_BASE_M)
         if found is None or found.explained < SIGHTINGS or found.spread_m < SIGHTING_SPREAD_M:
             return None
         if found.explained - found.rival < SIGHTINGS_AHEAD or found.explained <= log.explained_by_proposal:
             return None
+        return found
+
+    def align_by_sight(self, log: PeerLog, own: Wireframe, found: Consensus) -> Alignment | None:
+        """The alignment near a transform by sightings; None where one of the maps is too large to be compared."""
         assert log.map is not None
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         if mine is None or theirs is None:
             return None
-        return found, align_by_sight(mine, theirs, found, self.config, LEAST_CORNERS)
+        return align_by_sight(mine, theirs, found, self.config, LEAST_CORNERS)
 
     def walls_fit(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""
@@ -128,13 +117,12 @@ class Aligner:
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
             return False
-        fit = refine(transform[None], mine.corners, theirs.corners, self.config)
+        fit = refine(transform[None], mine.corners, theirs.corners)
         if not len(fit.transforms) or fit.inliers[0] < LEAST_CORNERS:
             return False
-        limits = self.config.coarse_m, math.radians(self.config.distinct_deg)
-        if apart(fit.transforms[0], transform, theirs.corners.centre, *limits):
+        if apart(fit.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD):
             return False
-        agreed, conflict = agreement(mine.walls, theirs.walls, transform, self.config)
+        agreed, conflict = agreement(mine.walls, theirs.walls, transform)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
 
 
