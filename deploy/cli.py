@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -70,6 +70,7 @@ def wireswarm(
 
 @app.command()
 def run(
+    context: typer.Context,
     world: World = None,
     robots: Robots = None,
     seed: Seed = None,
@@ -83,14 +84,11 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a world and its robots, one process each, and write the run directory."""
-    from deploy.config import load
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
     from deploy.report import write_report
 
-    flags = _flags(world, robots, seed, range_m, until, max_time, real_time)
-    settings = load(config, flags, set_ or ())
-    _check_world(settings.world)
+    settings = _settings(context)
     directory = run_directory(out, settings.world, settings.seed)
     with Display(settings.world, str(settings.radio), quiet) as display:
         result = launch(settings, directory, command_line=sys.argv, show=display.show)
@@ -124,6 +122,7 @@ def _measure_bandwidth(directory: Path, settings: RunConfig) -> None:
 
 @app.command("world")
 def world_(
+    context: typer.Context,
     world: World = None,
     robots: Robots = None,
     seed: Seed = None,
@@ -140,14 +139,11 @@ def world_(
     set_: Set = None,
 ) -> None:
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
-    from deploy.config import load
     from deploy.launcher import run_directory
     from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
     from world.server import Inbox, serve
 
-    flags = _flags(world, robots, seed, range_m, until, max_time, real_time) | {"server.listen": listen}
-    settings = load(config, flags, set_ or ())
-    _check_world(settings.world)
+    settings = _settings(context)
     names = [*(f"r{number + 1}" for number in range(settings.robots)), VIEWER]
     if secrets is not None and not secrets.exists():
         write_secrets(secrets, new_secrets(names[:-1]))
@@ -196,6 +192,25 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
+@app.command()
+def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print the sizes as JSON.")] = False) -> None:
+    """List the bundled worlds: sizes, walls, free area, and a small drawing."""
+    from deploy.worlds import to_json, to_text
+
+    print(to_json() if as_json else to_text())
+
+
+@app.command("config")
+def config_(
+    as_yaml: Annotated[bool, typer.Option("--yaml", help="Print a file for --config with all defaults.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the settings: default, unit and reason."""
+    from deploy.settings import to_json, to_text, to_yaml
+
+    print(to_json() if as_json else to_yaml() if as_yaml else to_text())
+
+
 BENCHMARKS = {
     "lidar": "Rays a second in the bundled worlds.",
     "lockstep": "Ticks a second over Zenoh with robots that do not think.",
@@ -221,6 +236,7 @@ for _name, _words in BENCHMARKS.items():
 
 @app.command()
 def agent(
+    context: typer.Context,
     id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],
     connect: Annotated[str, typer.Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
     secrets: Annotated[Path | None, typer.Option(help="File of secrets with this robot's line.")] = None,
@@ -232,10 +248,9 @@ def agent(
 ) -> None:
     """Run one robot."""
     from agent.shell.process import Inbox, run_agent
-    from deploy.config import load
     from protocol.access import read_secrets
 
-    settings = load(config, {"reconnect_s": reconnect}, set_ or ())
+    settings = _settings(context)
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
     inbox = Inbox()
     _stop_on_signals(inbox.stop)
@@ -252,32 +267,34 @@ def agent(
     raise typer.Exit(ENDINGS.get(ended, Status.FAILURE))
 
 
-def _flags(
-    world: str | None,
-    robots: int | None,
-    seed: int | None,
-    range_m: float | None,
-    until: str | None,
-    max_time: float | None,
-    real_time: float | None,
-) -> dict[str, Any]:
-    """Flags by the keys of the configuration."""
-    return {
-        "world": world,
-        "robots": robots,
-        "seed": seed,
-        "radio.range_m": range_m,
-        "until": until,
-        "max_time_s": max_time,
-        "server.real_time": real_time,
-    }
+FLAGS = {
+    "world": "world",
+    "robots": "robots",
+    "seed": "seed",
+    "range_m": "radio.range_m",
+    "until": "until",
+    "max_time": "max_time_s",
+    "real_time": "server.real_time",
+    "listen": "server.listen",
+    "reconnect": "reconnect_s",
+}
+"""Setting by the parameter of a command that is a flag for it."""
 
 
-def _check_world(world: str) -> None:
-    """Raise WorldFileError before anything is made for a world that cannot be loaded."""
-    from world.worldfile import load
+def _settings(context: typer.Context) -> RunConfig:
+    """Configuration of a command from its flags, --config and --set.
 
-    load(world)
+    Raises ConfigError, and WorldFileError before anything is made for a world that cannot be loaded.
+    """
+    from deploy.config import load
+    from world.worldfile import load as load_world
+
+    given = context.params
+    flags = {FLAGS[name]: value for name, value in given.items() if name in FLAGS}
+    settings = load(given["config"], flags, given["set_"] or ())
+    if "world" in given:
+        load_world(settings.world)
+    return settings
 
 
 def _stop_on_signals(stop: Callable[[], None]) -> None:

@@ -93,13 +93,16 @@ class Message(BaseModel):
 
 
 class LidarSpec(Message):
-    """A scanning lidar; the default is the LDS-01 of a TurtleBot3 (facts/simulation.md)."""
+    """A scanning lidar; the default is the LDS-01 of a TurtleBot3."""
 
     beams: Annotated[int, Field(ge=8, le=4096)] = 360
     """Beams over a full turn; beam k points at k * 2 pi / beams from the robot's heading."""
     rate_hz: Annotated[Finite, Field(gt=0, le=100)] = 5.0
+    """Scans a second; one scan is one tick of the world and of every robot."""
     range_min_m: Annotated[Finite, Field(ge=0)] = 0.12
+    """Nearer surfaces return nothing."""
     range_max_m: Annotated[Finite, Field(gt=0, le=100)] = 3.5
+    """Farther surfaces return nothing."""
     noise_m: Annotated[Finite, Field(ge=0, le=1)] = 0.01
     """Standard deviation of a range."""
     dropout: Annotated[Finite, Field(ge=0, le=1)] = 0.0
@@ -110,6 +113,7 @@ class OdometrySpec(Message):
     """Dead reckoning. Exact by default (paper III); `noisy` adds what wheels of this size do (ours)."""
 
     noisy: bool = False
+    """Whether the errors below are added; the paper assumes exact odometry."""
     distance_sd: Annotated[Finite, Field(ge=0)] = 0.02
     """Metres of error along the path, per square root of a metre driven."""
     heading_sd_deg: Annotated[Finite, Field(ge=0)] = 1.0
@@ -122,8 +126,11 @@ class RobotSpec(Message):
     """A differential-drive robot; the default is the TurtleBot3 Burger."""
 
     radius_m: Annotated[Finite, Field(gt=0, le=5)] = 0.105
+    """Radius of the round body."""
     max_speed_mps: Annotated[Finite, Field(gt=0, le=10)] = 0.22
+    """Fastest drive forward or backward."""
     max_turn_rps: Annotated[Finite, Field(gt=0, le=20)] = 2.84
+    """Fastest turn on the spot."""
     lidar: LidarSpec = LidarSpec()
     odometry: OdometrySpec = OdometrySpec()
     radio_range_m: Annotated[Finite, Field(gt=0)] | None = None

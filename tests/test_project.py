@@ -109,6 +109,11 @@ def test_a_wheel_holds_the_packages_and_their_data(tmp_path: Path) -> None:
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
     tops = {name.split("/")[0] for name in names if ".dist-info" not in name}
-    assert tops == {"agent", "world", "protocol", "deploy"}
-    assert {"deploy/report/page.css", "deploy/report/page.js", "world/bundled/maze-15.yaml"} <= set(names)
+    assert tops == {"agent", "world", "protocol", "deploy", "wireswarm"}
+    assert {
+        "wireswarm/py.typed",
+        "deploy/report/page.css",
+        "deploy/report/page.js",
+        "world/bundled/maze-15.yaml",
+    } <= set(names)
     assert not [name for name in names if "__pycache__" in name]

@@ -67,7 +67,9 @@ class GilbertElliott(Config):
     bad_s: Positive = 2.0
     """Mean time in the bad state."""
     loss_good: Chance = 0.0
+    """Share that is lost in the good state."""
     loss_bad: Chance = 1.0
+    """Share that is lost in the bad state."""
 
     def __str__(self) -> str:
         return f"bursts ({self.bad_s:g} s of {self.loss_bad:.0%} loss, {self.good_s:g} s of {self.loss_good:.0%})"
@@ -92,7 +94,9 @@ class Blackout(Config):
 
     kind: Literal["blackout"] = "blackout"
     begin_s: NotNegative
+    """Simulated time from which nothing passes."""
     end_s: NotNegative
+    """Simulated time from which messages pass again."""
     robots: list[RobotId] = Field(default_factory=list)
     """Who neither sends nor hears; empty: nobody does."""
 
@@ -122,6 +126,7 @@ class Capacity(Config):
 
     kind: Literal["capacity"] = "capacity"
     bytes_per_s: Positive
+    """Sum of what one robot sends and hears."""
 
     def __str__(self) -> str:
         return f"capacity {self.bytes_per_s:g} B/s"
@@ -141,6 +146,7 @@ class RadioConfig(Config):
     mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = MTU_BYTES
     """The longest message that goes on the air; robots are told it."""
     models: list[Model] = Field(default_factory=list)
+    """Further losses and delays, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""
 
     def __str__(self) -> str:
         reach = f"range {self.range_m:g} m" if self.range_m else "no range limit"

@@ -153,10 +153,10 @@ def draw_world(axes: Axes, run: Run) -> None:
 
 def draw_map(axes: Axes, wireframe: Map, colour: str, width: float, size: float) -> None:
     """Walls as lines, vertices as circle (nominal), triangle (occlusion) or square (frontier)."""
-    walls = wireframe.points[wireframe.edges]
+    walls = wireframe.vertices[wireframe.edges]
     axes.add_collection(LineCollection(list(walls), colors=colour, linewidths=width, capstyle="round", zorder=3))
     for label, mark in style.MARKS.items():
-        points = wireframe.points[wireframe.labels == label]
+        points = wireframe.vertices[wireframe.labels == label]
         size_pt, edge = (size, 0.0) if label == Label.NOMINAL else (1.9 * size, 0.4)  # what is open must be seen
         axes.plot(*points.T, mark, color=colour, ms=size_pt, mec="white", mew=edge, zorder=4)
 

@@ -127,9 +127,9 @@ def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: fl
     if wireframe is None:
         return [""] * len(MARKS)
     moved = wireframe.moved(frame).inset(aside)
-    walls = moved.points[moved.edges].reshape(-1, 4)
+    walls = moved.vertices[moved.edges].reshape(-1, 4)
     r = 4.5 * unit
-    dots, triangles, squares = (moved.points[moved.labels == label] for label in Label)
+    dots, triangles, squares = (moved.vertices[moved.labels == label] for label in Label)
     return [
         "".join(f"M{x1:.3f} {y1:.3f}L{x2:.3f} {y2:.3f}" for x1, y1, x2, y2 in walls),
         "".join(f"M{x:.3f} {y:.3f}h0" for x, y in dots),
@@ -202,13 +202,13 @@ def _svg(run: Run, flipped: str, upright: str, kind: str, label: str, around: Ma
 
 def _bounds(run: Run, around: Map | None = None) -> tuple[float, float, float, float]:
     """Of the world, or else of all that was placed, or of the one map given."""
-    if around is not None and len(around.points):
-        points = around.points
+    if around is not None and len(around.vertices):
+        points = around.vertices
     elif run.world is not None:
         x0, y0, x1, y1 = run.world.solid.bounds
         points = np.array([[x0, y0], [x1, y1]])
     else:
-        placed = [run.maps[robot].moved(frame).points for robot, frame in run.frames.items() if robot in run.maps]
+        placed = [run.maps[robot].moved(frame).vertices for robot, frame in run.frames.items() if robot in run.maps]
         points = np.concatenate([*placed, *([frame[:2]] for frame in run.frames.values()), np.zeros((1, 2))])
     low, high = points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])

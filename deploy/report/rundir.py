@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.wireframe import Label
 from world.worldfile import World, load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 TEAM = "team"
 """The name under which the union of all robots stands in metrics.csv."""
@@ -33,18 +36,18 @@ T = TypeVar("T")
 class Map:
     """A robot's map in its own frame, metres."""
 
-    points: Floats
+    vertices: Floats
     """(n, 2)"""
     labels: NDArray[np.uint8]
     """(n,) of Label."""
     edges: NDArray[np.int64]
-    """(m, 2) vertex indices."""
+    """(m, 2) vertex indices, free space on the left of the way from the first to the second."""
 
     def moved(self, frame: Floats | None) -> Map:
         """The map in the frame in which `frame` (x, y, theta) is given; itself where that is None."""
         if frame is None:
             return self
-        return Map(apply(frame, self.points), self.labels, self.edges)
+        return Map(apply(frame, self.vertices), self.labels, self.edges)
 
     def inset(self, distance: float) -> Map:
         """The map with all walls moved by so many metres to their free side (the left), corners kept closed.
@@ -52,15 +55,15 @@ class Map:
         Maps of several robots can so be drawn side by side. A vertex moves along the mitre of its walls, but no
         farther than twice the distance.
         """
-        start, end = self.points[self.edges[:, 0]], self.points[self.edges[:, 1]]
+        start, end = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
         along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
         left = np.column_stack((-along[:, 1], along[:, 0]))
-        total = np.zeros_like(self.points)
+        total = np.zeros_like(self.vertices)
         np.add.at(total, self.edges, left[:, None])
-        walls = np.bincount(self.edges.reshape(-1), minlength=len(self.points))[:, None]
+        walls = np.bincount(self.edges.reshape(-1), minlength=len(self.vertices))[:, None]
         square = (total**2).sum(axis=1, keepdims=True)
         shift = total * np.minimum(walls / np.maximum(square, 1e-9), 2 / np.sqrt(np.maximum(square, 1e-9)))
-        return Map(self.points + distance * shift, self.labels, self.edges)
+        return Map(self.vertices + distance * shift, self.labels, self.edges)
 
 
 @dataclass(frozen=True)
@@ -77,9 +80,12 @@ class Series:
         return None if values is None or k < 0 or not math.isfinite(values[k]) else float(values[k])
 
 
-@dataclass
+@dataclass(repr=False)
 class Run:
-    """What a run directory holds. Empty where a file is missing or cannot be read; `notes` say so."""
+    """What a run directory holds. Empty where a file is missing or cannot be read; `notes` say so.
+
+    docs/formats.md describes the fields of manifest, summary, bandwidth, metrics and events.
+    """
 
     path: Path
     notes: list[str] = field(default_factory=list)
@@ -91,11 +97,16 @@ class Run:
     """Robot to (3,) x, y, theta: where its own frame lies in the world."""
     radius: float = 0.105
     maps: dict[str, Map] = field(default_factory=dict)
+    """Robot to its final map, in its own frame."""
     snapshots: dict[str, list[tuple[float, Map]]] = field(default_factory=dict)
+    """Robot to its maps as the run went on, each with its time."""
     paths: dict[str, Floats] = field(default_factory=dict)
     """Robot to (n, 3) t, x, y in the world frame."""
     metrics: dict[str, Series] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
+
+    def __repr__(self) -> str:
+        return f"Run({str(self.path)!r}: {len(self.robots)} robots, {self.duration:g} s)"
 
     @property
     def robots(self) -> list[str]:
@@ -112,6 +123,23 @@ class Run:
         times += [path[-1, 0] for path in self.paths.values()]
         times += [frames[-1][0] for frames in self.snapshots.values()]
         return float(max(times, default=0.0))
+
+    def map(self, robot: str, frame: Literal["own", "world"] = "own") -> Map:
+        """The final map of a robot in its own frame or in the world's. Raises KeyError where the run lacks it."""
+        return self.maps[robot].moved(None if frame == "own" else self.frames[robot])
+
+    def plot(self, robot: str | None = None, axes: Axes | None = None) -> Axes:
+        """Draw one robot's map, or those of all, over the true world; without axes, on those of a new figure."""
+        from matplotlib import pyplot
+
+        from deploy.report.picture import draw_overview, draw_single
+
+        drawn: Axes = axes or pyplot.subplots(figsize=(8, 8), layout="constrained")[1]
+        if robot is None:
+            draw_overview(drawn, self)
+        else:
+            draw_single(drawn, self, robot)
+        return drawn
 
 
 def read_run(path: Path) -> Run:

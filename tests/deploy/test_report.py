@@ -187,7 +187,7 @@ def test_the_picture_shows_every_robot(whole: Path) -> None:
 def test_maps_are_placed_by_the_true_frames(whole: Path) -> None:
     run = read_run(whole)
     for robot in STARTS:
-        np.testing.assert_allclose(run.maps[robot].moved(run.frames[robot]).points, RING, atol=1e-9)
+        np.testing.assert_allclose(run.maps[robot].moved(run.frames[robot]).vertices, RING, atol=1e-9)
     assert "M0.000 0.000L2.950 0.000" in overview(run)
 
 
@@ -195,9 +195,9 @@ def test_maps_side_by_side_keep_their_corners_closed() -> None:
     edges = np.array([[k, (k + 1) % len(RING)] for k in range(len(RING))])
     inset = Map(RING, np.zeros(len(RING), np.uint8), edges).inset(0.1)
     free = shapely.Polygon(RING).buffer(-0.1, join_style="mitre")
-    assert shapely.Polygon(inset.points).symmetric_difference(free).area < 1e-9
+    assert shapely.Polygon(inset.vertices).symmetric_difference(free).area < 1e-9
     end = Map(RING[:2], np.zeros(2, np.uint8), edges[:1]).inset(0.1)
-    np.testing.assert_allclose(end.points, [[0, 0.1], [2.95, 0.1]], atol=1e-12)
+    np.testing.assert_allclose(end.vertices, [[0, 0.1], [2.95, 0.1]], atol=1e-12)
 
 
 def test_the_slider_goes_from_the_first_snapshot_to_the_final_maps(whole: Path) -> None:

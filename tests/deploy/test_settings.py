@@ -1,0 +1,54 @@
+"""`wireswarm config`: every setting of the models is listed with its reason, and the file loads to the defaults."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from deploy.config import RunConfig, load
+from deploy.settings import settings, to_json, to_text, to_yaml
+from world.radio_config import Bernoulli
+
+
+def leaves(tree: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    for name, value in tree.items():
+        if isinstance(value, BaseModel):
+            yield from leaves(dict(value), f"{prefix}{name}.")
+        else:
+            yield prefix + name
+
+
+def test_the_list_holds_every_setting_of_the_code() -> None:
+    keys = [one.key for one in settings()]
+    assert [key for key in keys if "[" not in key] == list(leaves(dict(RunConfig())))
+    assert len(keys) == len(set(keys))
+    for field in Bernoulli.model_fields:
+        assert f"radio.models[bernoulli].{field}" in keys
+
+
+def test_every_setting_has_a_docstring_below_it() -> None:
+    assert {one.key for one in settings() if len(one.reason.split()) < 2} <= {"agent.exploration.default_state"}
+
+
+def test_text_and_json_hold_every_setting_with_unit_and_default() -> None:
+    text = to_text()
+    assert re.findall(r"^(\S+) = ", text, re.M) == [one.key for one in settings()]
+    assert "radio.range_m = 4.0 m\n" in text and "radio.models[bernoulli].loss = (required)\n" in text
+    listed = {one["key"]: one for one in json.loads(to_json())}
+    assert listed["max_time_s"]["default"] == 7200.0 and listed["max_time_s"]["unit"] == "s"
+    assert listed["starts"]["choices"] == "file | random"
+
+
+def test_the_file_loads_to_the_defaults_and_a_changed_line_changes_one_setting(tmp_path: Path) -> None:
+    file = tmp_path / "run.yaml"
+    file.write_text(to_yaml())
+    assert load(file) == RunConfig()
+    file.write_text(to_yaml().replace("\n  range_m: 4.0\n", "\n  range_m: 6.5\n"))
+    changed = load(file)
+    assert changed.radio.range_m == 6.5
+    assert changed.model_copy(update={"radio": RunConfig().radio}) == RunConfig()

@@ -1,0 +1,83 @@
+"""The public face: what it holds, that it stays light, and that the worked example runs."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+import wireswarm
+from deploy.config import ConfigError, RunConfig
+from deploy.inprocess import run as run_in_process
+from tests.tiny import ROOM
+
+REPO = Path(__file__).parents[2]
+
+
+def test_the_public_names_are_these_and_all_exist() -> None:
+    assert wireswarm.__all__ == ["ForeignPackageError", "Label", "Map", "Run", "load", "run", "worlds"]
+    assert dir(wireswarm) == wireswarm.__all__
+    for name in wireswarm.__all__:
+        assert getattr(wireswarm, name).__doc__
+    with pytest.raises(AttributeError, match="has no attribute 'fly'"):
+        _ = wireswarm.fly
+
+
+def test_importing_the_face_imports_nothing_heavy() -> None:
+    code = "import wireswarm, sys; print(*{name.split('.')[0] for name in sys.modules})"
+    loaded = subprocess.run([sys.executable, "-c", code], cwd=REPO, check=True, capture_output=True, text=True).stdout
+    assert "wireswarm" in loaded.split()
+    assert set(loaded.split()).isdisjoint(
+        {"numpy", "numba", "shapely", "pymunk", "matplotlib", "pydantic", "zenoh", "agent", "world", "deploy"}
+    )
+
+
+def test_the_worked_example_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (REPO / "docs" / "notebook.md").read_text(), re.S)
+    made: dict[str, object] = {}
+    with mpl.rc_context({"backend": "agg"}):
+        exec("\n".join(blocks), made)
+        mpl.pyplot.close("all")
+    run, own, world = made["run"], made["own"], made["world"]
+    assert isinstance(run, wireswarm.Run) and isinstance(own, wireswarm.Map) and isinstance(world, wireswarm.Map)
+    assert repr(run) == "Run('runs/notebook': 2 robots, 20 s)" and run.robots == ["r1", "r2"]
+    assert own.vertices.shape == world.vertices.shape and len(own.labels) == len(own.vertices) and len(own.edges) > 5
+    x, y, theta = run.frames["r1"]
+    turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
+    np.testing.assert_allclose(own.vertices @ turn.T + [x, y], world.vertices, atol=1e-9)
+    assert (tmp_path / "all.png").stat().st_size > 10_000
+
+
+def test_a_run_without_a_directory_leaves_nothing_and_equals_one_with(tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    ticks = []
+    settings = {"spec.lidar.noise_m": 0.0}
+    run = wireswarm.run(
+        tmp_path / "tiny.yaml", 1, until=3, settings=settings, progress=lambda episode: ticks.append(episode.tick)
+    )
+    assert ticks[-1] == 15 and not run.path.exists()
+    config = RunConfig.model_validate(
+        {"world": str(tmp_path / "tiny.yaml"), "robots": 1, "until": 3, "spec": {"lidar": {"noise_m": 0.0}}}
+    )
+    run_in_process(config, config.agent, tmp_path / "out")
+    other = wireswarm.load(tmp_path / "out")
+    assert run.events == other.events
+    np.testing.assert_array_equal(run.map("r1").vertices, other.map("r1").vertices)
+
+
+def test_what_is_asked_wrongly_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^wings: there is no such setting$"):
+        wireswarm.run(settings={"wings": 2})
+    with pytest.raises(ValueError, match="nowhere: neither a file nor a bundled world"):
+        wireswarm.run("nowhere")
+    with pytest.raises(NotADirectoryError, match="is no run directory"):
+        wireswarm.load(tmp_path / "absent")
+    (tmp_path / "file").touch()
+    with pytest.raises(FileExistsError, match="something is there already"):
+        wireswarm.run(out=tmp_path)

@@ -1,0 +1,53 @@
+"""wireswarm for notebooks and scripts: run robots in one process, load run directories, see their maps as arrays.
+
+    import wireswarm
+    run = wireswarm.run(world="apartment", robots=2, seed=0, until=60)
+    run.map("r1", frame="world").vertices      # (n, 2), metres
+    run.plot()
+
+docs/notebook.md is a worked example. Numpy, numba, pymunk and matplotlib are imported when they are needed.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wireswarm.guard import ForeignPackageError, check_packages
+
+if TYPE_CHECKING:
+    from deploy.report.rundir import Map, Run
+    from protocol.wireframe import Label
+    from wireswarm.runs import load, run, worlds
+
+__all__ = ["ForeignPackageError", "Label", "Map", "Run", "load", "run", "worlds"]
+
+_HOMES = {
+    "Label": "protocol.wireframe",
+    "Map": "deploy.report.rundir",
+    "Run": "deploy.report.rundir",
+    "load": "wireswarm.runs",
+    "run": "wireswarm.runs",
+    "worlds": "wireswarm.runs",
+}
+"""The module of each name that is imported at its first use."""
+
+try:
+    check_packages()
+except ForeignPackageError as _error:
+    if Path(sys.argv[0]).stem != "wireswarm":
+        raise
+    print(f"wireswarm: {_error}", file=sys.stderr)  # the command's script imports this package before anything else
+    sys.exit(2)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'wireswarm' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
