@@ -5,8 +5,8 @@ from __future__ import annotations
 from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
 from agent.cooperation.config import CooperationConfig
-from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.mapping.config import FilterConfig
+from agent.exploration.config import DrivingConfig, ExplorationConfig
+from agent.mapping.config import FilterConfig, MapConfig
 from agent.perception.config import PerceptionConfig
 from protocol.settings import Config
 
@@ -15,9 +15,9 @@ class AgentConfig(Config):
     """One robot's mind."""
 
     perception: PerceptionConfig = PerceptionConfig()
+    map: MapConfig = MapConfig()
     filter: FilterConfig = FilterConfig()
     exploration: ExplorationConfig = ExplorationConfig()
-    planning: PlanningConfig = PlanningConfig()
     driving: DrivingConfig = DrivingConfig()
     radio: TalkConfig = TalkConfig()
     alignment: AlignmentConfig = AlignmentConfig()

@@ -3,26 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
-from numba import njit
-from numba.extending import register_jitable
+from numba import types
+from numba.core import compiler
+from numba.core.registry import CPUDispatcher
+from numba.extending import overload, register_jitable
+from numba.np import arrayobj
 
 from agent.kernel_cache import KernelCache
 from protocol.geometry import wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-OPTIONS: dict[str, Any] = {"no_cfunc_wrapper": True}
-"""No kernel is called from C, so that wrapper is not compiled."""
-
 
 def kernel(function: Function) -> Function:
-    """Compile a function when it is first called with arguments of some types, or load it where it was kept."""
-    compiled: Any = njit(**OPTIONS)(function)
-    compiled._cache = KernelCache(function, OPTIONS)
-    result: Function = compiled
-    return result
+    """Compile a function for the types that it is first called with, or load what was compiled before."""
+    return cast(Function, Kernel(function))
+
+
+class Compiled(CPUDispatcher):
+    """A function compiled for each combination of types that it is called with, once, and kept (`kernel_cache`)."""
+
+    def __init__(self, function: Callable[..., Any], *, called_by_python: bool) -> None:
+        options = {"nopython": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not called_by_python}
+        super().__init__(py_func=function, locals={}, targetoptions=options)
+        self._cache = KernelCache(function, options)
+        cast(Any, self)._compiler._customize_flags = Flags
+
+
+class Flags(compiler.Flags):
+    """Flags of a compilation, which are equal where only the wrapper differs.
+
+    Numba compiles its own functions, such as np.empty, once for each different set of flags of their callers.
+    """
+
+    def values(self) -> dict[str, Any]:
+        """All options by name."""
+        return {**cast(Any, super()).values(), "no_cpython_wrapper": True}
+
+
+class Kernel(Compiled):
+    """A kernel as Python calls it, and another form as kernels call it.
+
+    Most kernels are called by kernels alone. Numba would give each of them a wrapper that unpacks Python's objects,
+    and compile it anew for each number that a call writes as a literal.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function, called_by_python=True)
+        self._for_kernels = Compiled(function, called_by_python=False)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Types of a call in another kernel, where a literal counts as any number of its type."""
+        unliteral: Any = types.unliteral
+        plain = {name: unliteral(kind) for name, kind in kws.items()}
+        return self._for_kernels.get_call_template(tuple(map(unliteral, args)), plain)
+
+    def get_overload(self, sig: Any) -> Any:
+        """The code that a call in another kernel jumps to."""
+        return self._for_kernels.get_overload(sig)
 
 
 register_jitable(wrapped)  # plain Python for the world, which compiles nothing, and part of kernels here
+
+
+def _sizes_differ(source: Any, target: Any) -> None: ...
+
+
+@overload(_sizes_differ)
+def _sizes_differ_compiled(source: Any, target: Any) -> Any:
+    def refuse(source: Any, target: Any) -> None:
+        raise ValueError("a slice is assigned an array of another size")
+
+    return refuse
+
+
+# Numba's own message names both sizes. The text functions for that take a tenth of the compile time of all kernels.
+arrayobj.raise_with_shape_context = _sizes_differ

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
+from agent.cooperation.evidence import WALL_MARGIN_M
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
 from agent.errand import ErrandEnd
-from agent.exploration.explorer import Command, Configs, Explorer, Situation
+from agent.exploration.explorer import Command, Explorer
+from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import perceive
 from agent.perception.posts import Posts
@@ -60,14 +62,21 @@ class Robot:
         self.robot = robot
         self.spec = spec
         self.config = config
-        self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
-        self.explorer = Explorer(
-            Configs(config.exploration, config.planning, config.driving), spec, self._random(seed, "explore")
+        noise = max(spec.lidar.noise_m, config.perception.noise_floor_m)
+        self.filter = WireframeFilter(
+            config.map,
+            config.filter,
+            noise,
+            spec.lidar.beams,
+            spec.odometry,
+            np.random.SeedSequence([seed, zlib.crc32(b"filter")]),
         )
+        self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
-        self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
+        rules = self.filter.view_rules(WALL_MARGIN_M)
+        self.team = Team(config.cooperation, config.alignment, spec, rules, self._random(seed, "align"))
         self.own = Wireframe()
         """The map of own scans alone."""
         self.wireframe = Wireframe()
@@ -102,17 +111,18 @@ class Robot:
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
-        explorer.look(Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints))
+        situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
+        view = explorer.look(situation)
         if not len(self.wireframe.edges):
-            command = explorer.drive_forward()
-        elif contact := explorer.place_of_contact():
-            command = explorer.drive(contact)
-        elif frontier := explorer.frontier():
-            command = explorer.drive(frontier)
+            command = explorer.drive_forward(view)
+        elif contact := explorer.place_of_contact(view):
+            command = explorer.drive(view, contact)
+        elif frontier := explorer.frontier(view):
+            command = explorer.drive(view, frontier)
         else:
-            command = explorer.drive(explorer.default_state())
+            command = explorer.drive(view, explorer.default_state(view))
         self._errand_ended = command.ended
-        looked = Looked(self.explorer.pose_ticks, self.explorer.poses)
+        looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
         ask = () if command.complete else self.team.shares_work_with
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts.present)
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.exploration.explorer import Command, Configs, Explorer, Situation
+from agent.exploration.config import DrivingConfig, ExplorationConfig
+from agent.exploration.explorer import Command, Explorer
+from agent.exploration.surroundings import Situation
 from agent.geometry.clearance import distance_to_walls
 from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
@@ -26,7 +27,7 @@ from world.worldfile import World
 JOIN_M = 0.02
 """Seen stretches of a wall this close to each other are one."""
 CLAIM_M = 0.25
-"""A corner farther than this from the last hit is not claimed (facts/mapping.md, rule 2)."""
+"""A corner farther than this from the last hit is not claimed."""
 TIP_M = 0.01
 """The end of a wall without thickness, which no two beams hit: seen where a wall beside it is seen to the corner."""
 
@@ -189,16 +190,14 @@ class Trial:
     explorer: Explorer | None = None
 
 
-def configs(**exploration: object) -> Configs:
-    return Configs(ExplorationConfig(**exploration), PlanningConfig(), DrivingConfig())
-
-
 def step(explorer: Explorer, situation: Situation) -> Command:
     """One tick, by the branches of `Robot.step`."""
-    explorer.look(situation)
+    view = explorer.look(situation)
     if not len(situation.wireframe.edges):
-        return explorer.drive_forward()
-    return explorer.drive(explorer.place_of_contact() or explorer.frontier() or explorer.default_state())
+        return explorer.drive_forward(view)
+    return explorer.drive(
+        view, explorer.place_of_contact(view) or explorer.frontier(view) or explorer.default_state(view)
+    )
 
 
 def explore(
@@ -207,7 +206,7 @@ def explore(
     *,
     robots: int = 1,
     seed: int = 0,
-    config: Configs | None = None,
+    config: ExplorationConfig | None = None,
     starts: np.ndarray | None = None,
     until_complete: bool = True,
 ) -> list[Trial]:
@@ -219,7 +218,7 @@ def explore(
     lidar = Lidar(world.segments, spec.lidar, one_sided=True)
     coverage = Coverage(world, poses, spec.radius_m, spec.lidar.range_max_m, CoverageConfig())
     mappers = [OracleMapper(world, pose) for pose in origins]
-    explorers = [Explorer(config or configs(), spec, child) for child in rng.spawn(robots)]
+    explorers = [Explorer(config or ExplorationConfig(), DrivingConfig(), spec, child) for child in rng.spawn(robots)]
     trials = [Trial(explorer=explorer) for explorer in explorers]
     spent = [[] for _ in trials]
     touching = [False] * robots
@@ -269,7 +268,7 @@ def explore(
         trial.coverage = float(coverage.own[k])
         trial.t_90, trial.t_99 = (coverage.reached[k].get(share) for share in (0.9, 0.99))
         trial.step_ms = 1e3 * float(np.median(spent[k]))  # the first ones compile kernels
-        trial.unreachable = sum(record.unreachable for record in explorer.memory.tried)
+        trial.unreachable = sum(record.unreachable for record in explorer.goals.memory.tried)
         trial.stuck = sum(event.event == "stuck" for _, event in trial.events)
         trial.reason = trial.reasons[-1]
         trial.map = mapper.wireframe()

@@ -1,6 +1,7 @@
-"""Alignment of two wireframes that share no frame (paper III-C), with the baselines it is compared to."""
+"""Alignment of two wireframes that share no frame (paper III-C)."""
 
-from agent.alignment.align import Alignment, Contact, PreparedMap, align, align_prepared, prepare
+from agent.alignment.align import Alignment, PreparedMap, align, align_prepared, prepare
 from agent.alignment.config import AlignmentConfig
+from agent.alignment.meeting import Meeting
 
-__all__ = ["Alignment", "AlignmentConfig", "Contact", "PreparedMap", "align", "align_prepared", "prepare"]
+__all__ = ["Alignment", "AlignmentConfig", "Meeting", "PreparedMap", "align", "align_prepared", "prepare"]

@@ -7,26 +7,36 @@ strip before a wall of the other, which has nothing there itself. The opposite f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.alignment.config import AlignmentConfig
+from agent.alignment.feature import LIKE_COS
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
-from protocol.arrays import Bools, Floats, Ints
+from protocol.arrays import Bools, Floats, Ints, Labels
+from protocol.walls import lengths, points_along
 
+SAMPLE_M = 0.1
+"""Distance of the samples at which walls are compared."""
+MAX_SAMPLES = 20_000
+"""Samples of one map: 2 km of wall at that distance. Those of a longer map are farther apart."""
 MAX_CELLS = 200_000
-"""Of one index; walls far apart get larger cells instead of more."""
+"""Cells of one index. A map whose walls lie farther apart gets larger cells."""
+AGREE_M = 0.08
+"""A wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma."""
+STRIP_NEAR_M = 0.15
+"""Free ground before a wall begins here. What is nearer may be noise, or the other face of a thin wall."""
+STRIP_FAR_M = 0.5
+"""Free ground before a wall ends here (measured): a map need not have looked farther away."""
+STRIP_END_M = 0.1
+"""The ground before the last piece of a wall does not count as free, as other walls may begin there."""
+REACH_M = max(AGREE_M, STRIP_NEAR_M, STRIP_FAR_M)
 LENGTH = 4
 """Column of a sample's length."""
-MAX_SAMPLES = 20_000
-"""Of one map: 2 km of wall at the default distance."""
 
 
-@dataclass(frozen=True)
-class Walls:
+class Walls(NamedTuple):
     """A map's walls, indexed by place, and samples along them. Metres, the map's own frame."""
 
     segments: Floats
@@ -44,41 +54,41 @@ class Walls:
     ways: Floats
     """(m, 3) unit direction of each wall, and its length."""
 
+    @property
+    def length_m(self) -> float:
+        """Of all walls."""
+        return float(lengths(self.segments).sum())
 
-def index_walls(segments: Floats, juts: Bools, config: AlignmentConfig) -> Walls:
+
+def index_walls(segments: Floats, juts: Bools) -> Walls:
     """Index of walls (m, 4), none of zero length. juts: (m, 2) whether each end is a corner that sticks out.
 
     Around such a corner the ground is free on both its walls' sides, and so also beyond the end of each.
     """
-    along = segments[:, 2:] - segments[:, :2]
-    length = np.hypot(along[:, 0], along[:, 1])
-    step = max(config.sample_m, float(length.sum()) / MAX_SAMPLES)
-    count = np.ceil(length / step).astype(np.intp)
-    wall = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[wall]
-    places = segments[wall, :2] + share[:, None] * along[wall]
-    samples = np.column_stack([places, (along / length[:, None])[wall], (length / count)[wall]])
-    reach = max(config.strip_far_m, config.agree_m)
+    length = lengths(segments)
+    direction = (segments[:, 2:] - segments[:, :2]) / length[:, None]
+    step = max(SAMPLE_M, float(length.sum()) / MAX_SAMPLES)
+    count = np.ceil(length / step).astype(np.int64)
+    places, wall = points_along(segments, count)
+    samples = np.column_stack([places, direction[wall], (length / count)[wall]])
     corners = segments.reshape(-1, 2)
-    low, high = corners.min(0) - reach, corners.max(0) + reach
-    cell = max(2.0 * reach, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
+    low, high = corners.min(0) - REACH_M, corners.max(0) + REACH_M
+    cell = max(2.0 * REACH_M, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
-    first, members = _fill(segments, low[0], low[1], cell, columns, rows, reach)
-    begin = np.where(juts[:, 0], -config.strip_far_m, config.strip_end_m)
-    end = length + np.where(juts[:, 1], config.strip_far_m, -config.strip_end_m)
+    first, members = _fill(segments, low[0], low[1], cell, columns, rows)
+    begin = np.where(juts[:, 0], -STRIP_FAR_M, STRIP_END_M)
+    end = length + np.where(juts[:, 1], STRIP_FAR_M, -STRIP_END_M)
     free = np.column_stack([begin, end])
-    ways = np.column_stack([along / length[:, None], length])
+    ways = np.column_stack([direction, length])
     return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free, ways)
 
 
 @kernel
-def _fill(
-    segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int, reach: float
-) -> tuple[Ints, Ints]:
-    """Walls by cell: every wall that comes within reach of a cell is in it (by the cell's circumcircle)."""
+def _fill(segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int) -> tuple[Ints, Ints]:
+    """`Walls.first` and `Walls.members`: each cell with all walls that come within reach of its circumcircle."""
     counts = np.zeros((columns, rows + 1), np.int64)
     members = np.zeros(0, np.int64)
-    radius = reach + 0.7072 * cell
+    radius = REACH_M + 0.7072 * cell
     for fill in range(2):
         if fill == 1:
             total = 0
@@ -94,8 +104,8 @@ def _fill(
             ax, ay, bx, by = segments[e]
             length = math.hypot(bx - ax, by - ay)
             ux, uy = (bx - ax) / length, (by - ay) / length
-            i0, i1 = int((min(ax, bx) - reach - x0) // cell), int((max(ax, bx) + reach - x0) // cell)
-            j0, j1 = int((min(ay, by) - reach - y0) // cell), int((max(ay, by) + reach - y0) // cell)
+            i0, i1 = int((min(ax, bx) - REACH_M - x0) // cell), int((max(ax, bx) + REACH_M - x0) // cell)
+            j0, j1 = int((min(ay, by) - REACH_M - y0) // cell), int((max(ay, by) + REACH_M - y0) // cell)
             for i in range(max(i0, 0), min(i1, columns - 1) + 1):
                 for j in range(max(j0, 0), min(j1, rows - 1) + 1):
                     cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
@@ -114,52 +124,24 @@ NEITHER, AGREES, CONFLICTS = 0, 1, 2
 """What one map says of a sample of the other."""
 
 
-def agreement(mine: Walls, theirs: Walls, transform: Floats, config: AlignmentConfig) -> tuple[float, float]:
+def agreement(mine: Walls, theirs: Walls, transform: Floats) -> tuple[float, float]:
     """Metres of wall that agree, the mean of both ways, and that are in conflict, the sum.
 
     transform (3,) takes their frame into mine.
     """
     agreed = conflict = 0.0
-    for samples, into, walls in (
-        (theirs.samples, transform, mine),
-        (mine.samples, inverse(np.asarray(transform, np.float64)), theirs),
-    ):
-        said = verdicts(samples, into, walls, config)
+    for samples, into, walls in ((theirs.samples, transform, mine), (mine.samples, inverse(transform), theirs)):
+        said = _verdicts(samples, into, walls)
         agreed += 0.5 * float(samples[said == AGREES, LENGTH].sum())
         conflict += float(samples[said == CONFLICTS, LENGTH].sum())
     return agreed, conflict
 
 
-def verdicts(samples: Floats, transform: Floats, walls: Walls, config: AlignmentConfig) -> NDArray[np.uint8]:
-    """(k,) what the walls say of samples (k, 5) of another map that transform (3,) takes into theirs."""
-    said: NDArray[np.uint8] = _verdicts(
-        samples,
-        np.asarray(transform, np.float64),
-        walls.segments,
-        walls.origin,
-        walls.first,
-        walls.members,
-        walls.free,
-        walls.ways,
-        (config.agree_m, math.cos(math.radians(config.alike_deg)), config.strip_near_m, config.strip_far_m),
-    )
-    return said
-
-
 @kernel
-def _verdicts(
-    samples: Floats,
-    t: Floats,
-    segments: Floats,
-    origin: Floats,
-    first: Ints,
-    members: Ints,
-    free: Floats,
-    ways: Floats,
-    rules: tuple[float, float, float, float],
-) -> NDArray[np.uint8]:
-    agree_m, alike, near, far = rules
-    reach = max(agree_m, near, far)
+def _verdicts(samples: Floats, t: Floats, walls: Walls) -> Labels:
+    """(k,) what the walls say of samples (k, 5) of another map that the transform t (3,) takes into their frame."""
+    segments, origin, first, members = walls.segments, walls.origin, walls.first, walls.members
+    free, ways = walls.free, walls.ways
     c, s = math.cos(t[2]), math.sin(t[2])
     columns, rows = first.shape[0], first.shape[1] - 1
     out = np.zeros(samples.shape[0], np.uint8)
@@ -175,16 +157,16 @@ def _verdicts(
             dx, dy = x - segments[e, 0], y - segments[e, 1]
             vx, vy, length = ways[e, 0], ways[e, 1], ways[e, 2]
             off = dy * vx - dx * vy
-            if abs(off) > reach:
+            if abs(off) > REACH_M:
                 continue
             along = dx * vx + dy * vy
             beyond = max(-along, along - length, 0.0)
-            if beyond * beyond + off * off < near * near:
+            if beyond * beyond + off * off < STRIP_NEAR_M * STRIP_NEAR_M:
                 touches = True
-                if beyond < agree_m and abs(off) < agree_m and ux * vx + uy * vy > alike:
+                if beyond < AGREE_M and abs(off) < AGREE_M and ux * vx + uy * vy > LIKE_COS:
                     out[k] = AGREES
                     break
-            elif near <= off <= far and free[e, 0] < along < free[e, 1]:
+            elif STRIP_NEAR_M <= off <= STRIP_FAR_M and free[e, 0] < along < free[e, 1]:
                 blocked = True
         if out[k] != AGREES and blocked and not touches:
             out[k] = CONFLICTS

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from agent.alignment.agreement import Walls, index_walls
-from agent.alignment.candidates import Candidates, ranked
+from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.congruent_sets import congruent_sets
 from agent.alignment.feature import Corners, corners
-from agent.alignment.icp import icp
 from agent.alignment.meeting import Meeting, Place, place_of
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
@@ -22,27 +20,13 @@ from protocol.wireframe import Wireframe
 
 
 @dataclass(frozen=True)
-class Contact:
-    """Two robots when one hears the other."""
-
-    mine: Pose
-    """The robot that aligns, in its own frame."""
-    theirs: Pose
-    """The peer, in the peer's frame."""
-    range_m: float = math.inf
-    """How far the radio carries."""
-    radius_m: float = 0.0
-    """Of both robots' bodies."""
-
-
-@dataclass(frozen=True)
 class Alignment:
     """What became of an attempt to align; lengths in metres of wall."""
 
     transform: Pose | None
     """The peer's frame in mine, x, y, theta; None where the maps do not tell."""
     reason: str
-    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (ruled out by the contact)."""
+    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (by the meeting)."""
     candidates: int = 0
     """Distinct transforms held against all walls."""
     inliers: int = 0
@@ -70,32 +54,27 @@ class Alignment:
 
 @dataclass(frozen=True)
 class PreparedMap:
-    """A map made ready, which pays when it is aligned with several."""
+    """A map made ready to be aligned, which is worth its time where it is aligned with several others."""
 
     corners: Corners
     walls: Walls | None
     """None without walls."""
     place: Place
-    length_m: float
-    """Of all walls that are aligned."""
     true_corners: int
     """Vertices that are no frontier."""
+
+
+Method = Callable[[PreparedMap, PreparedMap, AlignmentConfig, np.random.Generator], Alignment]
+"""Judges the best transform between two maps with walls; benchmarks compare others with `by_features`."""
 
 
 def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
     """A map ready to be aligned; None where it is larger than the configuration allows. Must have passed `check`."""
     if int(wireframe.own.sum()) > config.max_vertices:
         return None
-    found = corners(wireframe, config)
-    walls = found.walls
-    length = float(np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]).sum())
-    return PreparedMap(
-        found,
-        index_walls(walls, found.juts, config) if len(walls) else None,
-        place_of(found.points, found.child, walls),
-        length,
-        int(found.true.sum()),
-    )
+    found = corners(wireframe)
+    walls = index_walls(found.walls, found.juts) if len(found.walls) else None
+    return PreparedMap(found, walls, place_of(found.points, found.child, found.walls), int(found.true.sum()))
 
 
 def align(
@@ -103,14 +82,32 @@ def align(
     theirs: Wireframe,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    contact: Contact | None = None,
+    meeting: Meeting | None = None,
 ) -> Alignment:
     """Find the transform of a peer's map into mine from the walls that each owner saw itself.
 
-    Both maps must have passed `Wireframe.check`. rng is used by the methods that draw. Work is bounded by the
-    configuration, never by time.
+    Both maps must have passed `Wireframe.check`. rng is used by the methods that draw. Work is bounded by the maps'
+    size and by constants, never by time.
     """
-    return align_prepared(prepare(mine, config), prepare(theirs, config), config, rng, contact)
+    return align_prepared(prepare(mine, config), prepare(theirs, config), config, rng, meeting)
+
+
+def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Alignment:
+    """The best transform by pairs of like corners, if it is good enough and no other is nearly as good."""
+    found = candidates(mine, theirs, config, rng)
+    if not len(found.transforms):
+        return Alignment(None, "unlike")
+    assert mine.walls is not None and theirs.walls is not None
+    rival = 0.0
+    if config.repetition and found.scores[0] > 0.0:
+        one, two = (mine.corners, mine.walls), (theirs.corners, theirs.walls)
+        rival = rival_score(found.transforms[0], float(found.agreement[0]), one, two, config.drawing, rng)
+    said = described(found, mine, theirs, rival)
+    if said.inliers < config.min_inliers or said.score < config.min_score_m:
+        return replace(said, reason="weak")
+    if said.conflict > config.max_conflict * said.agreement:
+        return replace(said, reason="conflict")
+    return said if said.margin < config.margin else replace(said, transform=said.best, reason="aligned")
 
 
 def align_prepared(
@@ -118,90 +115,56 @@ def align_prepared(
     theirs: PreparedMap | None,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    contact: Contact | None = None,
+    meeting: Meeting | None = None,
+    method: Method = by_features,
 ) -> Alignment:
     """As `align`, for maps made ready."""
     if mine is None or theirs is None:
         return Alignment(None, "large")
     if min(mine.true_corners, theirs.true_corners) < config.min_corners or mine.walls is None or theirs.walls is None:
         return Alignment(None, "small")
-    found = candidates(mine, theirs, config, rng)
-    if not len(found.transforms):
-        return Alignment(None, "unlike")
-    judged = _judge(found, mine, theirs, config, rng)
-    if judged.transform is None or contact is None:
-        return judged
-    possible = meeting_of(mine, theirs, config, contact).possible(np.array(judged.transform))[0]
-    return judged if possible else replace(judged, transform=None, reason="impossible")
+    said = method(mine, theirs, config, rng)
+    if said.transform is None or meeting is None:
+        return said
+    possible = meeting.possible(np.array([said.transform]), mine.place, theirs.place)[0]
+    return said if possible else replace(said, transform=None, reason="impossible")
 
 
-def meeting_of(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, contact: Contact) -> Meeting:
-    """What the contact says about any transform."""
-    clearance = max(contact.radius_m - config.body_slack_m, 0.0)
-    reach = contact.range_m + config.range_slack_m
-    return Meeting(contact.mine, contact.theirs, reach, clearance, mine.place, theirs.place)
-
-
-def candidates(
-    mine: PreparedMap,
-    theirs: PreparedMap,
-    config: AlignmentConfig,
-    rng: np.random.Generator,
-) -> Candidates:
-    """Distinct transforms of the configured method, best first. Both maps must have walls."""
+def candidates(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Candidates:
+    """Distinct transforms by pairs of like corners, best first. Both maps must have walls."""
     assert mine.walls is not None and theirs.walls is not None
-    method = {"features": ranked, "4pcs": congruent_sets, "icp": icp}[config.method]
-    return method(mine.corners, theirs.corners, mine.walls, theirs.walls, config, rng)
+    return ranked(mine.corners, theirs.corners, mine.walls, theirs.walls, config.drawing, rng)
 
 
-def _judge(
-    found: Candidates,
-    mine: PreparedMap,
-    theirs: PreparedMap,
-    config: AlignmentConfig,
-    rng: np.random.Generator,
-) -> Alignment:
-    """The best candidate, if it is good enough and no other is nearly as good."""
-    centre, turn = theirs.corners.centre, math.radians(config.distinct_deg)
-    best = found.transforms[0]
-    score = float(found.scores[0])
-    second = 0.0
+def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: float = 0.0) -> Alignment:
+    """The first candidate with its figures, not judged yet: without a transform, for the reason `ambiguous`.
+
+    rival: score of the best transform that contradicts it and is not among the candidates; 0 without.
+    """
+    assert mine.walls is not None and theirs.walls is not None
+    best, score, second = found.transforms[0], float(found.scores[0]), rival
     for other, its in zip(found.transforms[1:], found.scores[1:].tolist(), strict=True):
-        if apart(best, other, centre, config.distinct_m, turn):
-            second = max(its, 0.0)
+        if apart(best, other, theirs.corners.centre, DISTINCT_M, DISTINCT_RAD):
+            second = max(second, its)
             break
-    agreed, conflict, inliers = float(found.agreement[0]), float(found.conflict[0]), int(found.inliers[0])
-    if config.repetition and config.method == "features" and score > 0.0:
-        assert mine.walls is not None and theirs.walls is not None
-        one, two = (mine.corners, mine.walls), (theirs.corners, theirs.walls)
-        second = max(second, rival_score(best, agreed, one, two, config, rng))
     margin = 1.0 - second / score if score > 0.0 else 0.0
-    reason = "aligned"
-    if config.method != "features":  # the baselines' own rule
-        reason = "aligned" if inliers >= config.baseline_inliers else "weak"
-    elif inliers < config.min_inliers or score < config.min_score_m:
-        reason = "weak"
-    elif conflict > config.max_conflict * agreed:
-        reason = "conflict"
-    elif margin < config.margin:
-        reason = "ambiguous"
-    pose = pose_of(best)
+    agreed = float(found.agreement[0])
     return Alignment(
-        pose if reason == "aligned" else None,
-        reason,
+        None,
+        "ambiguous",
         len(found.transforms),
-        inliers,
+        int(found.inliers[0]),
         float(found.residuals[0]),
         margin,
         agreed,
-        conflict,
-        agreed / min(mine.length_m, theirs.length_m),
+        float(found.conflict[0]),
+        agreed / min(mine.walls.length_m, theirs.walls.length_m),
         score,
-        pose,
+        pose_of(best),
     )
 
 
 def pose_of(transform: Floats) -> Pose:
-    """A row as a pose."""
+    """A transform (3,) as a pose."""
     x, y, theta = transform.tolist()
     return x, y, theta

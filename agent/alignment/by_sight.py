@@ -17,7 +17,7 @@ import numpy as np
 from agent.alignment import Alignment, AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
 from agent.alignment.align import pose_of
-from agent.alignment.candidates import refine
+from agent.alignment.candidates import COARSE_M, CONFLICT_WEIGHT, DISTINCT_M, DISTINCT_RAD, refine
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
@@ -63,20 +63,17 @@ def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting
     return kept
 
 
-def consensus(
-    sightings: Sequence[Sighting], gate_m: float, base_m: float, distinct_m: float, distinct_rad: float
-) -> Consensus | None:
+def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Consensus | None:
     """Two sightings give a transform; the one that explains most of them, to `gate_m`. None where no two fit.
 
-    base_m: two places this far apart give a turn. Distinct transforms differ by more than distinct_m at the middle of
-    the peer's places, or by distinct_rad.
+    base_m: two places this far apart give a turn. Transforms are compared at the middle of the peer's places.
     """
     if len(sightings) < 2:
         return None
     places = np.array([one.theirs[:2] for one in sightings])
     first = np.cumsum([0, *(len(one.discs) for one in sightings)])
     discs = np.vstack([one.discs for one in sightings])
-    best, count, rival = _consensus(places, first, discs, gate_m, base_m, distinct_m, distinct_rad)
+    best, count, rival = _consensus(places, first, discs, gate_m, base_m)
     if count < 2:
         return None
     which = np.empty(len(places), np.int64)
@@ -96,20 +93,20 @@ def align_by_sight(
     if mine.walls is None or theirs.walls is None:
         return none
     square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
-    fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners, config)
+    fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners)
     best = none
     for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
-        if apart(t, found.transform, found.middle, config.coarse_m, math.radians(config.distinct_deg)):
+        if apart(t, found.transform, found.middle, COARSE_M, DISTINCT_RAD):
             continue
-        agreed, conflict = agreement(mine.walls, theirs.walls, t, config)
-        score = agreed - config.conflict_weight * conflict
+        agreed, conflict = agreement(mine.walls, theirs.walls, t)
+        score = agreed - CONFLICT_WEIGHT * conflict
         reason = "sighted"
         if inliers < least_corners or agreed < config.min_score_m:
             reason = "weak"
         elif conflict > config.max_conflict * agreed:
             reason = "conflict"
         pose = pose_of(t)
-        share = agreed / min(mine.length_m, theirs.length_m)
+        share = agreed / min(mine.walls.length_m, theirs.walls.length_m)
         transform = pose if reason == "sighted" else None
         if best is none or score > best.score:
             best = Alignment(transform, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, pose)
@@ -154,9 +151,11 @@ def _explained(t: Floats, places: Floats, first: Ints, discs: Floats, gate_m: fl
 
 
 @kernel
-def _consensus(
-    places: Floats, first: Ints, discs: Floats, gate_m: float, base_m: float, distinct_m: float, distinct_rad: float
-) -> tuple[Floats, int, int]:
+def _consensus(places: Floats, first: Ints, discs: Floats, gate_m: float, base_m: float) -> tuple[Floats, int, int]:
+    """The best transform (3,), the sightings that it explains, and those that its best distinct rival explains.
+
+    places (n, 2) of the peer; discs (d, 2), those of sighting i from row first[i] to first[i + 1].
+    """
     n = places.shape[0]
     middle = np.array([places[:, 0].mean(), places[:, 1].mean()])
     which, source, target = np.empty(n, np.int64), np.empty((n, 2)), np.empty((n, 2))
@@ -179,7 +178,7 @@ def _consensus(
                         if look == 0 and found > count:
                             count = found
                             best[:] = t
-                        elif look == 1 and found > rival and apart(best, t, middle, distinct_m, distinct_rad):
+                        elif look == 1 and found > rival and apart(best, t, middle, DISTINCT_M, DISTINCT_RAD):
                             rival = found
         if look == 0 and count >= 2:
             for _ in range(3):

@@ -7,29 +7,47 @@ frontier is at least as long as it was seen, and so a lower bound; an angle betw
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.config import AlignmentConfig
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
+from protocol.walls import lengths, neighbours
 from protocol.wireframe import Label, Wireframe
 
 UNKNOWN, EXACT, AT_LEAST = 0, 1, 2
+"""What is known of an entry of a feature."""
 LENGTHS, ANGLES = 4, 3
 ENTRIES = LENGTHS + ANGLES
-GENERATIONS = np.array([2, 1, 1, 2, 1, 0, 1])
-"""Steps from the corner to the far end of what an entry measures: l1 to l4, a1 to a3."""
+INTO, OUT_OF, TURN = 1, 2, 5
+"""Entries of the walls into and out of the corner, and of the turn at it."""
 
-OUT_OF, TURN = 2, 5
-"""Entries of the wall out of the corner, and of the turn at it."""
+MIN_WALL_M = 0.03
+"""Shorter walls are left out, as they have no direction: 3 sigma of a corner."""
+CORNER_SD_M = 0.02
+"""Standard deviation of a nominal corner, two of which bound an exact length: three times the filter's noise."""
+OCCLUSION_SD_M = 0.04
+"""The same of an occlusion vertex: half the distance of two beams at 3.5 m more."""
+ANGLE_SD_RAD = math.radians(2.0)
+"""Standard deviation of the angle between two long walls; short ones add the error of their ends."""
+DISCOUNTS = 0.8 ** np.array([2, 1, 1, 2, 1, 0, 1])
+"""(7,) weight of each entry: 0.8 for each step from the corner to the far end of what the entry measures (the discount
+is the paper's, III-C; 0.8 measured)."""
+LOG_WRONG_ENTRY = math.log(0.05)
+"""Share of entries that differ though the corner is the same: a wrong label, or a wall split in two."""
+LOG_WRONG_BOUND = math.log(0.01)
+"""Share of walls that were seen longer than they are. Noise hardly does that, so it is less."""
+LIKE_COS = math.cos(math.radians(20.0))
+"""Walls of two maps are alike where their directions differ by less than 20 degrees."""
 
 
-@dataclass(frozen=True)
-class Corners:
-    """What of a wireframe is aligned: walls its owner saw itself, and their ends. Metres, the owner's frame."""
+class Corners(NamedTuple):
+    """The part of a wireframe that is aligned: walls that its owner saw itself, and their ends.
+
+    Metres, in the owner's frame.
+    """
 
     points: Floats
     """(n, 2) ends of the walls."""
@@ -54,33 +72,30 @@ class Corners:
 
     @property
     def centre(self) -> Floats:
-        """(2,) middle of the map, by length of wall."""
-        along = self.walls[:, 2:] - self.walls[:, :2]
-        length = np.hypot(along[:, 0], along[:, 1])
+        """(2,) mean of all points on the walls."""
+        length = lengths(self.walls)
         middle: Floats = ((self.walls[:, 2:] + self.walls[:, :2]) / 2 * length[:, None]).sum(0) / length.sum()
         return middle
 
 
-def corners(wireframe: Wireframe, config: AlignmentConfig) -> Corners:
+def corners(wireframe: Wireframe) -> Corners:
     """Own walls of a wireframe with the features of its vertices. The wireframe must have passed `check`."""
-    segments = wireframe.segments()
-    length = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-    edges = wireframe.edges[wireframe.own & (length > config.min_wall_m)]
+    edges = wireframe.edges[wireframe.own & (lengths(wireframe.segments()) > MIN_WALL_M)]
     used, ends = np.unique(edges, return_inverse=True)
     ends = ends.reshape(-1, 2)
     points = np.ascontiguousarray(wireframe.points[used], np.float64)
     labels = wireframe.labels[used]
-    parent, child = np.full(len(used), -1), np.full(len(used), -1)
-    child[ends[:, 0]], parent[ends[:, 1]] = ends[:, 1], ends[:, 0]
+    parent, child = neighbours(ends, len(used))
     true = labels != Label.FRONTIER
-    sd = np.where(labels == Label.NOMINAL, config.corner_sd_m, config.occlusion_sd_m)
-    values, kinds, sds = _features(points, true, sd, parent, child, math.radians(config.angle_sd_deg))
+    sd = np.where(labels == Label.NOMINAL, CORNER_SD_M, OCCLUSION_SD_M)
+    values, kinds, sds = _features(points, true, sd, parent, child)
     juts = true & (kinds[:, TURN] == EXACT) & (values[:, TURN] < 0.0)
     walls, ways = points[ends].reshape(-1, 4), _directions(points, parent, child)
     return Corners(points, true, parent, child, walls, juts[ends], ways, values, kinds, sds)
 
 
 def _directions(points: Floats, parent: Ints, child: Ints) -> Floats:
+    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
     out = np.zeros((len(points), 2, 2))
     into, out_of = np.flatnonzero(parent >= 0), np.flatnonzero(child >= 0)
     out[into, 0] = points[into] - points[parent[into]]
@@ -90,9 +105,7 @@ def _directions(points: Floats, parent: Ints, child: Ints) -> Floats:
 
 
 @kernel
-def _features(
-    points: Floats, true: Bools, sd: Floats, parent: Ints, child: Ints, angle_sd: float
-) -> tuple[Floats, Ints, Floats]:
+def _features(points: Floats, true: Bools, sd: Floats, parent: Ints, child: Ints) -> tuple[Floats, Ints, Floats]:
     """Values, kinds and deviations (n, 7) of the features of all vertices."""
     n = points.shape[0]
     values, kinds, sds = np.zeros((n, 7)), np.zeros((n, 7), np.int64), np.ones((n, 7))
@@ -112,24 +125,24 @@ def _features(
             dx, dy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
             size[k], direction[k] = math.hypot(dx, dy), math.atan2(dy, dx)
             values[v, k] = size[k]
-            kinds[v, k] = 1 if true[a] and true[b] else 2
+            kinds[v, k] = EXACT if true[a] and true[b] else AT_LEAST
             sds[v, k] = math.hypot(sd[a], sd[b])
         for k in range(3):
             if size[k] > 0.0 and size[k + 1] > 0.0:
                 turn = direction[k + 1] - direction[k]
-                values[v, 4 + k] = wrapped(turn)
-                kinds[v, 4 + k] = 1
+                values[v, LENGTHS + k] = wrapped(turn)
+                kinds[v, LENGTHS + k] = EXACT
                 middle = sd[line[k + 1]]
                 blur = (middle / size[k]) ** 2 + (middle / size[k + 1]) ** 2
-                sds[v, 4 + k] = math.sqrt(angle_sd**2 + blur)
+                sds[v, LENGTHS + k] = math.sqrt(ANGLE_SD_RAD**2 + blur)
     return values, kinds, sds
 
 
 @kernel
-def like_ways(one: Floats, other: Floats, c: float, s: float, alike: float) -> bool:
-    """Whether a corner's walls (2, 2), turned by the angle of cosine c and sine s, go the ways of another's.
+def like_walls(one: Floats, other: Floats, c: float, s: float) -> bool:
+    """Whether two corners share a wall, and all that they share are alike; each (2, 2) as in `Corners.ways`.
 
-    alike: least cosine between them. Walls that only one of them has say nothing, but one must be shared.
+    c, s: cosine and sine of the angle by which the first is turned. A wall that only one of them has says nothing.
     """
     shared = False
     for way in range(2):
@@ -137,152 +150,114 @@ def like_ways(one: Floats, other: Floats, c: float, s: float, alike: float) -> b
         if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
             continue
         shared = True
-        if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < alike:
+        if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < LIKE_COS:
             return False
     return shared
 
 
-def likeness(mine: Corners, theirs: Corners, config: AlignmentConfig) -> Floats:
+def likeness(mine: Corners, theirs: Corners) -> Floats:
     """(n, m) log-likelihood ratio in nats of each pair of vertices: the same corner against a chance one.
 
     Each entry weighs how like its two values are against how common they are in both maps: a right angle says
     little, an odd length much. Discounted per generation. -inf where a vertex is no corner or no wall is shared.
     """
-    lengths = _pool(mine, theirs, slice(0, LENGTHS))
-    angles = _pool(mine, theirs, slice(LENGTHS, ENTRIES))
-    weights = config.discount**GENERATIONS
-    common = []
-    for one in (mine,) if theirs is mine else (mine, theirs):
-        log_common = np.zeros(one.values.shape)
-        log_common[:, :LENGTHS] = _log_common(one, lengths, slice(0, LENGTHS), False)
-        log_common[:, LENGTHS:] = _log_common(one, angles, slice(LENGTHS, ENTRIES), True)
-        common.append(log_common)
-    scores: Floats = _likeness(
-        mine.values,
-        mine.kinds,
-        mine.sds,
-        mine.true,
-        common[0],
-        theirs.values,
-        theirs.kinds,
-        theirs.sds,
-        theirs.true,
-        common[-1],
-        weights,
-        math.log(config.wrong_entry),
-        math.log(config.wrong_bound),
-    )
+    pools = [_pool(mine, theirs, column) for column in (OUT_OF, TURN)]
+    common = [_log_common(one, *pools) for one in ((mine,) if theirs is mine else (mine, theirs))]
+    scores: Floats = _likeness(mine, theirs, common[0], common[-1])
     return scores
 
 
-def _pool(mine: Corners, theirs: Corners, part: slice) -> Floats:
-    """Exact values of both maps, once each: those next to the vertex that they belong to."""
-    column = OUT_OF if part.start == 0 else TURN
-    return np.sort(
-        np.concatenate([one.values[one.kinds[:, column] == EXACT, column] for one in (mine, theirs)] + [np.zeros(0)])
-    )
-
-
-def _log_common(one: Corners, pool: Floats, part: slice, circular: bool) -> Floats:
-    """(n, k) how common a value is: log density of an exact one, log share of the pool above a bound."""
-    values, kinds, sds = one.values[:, part], one.kinds[:, part], one.sds[:, part]
-    shape = values.shape
-    out: Floats = _log_density(
-        values.reshape(-1), kinds.reshape(-1), sds.reshape(-1), pool, 2.0 * math.pi if circular else 0.0
-    )
-    return out.reshape(shape)
+def _pool(mine: Corners, theirs: Corners, column: int) -> Floats:
+    """Exact values of both maps, sorted; each once, as the column is that of the entry next to the vertex."""
+    return np.sort(np.concatenate([one.values[one.kinds[:, column] == EXACT, column] for one in (mine, theirs)]))
 
 
 FLAT_LENGTH_M = 8.0
-"""Range over which unseen lengths are spread when densities are smoothed; a long wall's length, ours."""
+"""Unseen lengths are spread over this range when densities are smoothed: the length of a long wall."""
 FLAT_WEIGHT = 2.0
-"""Number of values that this spread counts for."""
+"""How many values that spread counts for."""
 
 
 @kernel
-def _log_density(values: Floats, kinds: Ints, sds: Floats, pool: Floats, turn: float) -> Floats:
-    """Kernel density at exact values (blurred by twice their deviation), share above at bounds; logs."""
-    out = np.zeros(values.shape[0])
-    flat = 1.0 / (turn if turn > 0.0 else 8.0)
-    total = pool.shape[0] + 2.0
-    for i in range(values.shape[0]):
-        if kinds[i] == 1:
-            sd = 2.0 * sds[i]
-            found = 2.0 * flat
-            low, high = 0, pool.shape[0]
-            if turn == 0.0:
-                low = np.searchsorted(pool, values[i] - 4.0 * sd)
-                high = np.searchsorted(pool, values[i] + 4.0 * sd)
-            for k in range(low, high):
-                d = pool[k] - values[i]
-                if turn > 0.0:
-                    d = wrapped(d, turn)
-                if abs(d) < 4.0 * sd:
-                    found += math.exp(-0.5 * (d / sd) ** 2) / (sd * 2.5066282746310002)
-            out[i] = math.log(found / total)
-        elif kinds[i] == 2:
-            above = pool.shape[0] - np.searchsorted(pool, values[i])
-            out[i] = math.log((above + 1.0) / total)
+def _log_common(one: Corners, lengths_pool: Floats, turns_pool: Floats) -> Floats:
+    """(n, 7) how common each value is among the sorted pools of lengths and of angles, which are circular.
+
+    Of an exact value its log density, by a kernel of twice its deviation; of a bound the log share above it.
+    """
+    out = np.zeros(one.values.shape)
+    for i in range(one.values.shape[0]):
+        for k in range(ENTRIES):
+            circular = k >= LENGTHS
+            pool = turns_pool if circular else lengths_pool
+            total = pool.shape[0] + FLAT_WEIGHT
+            value = one.values[i, k]
+            if one.kinds[i, k] == EXACT:
+                sd = 2.0 * one.sds[i, k]
+                found = FLAT_WEIGHT * (1.0 / (2.0 * math.pi if circular else FLAT_LENGTH_M))
+                low, high = 0, pool.shape[0]
+                if not circular:
+                    low = np.searchsorted(pool, value - 4.0 * sd)
+                    high = np.searchsorted(pool, value + 4.0 * sd)
+                for p in range(low, high):
+                    d = pool[p] - value
+                    if circular:
+                        d = wrapped(d)
+                    if abs(d) < 4.0 * sd:
+                        found += math.exp(-0.5 * (d / sd) ** 2) / (sd * 2.5066282746310002)  # sqrt(2 pi)
+                out[i, k] = math.log(found / total)
+            elif one.kinds[i, k] == AT_LEAST:
+                above = pool.shape[0] - np.searchsorted(pool, value)
+                out[i, k] = math.log((above + 1.0) / total)
     return out
 
 
 NEGLIGIBLE = -14.0
-"""Log-likelihood ratio below which an entry is as good as wrong: 1e-6 against a share of 0.05."""
+"""An entry with a lower log-likelihood ratio counts as wrong: 1e-6 is little against a share of 0.05."""
 FAR_OFF = 81.0
-"""Square of nine deviations: -40 nats, which no rare value makes up for; values are rarer than in one of 1e6 never."""
+"""Square of nine deviations. Such a difference costs 40 nats; no value is so rare that it could outweigh that."""
 
 
 @kernel
-def _likeness(
-    a: Floats,
-    a_kinds: Ints,
-    a_sds: Floats,
-    a_true: Bools,
-    a_common: Floats,
-    b: Floats,
-    b_kinds: Ints,
-    b_sds: Floats,
-    b_true: Bools,
-    b_common: Floats,
-    weights: Floats,
-    log_wrong: float,
-    log_bound: float,
-) -> Floats:
-    n, m = a.shape[0], b.shape[0]
+def _likeness(mine: Corners, theirs: Corners, my_common: Floats, their_common: Floats) -> Floats:
+    """(n, m) sum of all entries' log-likelihood ratios; *_common: `_log_common` of each map."""
+    n, m = mine.points.shape[0], theirs.points.shape[0]
     out = np.full((n, m), -np.inf)
-    wrong = math.exp(log_wrong)
+    wrong = math.exp(LOG_WRONG_ENTRY)
+    a, a_kinds, a_sds = mine.values, mine.kinds, mine.sds
+    b, b_kinds, b_sds = theirs.values, theirs.kinds, theirs.sds
     for i in range(n):
-        if not a_true[i]:
+        if not mine.true[i]:
             continue
         for j in range(m):
-            if not b_true[j]:
+            if not theirs.true[j]:
                 continue
-            if (a_kinds[i, 1] == 0 or b_kinds[j, 1] == 0) and (a_kinds[i, 2] == 0 or b_kinds[j, 2] == 0):
+            no_into = a_kinds[i, INTO] == UNKNOWN or b_kinds[j, INTO] == UNKNOWN
+            if no_into and (a_kinds[i, OUT_OF] == UNKNOWN or b_kinds[j, OUT_OF] == UNKNOWN):
                 continue
             total = 0.0
-            for k in range(7):
+            for k in range(ENTRIES):
                 one, two = a_kinds[i, k], b_kinds[j, k]
-                if one == 0 or two == 0:
+                if one == UNKNOWN or two == UNKNOWN:
                     continue
-                if one == 1 and two == 1:
+                if one == EXACT and two == EXACT:
                     d = a[i, k] - b[j, k]
-                    if k >= 4:
+                    if k >= LENGTHS:
                         d = wrapped(d)
                     var = a_sds[i, k] ** 2 + b_sds[j, k] ** 2
-                    gain = log_wrong  # what nearly all pairs are, without logarithm and exponential
+                    gain = LOG_WRONG_ENTRY  # that of nearly all pairs: no logarithm or exponential is needed
                     fits = NEGLIGIBLE
                     if d * d < FAR_OFF * var:
-                        common = 0.5 * (a_common[i, k] + b_common[j, k])
+                        common = 0.5 * (my_common[i, k] + their_common[j, k])
                         fits = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
                     if fits > NEGLIGIBLE:
                         gain = math.log((1.0 - wrong) * math.exp(min(fits, 30.0)) + wrong)
-                elif one == 2 and two == 2:
+                elif one == AT_LEAST and two == AT_LEAST:
                     continue
                 else:  # one wall was seen whole, the other is at least so long
-                    room = a[i, k] - b[j, k] if one == 1 else b[j, k] - a[i, k]
+                    room = a[i, k] - b[j, k] if one == EXACT else b[j, k] - a[i, k]
                     sd = math.sqrt(a_sds[i, k] ** 2 + b_sds[j, k] ** 2)
-                    share = b_common[j, k] if one == 1 else a_common[i, k]
-                    gain = log_bound if room < -3.0 * sd else -share
-                total += weights[k] * gain
+                    share = their_common[j, k] if one == EXACT else my_common[i, k]
+                    gain = LOG_WRONG_BOUND if room < -3.0 * sd else -share
+                total += DISCOUNTS[k] * gain
             out[i, j] = total
     return out

@@ -13,6 +13,11 @@ from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose
 
+RANGE_SLACK_M = 0.3
+"""A peer may be this much beyond the radio's range, as both robots move while a message is under way."""
+BODY_SLACK_M = 0.03
+"""A body may overlap a mapped wall by this: 3 sigma of a corner."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -86,31 +91,27 @@ def _on_the_free_side(points: Floats, rings: Floats, ring: Ints, outer: Bools) -
 
 @dataclass(frozen=True)
 class Meeting:
-    """Both robots at the moment of contact, each by its own map, and how far the radio carries."""
+    """Both robots at the moment of contact."""
 
     mine: Pose
-    """In my frame."""
+    """The robot that aligns, in its own frame."""
     theirs: Pose
-    """In theirs."""
-    range_m: float
-    """Radio range and slack; inf where unknown."""
-    clearance_m: float
-    """A robot's centre is at least so far from walls."""
-    here: Place
-    there: Place
+    """The peer, in the peer's frame."""
+    range_m: float = math.inf
+    """How far the radio carries; inf where unknown."""
+    radius_m: float = 0.0
+    """Of both robots' bodies."""
 
-    def possible(self, transforms: Floats) -> Bools:
-        """(k,) whether transforms (k, 3) of their frame into mine put both robots in range and in free space."""
-        t = np.asarray(transforms, np.float64).reshape(-1, 3)
-        peer = compose(t, np.array(self.theirs))[:, :2]
-        me = compose(inverse(t), np.array(self.mine))[:, :2]
+    def possible(self, transforms: Floats, here: Place, there: Place) -> Bools:
+        """(k,) whether transforms (k, 3) of their frame into mine put both robots in range and in free space.
+
+        here, there: where a robot can be by my map, and by theirs.
+        """
+        clearance = max(self.radius_m - BODY_SLACK_M, 0.0)
+        peer = compose(transforms, np.array(self.theirs))[:, :2]
+        me = compose(inverse(transforms), np.array(self.mine))[:, :2]
         away = np.hypot(peer[:, 0] - self.mine[0], peer[:, 1] - self.mine[1])
-        out: Bools = (away <= self.range_m) & (away >= 2 * self.clearance_m)
-        out[out] = self.here.reachable(peer[out], self.clearance_m)
-        out[out] = self.there.reachable(me[out], self.clearance_m)
+        out: Bools = (away <= self.range_m + RANGE_SLACK_M) & (away >= 2 * clearance)
+        out[out] = here.reachable(peer[out], clearance)
+        out[out] = there.reachable(me[out], clearance)
         return out
-
-
-def finite(pose: Pose) -> bool:
-    """Whether a pose is one."""
-    return all(map(math.isfinite, pose))

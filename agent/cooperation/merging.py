@@ -14,7 +14,7 @@ import numpy as np
 
 from agent.alignment import AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
-from agent.alignment.candidates import refine
+from agent.alignment.candidates import COARSE_M, refine
 from agent.communication.hearing import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Heard, Merged, Proposed
@@ -91,8 +91,8 @@ def update(
     peer = replace(peer, updated=tick)
     if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
         return peer, {}
-    transform = _refined(peer.transform, mine, theirs, config)
-    agreed, conflict = agreement(mine.walls, theirs.walls, transform, config)
+    transform = _refined(peer.transform, mine, theirs, config.min_inliers)
+    agreed, conflict = agreement(mine.walls, theirs.walls, transform)
     figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
     if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
@@ -102,13 +102,13 @@ def update(
     return replace(taken, agreed_m=agreed, refused=0), figures
 
 
-def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig) -> Floats:
+def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:
     """The transform put right on matched corners, unless that moves it too far."""
-    found = refine(transform[None], mine.corners, theirs.corners, config)
-    if not len(found.transforms) or found.inliers[0] < config.min_inliers:
+    found = refine(transform[None], mine.corners, theirs.corners)
+    if not len(found.transforms) or found.inliers[0] < min_inliers:
         return transform
     new: Floats = found.transforms[0]
-    if apart(new, transform, theirs.corners.centre, config.coarse_m, math.radians(REFINED_DEG)):
+    if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)):
         return transform
     return new
 

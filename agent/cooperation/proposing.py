@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, Contact, PreparedMap, align_prepared, prepare
+from agent.alignment import Alignment, AlignmentConfig, Meeting, PreparedMap, align_prepared, prepare
 from agent.alignment.agreement import agreement
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
-from agent.alignment.candidates import refine
+from agent.alignment.candidates import COARSE_M, DISTINCT_RAD, refine
+from agent.alignment.meeting import RANGE_SLACK_M
 from agent.cooperation.peer import PeerLog
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.geometry.clearance import distances_to_walls
@@ -50,7 +51,7 @@ class Aligner:
         """rng: for alignment methods that draw."""
         self.config, self.spec, self.rng = config, spec, rng
         self.range_m = math.inf if spec.radio_range_m is None else spec.radio_range_m
-        self.reach_m = self.range_m + config.range_slack_m
+        self.reach_m = self.range_m + RANGE_SLACK_M
         """How far off a peer may be when its message comes: both move while the message is under way."""
         self._own: tuple[Wireframe, PreparedMap | None] | None = None
 
@@ -76,9 +77,9 @@ class Aligner:
     def align(self, log: PeerLog, own: Wireframe) -> Alignment:
         """Align by the maps. A transform that puts a message out of the radio's range is impossible."""
         assert log.map is not None and log.contact is not None
-        contact = Contact(*log.contact, self.range_m, self.spec.radius_m)
+        meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
         theirs = prepare(log.map.wireframe, self.config)
-        said = align_prepared(self.prepared(own), theirs, self.config, self.rng, contact)
+        said = align_prepared(self.prepared(own), theirs, self.config, self.rng, meeting)
         if said.transform is None or self._heard_from_there(log, np.array(said.transform)):
             return said
         return replace(said, transform=None, reason="impossible")
@@ -95,8 +96,7 @@ class Aligner:
             return None
         log.sighting_is_news = False
         places = apart_places(log.sightings, DISC_MOVED_M)
-        turn = math.radians(self.config.distinct_deg)
-        found = consensus(places, DISC_GATE_M, SIGHTING_BASE_M, self.config.distinct_m, turn)
+        found = consensus(places, DISC_GATE_M, SIGHTING_BASE_M)
         if found is None or found.explained < SIGHTINGS or found.spread_m < SIGHTING_SPREAD_M:
             return None
         if found.explained - found.rival < SIGHTINGS_AHEAD or found.explained <= log.explained_by_proposal:
@@ -117,13 +117,12 @@ class Aligner:
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
             return False
-        fit = refine(transform[None], mine.corners, theirs.corners, self.config)
+        fit = refine(transform[None], mine.corners, theirs.corners)
         if not len(fit.transforms) or fit.inliers[0] < LEAST_CORNERS:
             return False
-        limits = self.config.coarse_m, math.radians(self.config.distinct_deg)
-        if apart(fit.transforms[0], transform, theirs.corners.centre, *limits):
+        if apart(fit.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD):
             return False
-        agreed, conflict = agreement(mine.walls, theirs.walls, transform, self.config)
+        agreed, conflict = agreement(mine.walls, theirs.walls, transform)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
 
 

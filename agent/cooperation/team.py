@@ -14,6 +14,7 @@ import numpy as np
 
 from agent.alignment import Alignment, AlignmentConfig, prepare
 from agent.alignment.by_sight import Sighting
+from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.communication.hearing import Hearing
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
@@ -31,6 +32,7 @@ from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
 from agent.errand import ErrandEnd
 from agent.geometry.transform import apart, compose
+from agent.mapping.contradiction import ViewRules
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
@@ -80,10 +82,11 @@ class Team:
         config: CooperationConfig,
         alignment: AlignmentConfig,
         spec: RobotSpec,
+        rules: ViewRules,
         rng: np.random.Generator,
     ) -> None:
-        """rng: for alignment methods that draw."""
-        self.config, self.spec = config, spec
+        """rules: how scans are held against received walls. rng: for alignment methods that draw."""
+        self.config, self.spec, self.rules = config, spec, rules
         self.aligner = Aligner(alignment, spec, rng)
         self.peers: dict[str, Peer] = {}
         self.queue: list[str] = []
@@ -201,15 +204,15 @@ class Team:
                 log.views, self._views_changed = news.views, True
 
     def _meet(self, trial: Trial, sighting: Sighting) -> None:
-        trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m)
+        trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m, self.rules)
 
     def _look(self, name: str, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""
         match peer:
             case Proposed():
-                peer.trial.walk(pose, scan)
+                peer.trial.walk(pose, scan, self.rules)
             case Merged():
-                peer.walls.look(peer.transform, pose, scan)
+                peer.walls.look(peer.transform, pose, scan, self.rules)
                 if figures := contradiction(peer):
                     self.undo(peer, "own scans contradict it", figures)
                     return
@@ -288,10 +291,10 @@ class Team:
         assert log.map is not None
         said = self.aligner.align(log, own)
         against = said.reason in ("conflict", "impossible")
-        config = self.aligner.config
-        limits = config.distinct_m, math.radians(config.distinct_deg)
         centre = log.map.wireframe.points.mean(0)
-        same = said.best is not None and not apart(np.array(said.best), peer.transform, centre, *limits)
+        same = said.best is not None and not apart(
+            np.array(said.best), peer.transform, centre, DISTINCT_M, DISTINCT_RAD
+        )
         if said.transform is not None:
             peer.trial.align_again(same)
             if same:

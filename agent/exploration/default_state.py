@@ -10,13 +10,21 @@ import shapely
 
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
-from agent.exploration.frontiers import GoalMemory, stands_at_edges
+from agent.exploration.frontiers import stands_at_edges
+from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads, chains
+from agent.exploration.surroundings import View
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 
+POCKET_REACH_M = 5.0
+"""Distance to either side within which pockets are looked for: two rooms."""
+VERTEX_VISITS = 10
+"""Random vertices visited in a row without a change of the map: then the state ends."""
+_VERTEX_OFF_M = 0.5
+"""Distance from which a vertex is looked at."""
 _PERIMETER_STEP_M = 1.5
 """Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""
 _PERIMETER_OFF_M = 0.5
@@ -30,26 +38,26 @@ class DefaultStates:
         self.config = config
         self.sweep = sweep
         self.rng = rng
-        self._edges = GoalMemory(config)
+        self._edges = GoalMemory()
         self._lap: Floats | None = None
         self._vertices = 0
         self._vertex_version = -1
 
-    def next(self, wireframe: Wireframe, version: int, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+    def next(self, view: View, roads: Roads, eyes: Floats) -> Task | None:
         """The next task, or None if the state has come to its end.
 
-        poses (k, 2): places from where was looked, the robot's own and its teammates'; rivals: of `not_nearer_to`.
+        eyes: (k, 2) places from where was looked, the robot's own and its teammates'.
         """
         state = self.config.default_state
         if state == "ours":
-            return self._sweep(wireframe, roads, poses, rivals) or self._least_likely(wireframe, roads)
+            return self._sweep(view, roads, eyes) or self._least_likely(view.wireframe, roads)
         if state == "interior-sweep":
-            return self._sweep(wireframe, roads, poses, rivals)
+            return self._sweep(view, roads, eyes)
         if state == "least-likely":
-            return self._least_likely(wireframe, roads)
+            return self._least_likely(view.wireframe, roads)
         if state == "perimeter":
-            return self._perimeter(wireframe, roads)
-        return self._random_vertex(wireframe, version, roads)
+            return self._perimeter(view.wireframe, roads)
+        return self._random_vertex(view, roads)
 
     def ended(self) -> str:
         """Why there is nothing left to do."""
@@ -70,11 +78,18 @@ class DefaultStates:
         elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def _sweep(self, wireframe: Wireframe, roads: Roads, poses: Floats, rivals: Floats) -> Task | None:
+    def pockets(self, view: View, roads: Roads, eyes: Floats, begun: Task | None) -> list[Task]:
+        """Sweeps, while there are frontiers, of what was seen from too far; begun: the task under way."""
+        if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
+            return []
+        samples = self.sweep.passed_by(view.wireframe, eyes, view.here, POCKET_REACH_M)
+        return self.sweep.tasks(samples, roads, begun.stand if begun is not None and begun.kind == "sweep" else None)
+
+    def _sweep(self, view: View, roads: Roads, eyes: Floats) -> Task | None:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
-        tasks = self.sweep.tasks(self.sweep.unseen(wireframe, poses), roads)
-        tasks = not_nearer_to(rivals, tasks, roads) or tasks  # nobody idles
-        return first_of_tour(tasks, roads, self.config, math.inf) if tasks else None
+        tasks = self.sweep.tasks(self.sweep.unseen(view.wireframe, eyes), roads)
+        tasks = not_nearer_to(view.rivals, tasks, roads) or tasks  # nobody idles
+        return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
         """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""
@@ -87,24 +102,25 @@ class DefaultStates:
                 continue
             stands = stands_at_edges(wireframe, np.array([k]))
             good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
-            found = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
-            if found is not None:
-                return Task("edge", middle, stands.points[good][found[0]], along)
+            route = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
+            if route is not None:
+                return Task("edge", middle, stands.points[good][route.goal], along)
         return None
 
-    def _random_vertex(self, wireframe: Wireframe, version: int, roads: Roads) -> Task | None:
+    def _random_vertex(self, view: View, roads: Roads) -> Task | None:
         """Vertices at random [paper], until so many in a row changed nothing."""
-        if version != self._vertex_version:
-            self._vertex_version, self._vertices = version, 0
-        while self._vertices < self.config.vertex_visits:
+        if view.version != self._vertex_version:
+            self._vertex_version, self._vertices = view.version, 0
+        while self._vertices < VERTEX_VISITS:
             self._vertices += 1
-            point = wireframe.points[int(self.rng.integers(len(wireframe.points)))]
+            points = view.wireframe.points
+            point = points[int(self.rng.integers(len(points)))]
             angles = np.arange(12) * (math.pi / 6)
-            around = point + 0.5 * np.stack((np.cos(angles), np.sin(angles)), 1)
+            around = point + _VERTEX_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)
             around = around[roads.standable(around)]
-            found = roads.nearest(around, np.zeros(len(around)))
-            if found is not None:
-                return Task("vertex", point, around[found[0]])
+            route = roads.nearest(around, np.zeros(len(around)))
+            if route is not None:
+                return Task("vertex", point, around[route.goal])
         return None
 
     def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Task | None:

@@ -14,6 +14,44 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.messages import RobotSpec
 
+LOOKAHEAD_M = 0.6
+"""Distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners."""
+_LOOKAHEAD_STEPS = 10
+TURN_IN_PLACE_RAD = 0.5
+"""Heading error beyond which the robot turns on the spot."""
+TURN_GAIN = 0.6
+"""Share of the heading error corrected in a tick; 1 would overshoot at the slightest delay."""
+SLOW_AIR_M = 0.05
+"""A robot with less air than this to a wall drives slowly."""
+SLOW_SHARE = 0.5
+"""Share of full speed at which it then drives."""
+HORIZON_COMMANDS = 2
+"""The motion must be free for so many commands: this one, and the next in case the answer to a scan comes late."""
+_ARC_STEPS = 4
+"""Places on that motion that are checked."""
+MEET_M = 1.2
+"""A teammate in the way nearer than this is passed on the right: at full speed both have 2.7 s to move over."""
+PASS_AIR_M = 0.03
+"""Air when passing, beyond what stops the robot."""
+CLEAR_SIDE_M = 0.15
+"""A teammate this far to the right of the way is passed on the left: it sees the robot on its right, too."""
+
+
+class Obstacles(NamedTuple):
+    """What a motion must not touch, frame of the map."""
+
+    walls: Floats
+    """(m, 4) x1, y1, x2, y2 in metres."""
+    discs: Floats
+    """(j, 2) centres of teammates."""
+
+
+class Limits(NamedTuple):
+    """Distances in metres from the robot's centre that every motion keeps."""
+
+    wall: float
+    disc: float
+
 
 class Motion(NamedTuple):
     """A command, and whether walls or teammates held it back."""
@@ -23,15 +61,16 @@ class Motion(NamedTuple):
     held: bool
 
 
+STANDS = Motion(0.0, 0.0, False)
+
+
 @kernel
-def _steer_point(
-    x: float, y: float, path: Floats, walls: Floats, lookahead: float, clearance: float
-) -> tuple[float, float]:
+def _steer_point(x: float, y: float, path: Floats, walls: Floats, clearance: float) -> tuple[float, float]:
     """Farthest point of the path (k, 2), at most the lookahead along it, that is reached straight and clear.
 
     Walked backwards in steps of a tenth of the lookahead; the nearest one is taken unasked.
     """
-    steps = 10
+    steps = _LOOKAHEAD_STEPS
     best_x, best_y = path[0, 0], path[0, 1]
     best = math.inf
     piece, share = 0, 0.0
@@ -46,7 +85,7 @@ def _steer_point(
             best_x, best_y = ax + t * dx, ay + t * dy
     ahead = np.empty((steps, 2))
     for i in range(steps):
-        left = lookahead * (i + 1) / steps
+        left = LOOKAHEAD_M * (i + 1) / steps
         k, t = piece, share
         px, py = best_x, best_y
         while k < path.shape[0] - 1:
@@ -66,29 +105,27 @@ def _steer_point(
 
 
 @kernel
-def _safe(
-    x: float, y: float, theta: float, speed: float, turn: float, walls: Floats, discs: Floats,
-    wall_limit: float, disc_limit: float, seconds: float,
-) -> bool:  # fmt: skip
+def _safe(pose: Pose, speed: float, turn: float, seconds: float, obstacles: Obstacles, limits: Limits) -> bool:
     """Whether the arc driven for so long keeps its limits, or at least does not come nearer where it cannot."""
-    steps = 4
+    x, y, theta = pose
+    walls, discs = obstacles.walls, obstacles.discs
     wall_last = distance_to_walls(x, y, walls)
     disc_last = np.empty(discs.shape[0])
     for k in range(discs.shape[0]):
         disc_last[k] = math.hypot(discs[k, 0] - x, discs[k, 1] - y)
-    dt = seconds / steps
-    for _ in range(steps):
+    dt = seconds / _ARC_STEPS
+    for _ in range(_ARC_STEPS):
         middle = theta + 0.5 * turn * dt
         x += speed * dt * math.cos(middle)
         y += speed * dt * math.sin(middle)
         theta += turn * dt
         d = distance_to_walls(x, y, walls)
-        if d < wall_limit and d < wall_last - 1e-6:
+        if d < limits.wall and d < wall_last - 1e-6:
             return False
         wall_last = d
         for k in range(discs.shape[0]):
             d = math.hypot(discs[k, 0] - x, discs[k, 1] - y)
-            if d < disc_limit and d < disc_last[k] - 1e-6:
+            if d < limits.disc and d < disc_last[k] - 1e-6:
                 return False
             disc_last[k] = d
     return True
@@ -100,75 +137,75 @@ class Driver:
     def __init__(self, config: DrivingConfig, spec: RobotSpec) -> None:
         self.config = config
         self.spec = spec
-        self.wall_limit = spec.radius_m + config.wall_margin_m
-        self.disc_limit = 2.0 * spec.radius_m + config.teammate_margin_m
+        self.tick_s = 1.0 / spec.lidar.rate_hz
+        self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
 
-    def follow(self, path: Floats, pose: Pose, walls: Floats, discs: Floats, clearance_m: float) -> Motion:
+    def follow(self, path: Floats, pose: Pose, obstacles: Obstacles, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.
 
-        walls (m, 4), discs (j, 2) of teammates: all in the frame of the pose.
+        The clearance is never less than the limit of every motion. All in the frame of the pose.
         """
         x, y, _ = pose
         if len(path) < 2:
             path = np.vstack((path, path))
-        px, py = _steer_point(x, y, path, walls, self.config.lookahead_m, clearance_m)
-        if len(discs):
-            px, py = self._aside(px, py, x, y, walls, discs)
+        point = _steer_point(x, y, path, obstacles.walls, max(clearance_m, self.limits.wall))
+        if len(obstacles.discs):
+            point = self._aside(point, x, y, obstacles)
         left = math.hypot(path[-1, 0] - x, path[-1, 1] - y)
-        return self.towards(px, py, pose, walls, discs, left)
+        return self.towards(point, pose, obstacles, left)
 
-    def _aside(self, px: float, py: float, x: float, y: float, walls: Floats, discs: Floats) -> tuple[float, float]:
+    def _aside(self, point: tuple[float, float], x: float, y: float, obstacles: Obstacles) -> tuple[float, float]:
         """The point to steer for, or one to the right of it if a teammate is in the way: who meets passes on the right.
 
         A robot moves over as far as it must, or as the walls let it; the other one does the same.
         """
-        c = self.config
+        px, py = point
         way = math.hypot(px - x, py - y)
         if way < 1e-6:
-            return px, py
+            return point
         ux, uy = (px - x) / way, (py - y) / way
-        need = self.disc_limit + c.pass_margin_m
-        nearest = c.meet_m
+        need = self.limits.disc + PASS_AIR_M
+        nearest = MEET_M
         left_of_way = math.inf
-        for dx, dy in (discs - (x, y)).tolist():
+        for dx, dy in (obstacles.discs - (x, y)).tolist():
             ahead, left = ux * dx + uy * dy, ux * dy - uy * dx
             if 0.0 < ahead < nearest and abs(left) < need and math.hypot(dx, dy) > 1e-6:
                 nearest, left_of_way = ahead, left
-        if nearest >= c.meet_m:
-            return px, py
+        if nearest >= MEET_M:
+            return point
         # one that is clearly on the right is passed on the left, which is its own right if it comes towards us
-        side = -1.0 if left_of_way > -c.clear_side_m else 1.0
-        forward = min(max(nearest - need, 0.0), c.lookahead_m)
+        side = -1.0 if left_of_way > -CLEAR_SIDE_M else 1.0
+        forward = min(max(nearest - need, 0.0), LOOKAHEAD_M)
         shift = need + side * left_of_way
         while shift > 0.0:
             qx, qy = x + forward * ux - side * shift * uy, y + forward * uy + side * shift * ux
-            if keeps_clear(x, y, qx, qy, walls, self.wall_limit):
+            if keeps_clear(x, y, qx, qy, obstacles.walls, self.limits.wall):
                 return qx, qy
-            shift -= c.wall_margin_m
-        return px, py
+            shift -= self.config.wall_air_m
+        return point
 
-    def towards(self, px: float, py: float, pose: Pose, walls: Floats, discs: Floats, left_m: float) -> Motion:
+    def towards(self, point: tuple[float, float], pose: Pose, obstacles: Obstacles, left_m: float) -> Motion:
         """Command for the next tick towards a point, with left_m to go at most."""
-        c, spec = self.config, self.spec
+        spec = self.spec
         x, y, theta = pose
+        px, py = point
         if math.hypot(px - x, py - y) < 1e-6:
-            return Motion(0.0, 0.0, False)
+            return STANDS
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
-        turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, c.turn_gain * error / c.tick_s))
-        if abs(error) > c.turn_in_place_rad:
+        turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))
+        if abs(error) > TURN_IN_PLACE_RAD:
             return Motion(0.0, turn, False)
-        speed = spec.max_speed_mps * (1.0 - 0.5 * abs(error) / c.turn_in_place_rad)
-        speed = min(speed, left_m / c.tick_s)
-        if distance_to_walls(x, y, walls) < spec.radius_m + c.slow_margin_m:
-            speed = min(speed, c.slow_share * spec.max_speed_mps)
-        return self.safely(speed, turn, pose, walls, discs)
+        speed = spec.max_speed_mps * (1.0 - 0.5 * abs(error) / TURN_IN_PLACE_RAD)
+        speed = min(speed, left_m / self.tick_s)
+        if distance_to_walls(x, y, obstacles.walls) < spec.radius_m + SLOW_AIR_M:
+            speed = min(speed, SLOW_SHARE * spec.max_speed_mps)
+        return self.safely(speed, turn, pose, obstacles)
 
-    def safely(self, speed: float, turn: float, pose: Pose, walls: Floats, discs: Floats) -> Motion:
+    def safely(self, speed: float, turn: float, pose: Pose, obstacles: Obstacles) -> Motion:
         """The fastest share of the command whose predicted motion touches nothing; turning on the spot always is."""
-        c = self.config
-        seconds = c.horizon_ticks * c.tick_s
+        seconds = HORIZON_COMMANDS * self.tick_s
         for share in (1.0, 0.5, 0.25):
-            if _safe(*pose, share * speed, turn, walls, discs, self.wall_limit, self.disc_limit, seconds):
+            if _safe(pose, share * speed, turn, seconds, obstacles, self.limits):
                 return Motion(share * speed, turn, share < 1.0)
         return Motion(0.0, turn, True)

@@ -9,20 +9,68 @@ walls move a little with every scan.
 from __future__ import annotations
 
 import math
-from copy import copy
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
-from agent.exploration.config import PlanningConfig
 from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
 from protocol.wireframe import Label, Wireframe
 
+NODE_OFFSET_M = 0.01
+"""Corners are passed this much wider than the clearance, so that walls may move a little with the next scans."""
+NODE_SHARE = 1.15
+"""Nodes around a round or thin obstacle stand off by this times the clearance, so that ways between them keep it."""
+GIVE_M = 0.03
+"""A path stays good while walls come this much nearer than its clearance, and may be cut by as much."""
+FRONTIER_REACH_M = 0.5
+"""A wall probably goes on at least this far beyond its frontier end."""
+FRONTIER_TOLL_M = 3.0
+"""What crossing that stretch costs, in metres of path."""
+_WAYPOINT_M = 0.03
+"""A waypoint this near is passed."""
+
 _UNASKED, _BARRED = -2, -1
-_SLACK = 0.98
+"""Of a motion between two points, where otherwise the number of hurdles stands that it crosses."""
+_FROM_START, _NO_WAY = -1, -2
+"""Of what comes before a goal on its way, where otherwise the row of a node stands."""
+_START_SHARE = 0.98
 """A start nearer to a wall than the clearance may go on at this share of its distance, so that it gets away."""
+_STRAIGHT_RAD = 0.05
+"""A corner that sticks out less bends no path."""
+_TWO_NODES_RAD = 0.5 * math.pi + 0.1
+"""A corner that sticks out more than a right angle and a little has two nodes, so that ways around it stay short."""
+
+
+class Terrain(NamedTuple):
+    """What ways lead around, at one clearance."""
+
+    walls: Floats
+    """(m, 4) x1, y1, x2, y2 in metres."""
+    hurdles: Floats
+    """(h, 4) stretches that cost a toll: there walls probably go on beyond their frontier ends."""
+    clearance: float
+    """Distance in metres kept from walls."""
+    nodes: Floats
+    """(k, 2) places where ways may bend."""
+    joins: Ints
+    """(k, k) what `_join` said of the motion between two nodes, filled in as it is asked."""
+
+
+class Origin(NamedTuple):
+    """Where ways start, and the nodes as reached from there."""
+
+    point: Floats
+    """(2,) metres."""
+    clearance: float
+    """Distance kept from walls on the first piece: less than the terrain's where the start is nearer to one."""
+    cost: Floats
+    """(k,) metres of path to each node, tolls included; inf where there is no way."""
+    before: Ints
+    """(k,) the node before each."""
 
 
 @kernel
@@ -50,9 +98,9 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
         else:
             first = math.atan2(points[b, 1] - y, points[b, 0] - x) + math.pi
             turn = -math.pi
-        if turn > -0.05:
+        if turn > -_STRAIGHT_RAD:
             continue
-        count = 1 if turn > -0.5 * math.pi - 0.1 else 2
+        count = 1 if turn > -_TWO_NODES_RAD else 2
         radius = offset / math.cos(0.5 * turn / count)
         for j in range(count):
             angle = first + 0.5 * math.pi + turn * (j + 0.5) / count
@@ -62,11 +110,11 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
 
 
 @kernel
-def _join(ax: float, ay: float, bx: float, by: float, walls: Floats, hurdles: Floats, clearance: float) -> int:
-    """How many hurdles the straight motion a-b crosses, -1 if it does not keep the clearance from the walls."""
-    if not keeps_clear(ax, ay, bx, by, walls, clearance):
+def _join(ax: float, ay: float, bx: float, by: float, clearance: float, terrain: Terrain) -> int:
+    """How many hurdles the straight motion a-b crosses, or _BARRED if it does not keep the clearance from walls."""
+    if not keeps_clear(ax, ay, bx, by, terrain.walls, clearance):
         return _BARRED
-    n = 0
+    hurdles, n = terrain.hurdles, 0
     for k in range(hurdles.shape[0]):
         if crosses(ax, ay, bx, by, hurdles[k, 0], hurdles[k, 1], hurdles[k, 2], hurdles[k, 3]):
             n += 1
@@ -74,27 +122,16 @@ def _join(ax: float, ay: float, bx: float, by: float, walls: Floats, hurdles: Fl
 
 
 @kernel
-def _shortest(
-    start: Floats,
-    start_clearance: float,
-    nodes: Floats,
-    joins: Ints,
-    walls: Floats,
-    hurdles: Floats,
-    clearance: float,
-    toll: float,
-) -> tuple[Floats, Ints]:
-    """Dijkstra from start: cost (k,) of each node, inf where there is no way, and the node before it, -1: the start.
-
-    joins: (k, k) what `_join` said of two nodes, filled in as it is asked.
-    """
+def _shortest(start: Floats, start_clearance: float, terrain: Terrain) -> tuple[Floats, Ints]:
+    """Dijkstra from start (2,): `cost` and `before` of an Origin."""
+    nodes, joins = terrain.nodes, terrain.joins
     n = nodes.shape[0]
     cost = np.full(n, math.inf)
-    before = np.full(n, -1)
+    before = np.full(n, _FROM_START)
     settled = np.zeros(n, np.bool_)
-    at, at_cost = -1, 0.0
+    at, at_cost = _FROM_START, 0.0
     while True:
-        px, py = (start[0], start[1]) if at < 0 else (nodes[at, 0], nodes[at, 1])
+        px, py = (start[0], start[1]) if at == _FROM_START else (nodes[at, 0], nodes[at, 1])
         for j in range(n):
             if settled[j]:
                 continue
@@ -102,127 +139,101 @@ def _shortest(
             new = at_cost + math.hypot(qx - px, qy - py)
             if new >= cost[j]:
                 continue
-            if at < 0:
-                join = _join(px, py, qx, qy, walls, hurdles, start_clearance)
+            if at == _FROM_START:
+                join = _join(px, py, qx, qy, start_clearance, terrain)
             else:
                 if joins[at, j] == _UNASKED:
-                    joins[at, j] = joins[j, at] = _join(px, py, qx, qy, walls, hurdles, clearance)
+                    joins[at, j] = joins[j, at] = _join(px, py, qx, qy, terrain.clearance, terrain)
                 join = joins[at, j]
             if join == _BARRED:
                 continue
-            new += toll * join
+            new += FRONTIER_TOLL_M * join
             if new < cost[j]:
                 cost[j], before[j] = new, at
-        at = -1
+        at = _FROM_START
         best = math.inf
         for j in range(n):
             if not settled[j] and cost[j] < best:
                 best, at = cost[j], j
-        if at < 0:
+        if at == _FROM_START:
             return cost, before
         settled[at] = True
         at_cost = best
 
 
 @kernel
-def _reach(
-    start: Floats,
-    start_clearance: float,
-    nodes: Floats,
-    cost: Floats,
-    goal: Floats,
-    walls: Floats,
-    hurdles: Floats,
-    clearance: float,
-    toll: float,
-    worst: float,
-) -> tuple[float, int]:
-    """Cost of the goal if below worst, and the node before it: -1 the start, -2 none."""
-    best, last = worst, -2
+def _reach(origin: Origin, terrain: Terrain, goal: Floats, asked: Ints, worst: float) -> tuple[float, int]:
+    """Cost of goal (2,) if below worst, and the node before it, _FROM_START or _NO_WAY.
+
+    asked: (k,) what `_join` said of the motion from each node to the goal, filled in as it is asked.
+    """
+    start, nodes = origin.point, terrain.nodes
+    best, last = worst, _NO_WAY
     direct = math.hypot(goal[0] - start[0], goal[1] - start[1])
     if direct < best:
-        join = _join(start[0], start[1], goal[0], goal[1], walls, hurdles, start_clearance)
-        if join != _BARRED and direct + toll * join < best:
-            best, last = direct + toll * join, -1
+        join = _join(start[0], start[1], goal[0], goal[1], origin.clearance, terrain)
+        if join != _BARRED and direct + FRONTIER_TOLL_M * join < best:
+            best, last = direct + FRONTIER_TOLL_M * join, _FROM_START
     for j in range(nodes.shape[0]):
-        new = cost[j] + math.hypot(goal[0] - nodes[j, 0], goal[1] - nodes[j, 1])
+        new = origin.cost[j] + math.hypot(goal[0] - nodes[j, 0], goal[1] - nodes[j, 1])
         if new >= best:
             continue
-        join = _join(nodes[j, 0], nodes[j, 1], goal[0], goal[1], walls, hurdles, clearance)
-        if join != _BARRED and new + toll * join < best:
-            best, last = new + toll * join, j
+        if asked[j] == _UNASKED:
+            asked[j] = _join(nodes[j, 0], nodes[j, 1], goal[0], goal[1], terrain.clearance, terrain)
+        if asked[j] != _BARRED and new + FRONTIER_TOLL_M * asked[j] < best:
+            best, last = new + FRONTIER_TOLL_M * asked[j], j
     return best, last
 
 
 @kernel
-def _costs(
-    start: Floats,
-    start_clearance: float,
-    nodes: Floats,
-    cost: Floats,
-    goals: Floats,
-    walls: Floats,
-    hurdles: Floats,
-    clearance: float,
-    toll: float,
-) -> Floats:
-    """Cost (g,) of each of goals (g, 2), inf where there is no way."""
+def _costs(origin: Origin, terrain: Terrain, goals: Floats, asked: Ints) -> Floats:
+    """Cost (g,) of each of goals (g, 2), inf where there is no way; asked: (g, k) rows of `_reach`."""
     out = np.empty(goals.shape[0])
     for i in range(goals.shape[0]):
-        out[i], _ = _reach(start, start_clearance, nodes, cost, goals[i], walls, hurdles, clearance, toll, math.inf)
+        out[i], _ = _reach(origin, terrain, goals[i], asked[i], math.inf)
     return out
 
 
 @kernel
-def _reached(
-    start: Floats, start_clearance: float, nodes: Floats, cost: Floats, goals: Floats, walls: Floats, clearance: float
-) -> Bools:
+def _reached(origin: Origin, terrain: Terrain, goals: Floats) -> Bools:
     """Whether each of goals (g, 2) is reached from the start or from a node that is."""
+    start, nodes = origin.point, terrain.nodes
     out = np.zeros(goals.shape[0], np.bool_)
     for i in range(goals.shape[0]):
         x, y = goals[i]
-        out[i] = keeps_clear(start[0], start[1], x, y, walls, start_clearance)
+        out[i] = keeps_clear(start[0], start[1], x, y, terrain.walls, origin.clearance)
         for j in range(nodes.shape[0]):
             if out[i]:
                 break
-            out[i] = cost[j] < math.inf and keeps_clear(nodes[j, 0], nodes[j, 1], x, y, walls, clearance)
+            out[i] = origin.cost[j] < math.inf and keeps_clear(
+                nodes[j, 0], nodes[j, 1], x, y, terrain.walls, terrain.clearance
+            )
     return out
 
 
 @kernel
-def _nearest(
-    start: Floats,
-    start_clearance: float,
-    nodes: Floats,
-    cost: Floats,
-    goals: Floats,
-    extra: Floats,
-    walls: Floats,
-    hurdles: Floats,
-    clearance: float,
-    toll: float,
-) -> tuple[int, float, int]:
+def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> tuple[int, float, int]:
     """Goal of least cost + extra, that sum, and the node before it; goal -1 if none is reached.
 
-    Goals are tried in the order of a lower bound that asks for no walls.
+    Goals are tried in the order of a lower bound that asks for no hurdles.
     """
+    start, nodes = origin.point, terrain.nodes
     g = goals.shape[0]
     bound = np.empty(g)
     for i in range(g):
         low = math.hypot(goals[i, 0] - start[0], goals[i, 1] - start[1])
-        if not keeps_clear(start[0], start[1], goals[i, 0], goals[i, 1], walls, start_clearance):
+        if not keeps_clear(start[0], start[1], goals[i, 0], goals[i, 1], terrain.walls, origin.clearance):
             low = math.inf
             for j in range(nodes.shape[0]):
-                low = min(low, cost[j] + math.hypot(goals[i, 0] - nodes[j, 0], goals[i, 1] - nodes[j, 1]))
+                low = min(low, origin.cost[j] + math.hypot(goals[i, 0] - nodes[j, 0], goals[i, 1] - nodes[j, 1]))
         bound[i] = low + extra[i]
-    best, which, last = math.inf, -1, -2
+    best, which, last = math.inf, -1, _NO_WAY
     for i in np.argsort(bound):
         if bound[i] >= best:
             break
-        found, node = _reach(
-            start, start_clearance, nodes, cost, goals[i], walls, hurdles, clearance, toll, best - extra[i]
-        )
-        if node != -2:
+        asked = np.full(nodes.shape[0], _UNASKED)
+        found, node = _reach(origin, terrain, goals[i], asked, best - extra[i])
+        if node != _NO_WAY:
             best, which, last = found + extra[i], i, node
     return which, best, last
 
@@ -236,18 +247,43 @@ def chains(wireframe: Wireframe) -> tuple[Ints, Ints]:
     return into, out_of
 
 
+class Tips(NamedTuple):
+    """Ends of chains, as rows of a map's vertices."""
+
+    ends: Ints
+    """(t,) the ends: first those that edges lead to, then those that edges leave."""
+    inner: Ints
+    """(t,) the other vertex of the edge there."""
+    heads: int
+    """How many edges lead to."""
+
+
+def tips_of(wireframe: Wireframe, among: Bools) -> Tips:
+    """The ends of chains among some vertices (n,)."""
+    into, out_of = chains(wireframe)
+    head = np.flatnonzero(among & (into >= 0) & (out_of < 0))
+    tail = np.flatnonzero(among & (into < 0) & (out_of >= 0))
+    return Tips(np.concatenate((head, tail)), np.concatenate((into[head], out_of[tail])), len(head))
+
+
 def hurdles_of(wireframe: Wireframe, reach_m: float) -> Floats:
     """Stretches (h, 4) where walls probably go on beyond their frontier ends."""
-    into, out_of = chains(wireframe)
-    frontier = wireframe.labels == Label.FRONTIER
-    head = np.flatnonzero(frontier & (into >= 0) & (out_of < 0))
-    tail = np.flatnonzero(frontier & (into < 0) & (out_of >= 0))
-    ends = np.concatenate((head, tail))
-    inner = np.concatenate((into[head], out_of[tail]))
+    ends, inner, _ = tips_of(wireframe, wireframe.labels == Label.FRONTIER)
     p = wireframe.points[ends]
     along = p - wireframe.points[inner]
     along *= reach_m / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
     return np.hstack((p, p + along))
+
+
+class Route(NamedTuple):
+    """The way to the best of several goals."""
+
+    goal: int
+    """Its row."""
+    cost: float
+    """Metres of path, tolls and what was added to the goal included."""
+    path: Floats
+    """(k, 2) from the start to the goal."""
 
 
 class Roads:
@@ -255,88 +291,120 @@ class Roads:
 
     def __init__(
         self,
-        config: PlanningConfig,
         wireframe: Wireframe,
         start: Floats,
         clearance_m: float,
         more_walls: Floats | None = None,
         more_nodes: Floats | None = None,
+        node_offset_m: float = NODE_OFFSET_M,
     ) -> None:
         """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map."""
         walls = wireframe.segments()
         if more_walls is not None and len(more_walls):
             walls = np.vstack((walls, more_walls))
-        self.walls = np.ascontiguousarray(walls)
-        self.clearance = clearance_m
-        self.hurdles = hurdles_of(wireframe, config.frontier_reach_m)
-        self.toll = config.frontier_cost_m
+        walls = np.ascontiguousarray(walls)
         into, out_of = chains(wireframe)
-        nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + config.node_offset_m)
+        nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
         if more_nodes is not None and len(more_nodes):
             nodes = np.vstack((nodes, more_nodes))
-        self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
-        self._joins = np.full((len(self.nodes),) * 2, _UNASKED)
-        self._start(start)
+        nodes = nodes[distances_to_walls(nodes, walls) >= clearance_m]
+        joins = np.full((len(nodes),) * 2, _UNASKED)
+        self.terrain = Terrain(walls, hurdles_of(wireframe, FRONTIER_REACH_M), clearance_m, nodes, joins)
+        self.origin = self._from(start)
 
-    def _start(self, start: Floats) -> None:
-        self.start = np.ascontiguousarray(start, np.float64)
-        self.start_clearance = min(self.clearance, _SLACK * distance_to_walls(start[0], start[1], self.walls))
-        self.cost, self.before = _shortest(
-            self.start, self.start_clearance, self.nodes, self._joins,
-            self.walls, self.hurdles, self.clearance, self.toll,
-        )  # fmt: skip
+    def _from(self, start: Floats) -> Origin:
+        start = np.ascontiguousarray(start, np.float64)
+        clearance = _first_clearance(start, self.walls, self.clearance)
+        return Origin(start, clearance, *_shortest(start, clearance, self.terrain))
 
-    def starting_at(self, start: Floats) -> Roads:
-        """The same roads from another start (2,)."""
-        other = copy(self)
-        other._start(start)
-        return other
+    @property
+    def walls(self) -> Floats:
+        """(m, 4) all walls that the ways lead around, metres."""
+        return self.terrain.walls
+
+    @property
+    def clearance(self) -> float:
+        """Distance in metres that the ways keep from walls."""
+        return self.terrain.clearance
+
+    @property
+    def nodes(self) -> Floats:
+        """(k, 2) places where ways may bend, metres."""
+        return self.terrain.nodes
 
     def standable(self, points: Floats) -> Bools:
         """Whether each of points (n, 2) keeps the clearance."""
         return np.asarray(distances_to_walls(np.ascontiguousarray(points), self.walls) >= self.clearance)
 
-    def nearest(self, goals: Floats, extra: Floats) -> tuple[int, float, Floats] | None:
-        """Goal (of (g, 2)) with the least path cost + extra (g,), that sum in metres, and its path (k, 2) from start.
-
-        None if no goal is reached.
-        """
+    def nearest(self, goals: Floats, extra: Floats) -> Route | None:
+        """The way to that of goals (g, 2) with the least path cost + extra (g,) metres; None if none is reached."""
         if not len(goals):
             return None
-        which, cost, last = _nearest(
-            self.start, self.start_clearance, self.nodes, self.cost, np.ascontiguousarray(goals),
-            extra, self.walls, self.hurdles, self.clearance, self.toll,
-        )  # fmt: skip
+        which, cost, last = _nearest(self.origin, self.terrain, np.ascontiguousarray(goals), extra)
         if which < 0:
             return None
         way = [goals[which]]
-        while last >= 0:
+        while last != _FROM_START:
             way.append(self.nodes[last])
-            last = int(self.before[last])
-        way.append(self.start)
-        return which, cost, np.array(way[::-1])
+            last = int(self.origin.before[last])
+        way.append(self.origin.point)
+        return Route(which, cost, np.array(way[::-1]))
+
+    def way_to(self, goal: Floats) -> Route | None:
+        """The way to one goal (2,), None if there is none."""
+        return self.nearest(goal[None], np.zeros(1))
 
     def reached(self, goals: Floats) -> Bools:
         """Whether there is a way to each of goals (g, 2)."""
-        goals = np.ascontiguousarray(goals, np.float64)
-        reached: Bools = _reached(
-            self.start, self.start_clearance, self.nodes, self.cost, goals, self.walls, self.clearance
-        )
+        reached: Bools = _reached(self.origin, self.terrain, np.ascontiguousarray(goals, np.float64))
         return reached
 
     def costs(self, goals: Floats) -> Floats:
         """Path cost (g,) in metres of each of goals (g, 2); inf where there is no way."""
-        costs: Floats = _costs(
-            self.start, self.start_clearance, self.nodes, self.cost, np.ascontiguousarray(goals, np.float64),
-            self.walls, self.hurdles, self.clearance, self.toll,
-        )  # fmt: skip
+        costs: Floats = self._costs([self.origin], goals)[0]
         return costs
+
+    def costs_from(self, starts: Floats, goals: Floats) -> Floats:
+        """Path cost (s, g) in metres of goals (g, 2) from each of starts (s, 2); inf where there is no way."""
+        return self._costs(map(self._from, starts), goals)
+
+    def to_nodes(self, start: Floats) -> Floats:
+        """Path cost (k,) in metres of each node from another start (2,)."""
+        cost: Floats = self._from(start).cost
+        return cost
+
+    def _costs(self, origins: Iterable[Origin], goals: Floats) -> Floats:
+        goals = np.ascontiguousarray(goals, np.float64)
+        asked = np.full((len(goals), len(self.nodes)), _UNASKED)
+        return np.array([_costs(origin, self.terrain, goals, asked) for origin in origins])
+
+
+def _first_clearance(start: Floats, walls: Floats, clearance_m: float) -> float:
+    """Distance that the first piece of a way keeps from walls: a robot too near to one may leave it."""
+    return min(clearance_m, _START_SHARE * distance_to_walls(start[0], start[1], walls))
 
 
 def still_clear(path: Floats, walls: Floats, clearance_m: float) -> bool:
     """Whether a path (k, 2) still keeps the clearance from walls (m, 4); its first piece may begin nearer."""
     if len(path) < 2:
         return True
-    x, y = path[0]
-    first = min(clearance_m, _SLACK * distance_to_walls(x, y, walls))
+    first = _first_clearance(path[0], walls, clearance_m)
     return bool(path_clear(path[:2], walls, first) and path_clear(path[1:], walls, clearance_m))
+
+
+def ahead_of(path: Floats, here: Floats, walls: Floats, clearance_m: float) -> Floats:
+    """What is left of a path (k, 2) from here (2,) on, without waypoints that are passed or can be left out."""
+    x, y = here
+    while len(path) > 2:
+        (ax, ay), (bx, by) = path[1], path[2]
+        passed = math.hypot(ax - x, ay - y) < _WAYPOINT_M
+        if not passed and not keeps_clear(x, y, bx, by, walls, clearance_m):
+            break
+        path = path[1:]
+    return np.vstack((here, path[1:] if len(path) > 1 else path))
+
+
+def length_of(path: Floats) -> float:
+    """Metres along a path (k, 2)."""
+    d = np.diff(path, axis=0)
+    return float(np.hypot(d[:, 0], d[:, 1]).sum())

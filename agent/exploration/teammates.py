@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.exploration.config import ExplorationConfig
+from agent.exploration.planning import NODE_SHARE
 from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
+from protocol.messages import RobotSpec
 
 _SAME_M = 0.3
 """A disc this near to where a teammate was is the same one; it drives 0.05 m a tick."""
@@ -18,25 +19,33 @@ _STILL_M = 0.05
 """A teammate that moved less stands."""
 _IN_WALL = 0.8
 """A disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate."""
-_FIXED_SCANS = 5
-"""Scans for which a disc in a wall is remembered; perception hides its beams for four."""
+_FIXED_S = 1.0
+"""How long a disc in a wall is remembered: a scan longer than perception hides its beams."""
+STILL_S = 2.0
+"""A teammate that has not moved for so long is planned around like a wall."""
+MEMORY_S = 3.0
+"""How long a teammate is planned around after it was seen last."""
+AVOID_S = 10.0
+"""How long a teammate that did not clear the way is planned around: it drives 2 m in the time."""
+ROOM_M = 0.045
+"""Air around a teammate that is planned around: with the air of a tight path a little more than driving asks for."""
 _FRONT = np.linspace(-1.2, 1.2, 5)
 """Bearings in radians of the corners of its front, from the direction of the eye; beyond, it may be narrower."""
 _SIDES = 8
 """Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
-_ANGLES = np.arange(_SIDES) * (2 * math.pi / _SIDES)
+_ANGLES = np.arange(_SIDES + 1) % _SIDES * (2 * math.pi / _SIDES)
 _OUTLINE = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), 1) / math.cos(math.pi / _SIDES)
-"""(n, 2) those of a polygon around the unit disc."""
+"""(n + 1, 2) corners of a polygon around the unit disc, the first one again at the end."""
 
 
 @dataclass(slots=True)
-class Sighting:
+class Teammate:
     """One teammate, frame of the map."""
 
     x: float
     y: float
     seen: int
-    """Tick of the last sighting."""
+    """Tick at which it was seen last."""
     still_x: float
     still_y: float
     still_since: int
@@ -48,12 +57,12 @@ class Sighting:
 class Teammates:
     """Short memory of the teammates seen."""
 
-    def __init__(self, config: ExplorationConfig, radius_m: float, tick_s: float) -> None:
-        self.config = config
-        self.radius = radius_m
-        self.tick_s = tick_s
-        self.sightings: list[Sighting] = []
-        self._fixed: deque[Floats] = deque(maxlen=_FIXED_SCANS)
+    def __init__(self, spec: RobotSpec) -> None:
+        """spec: of the robot; teammates have the same body."""
+        self.radius = spec.radius_m
+        self.rate_hz = spec.lidar.rate_hz
+        self.known: list[Teammate] = []
+        self._fixed: deque[Floats] = deque(maxlen=max(1, round(_FIXED_S * self.rate_hz)))
 
     def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
         """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
@@ -63,16 +72,16 @@ class Teammates:
             discs = discs[free]
         else:
             self._fixed.append(discs)
-        memory = self.config.teammate_memory_s / self.tick_s
-        self.sightings = [s for s in self.sightings if tick - s.seen <= memory or tick < s.avoid_until]
+        memory = MEMORY_S * self.rate_hz
+        self.known = [mate for mate in self.known if tick - mate.seen <= memory or tick < mate.avoid_until]
         for x, y in discs.tolist():
-            known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
-            if known is None or math.hypot(known.x - x, known.y - y) > _SAME_M:
-                self.sightings.append(Sighting(x, y, tick, x, y, tick))
+            mate = self.near(x, y, _SAME_M)
+            if mate is None:
+                self.known.append(Teammate(x, y, tick, x, y, tick))
                 continue
-            known.x, known.y, known.seen = x, y, tick
-            if math.hypot(known.still_x - x, known.still_y - y) > _STILL_M:
-                known.still_x, known.still_y, known.still_since = x, y, tick
+            mate.x, mate.y, mate.seen = x, y, tick
+            if math.hypot(mate.still_x - x, mate.still_y - y) > _STILL_M:
+                mate.still_x, mate.still_y, mate.still_since = x, y, tick
         return discs
 
     def fronts(self, eye: Floats) -> Floats:
@@ -89,30 +98,34 @@ class Teammates:
         arcs = discs[:, None] + self.radius * np.stack((np.cos(angles), np.sin(angles)), 2)
         return np.concatenate((arcs[:, :-1], arcs[:, 1:]), 2).reshape(-1, 4)
 
-    def near(self, x: float, y: float, reach_m: float) -> Sighting | None:
+    def near(self, x: float, y: float, reach_m: float) -> Teammate | None:
         """The teammate nearest to (x, y), if within reach."""
-        known = min(self.sightings, key=lambda s: math.hypot(s.x - x, s.y - y), default=None)
-        return known if known is not None and math.hypot(known.x - x, known.y - y) <= reach_m else None
+        mate = min(self.known, key=lambda mate: math.hypot(mate.x - x, mate.y - y), default=None)
+        return mate if mate is not None and math.hypot(mate.x - x, mate.y - y) <= reach_m else None
+
+    def avoid(self, mate: Teammate, tick: int) -> None:
+        """Plan around a teammate for a while, as it did not clear the way."""
+        mate.avoid_until = tick + math.ceil(AVOID_S * self.rate_hz)
 
     def in_the_way(self, tick: int) -> bool:
         """Whether any teammate is planned around."""
-        return any(self._avoided(s, tick) for s in self.sightings)
+        return len(self._avoided(tick)) > 0
 
-    def _avoided(self, sighting: Sighting, tick: int) -> bool:
-        still = self.config.still_s / self.tick_s
-        return tick - sighting.still_since >= still or tick < sighting.avoid_until
+    def _avoided(self, tick: int) -> list[Teammate]:
+        """Those that stand, or are to be avoided."""
+        still = STILL_S * self.rate_hz
+        return [mate for mate in self.known if tick - mate.still_since >= still or tick < mate.avoid_until]
 
-    def obstacles(self, tick: int, clearance_m: float) -> tuple[Floats, Floats]:
-        """Teammates that stand, or are to be avoided, as walls (k, 4) and path nodes (j, 2) around them."""
-        avoided = [s for s in self.sightings if self._avoided(s, tick)]
-        if not avoided:
-            return np.zeros((0, 4)), np.zeros((0, 2))
-        rings = [_ring(s.x, s.y, self.config.teammate_room_m) for s in avoided]
-        walls = [np.hstack((ring, np.roll(ring, -1, 0))) for ring in rings]
-        nodes = [_ring(s.x, s.y, self.config.teammate_room_m + 1.15 * clearance_m) for s in avoided]
-        return np.vstack(walls), np.vstack(nodes)
+    def walls(self, tick: int) -> Floats:
+        """(k, 4) outlines of the teammates that are planned around."""
+        rings = self._rings(tick, self.radius + ROOM_M)
+        return np.concatenate((rings[:, :-1], rings[:, 1:]), 2).reshape(-1, 4)
 
+    def nodes(self, tick: int, clearance_m: float) -> Floats:
+        """(j, 2) places where paths that keep the clearance bend around these teammates."""
+        return self._rings(tick, self.radius + ROOM_M + NODE_SHARE * clearance_m)[:, :-1].reshape(-1, 2)
 
-def _ring(x: float, y: float, inner_m: float) -> Floats:
-    """Corners (n, 2) of a polygon around a disc of this radius."""
-    return np.array((x, y)) + inner_m * _OUTLINE
+    def _rings(self, tick: int, inner_m: float) -> Floats:
+        """(k, n, 2) closed polygons around discs of this radius."""
+        places = np.array([(mate.x, mate.y) for mate in self._avoided(tick)]).reshape(-1, 1, 2)
+        return places + inner_m * _OUTLINE

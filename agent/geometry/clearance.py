@@ -84,3 +84,20 @@ def path_clear(path: Floats, walls: Floats, clearance: float) -> bool:
         if not keeps_clear(path[k, 0], path[k, 1], path[k + 1, 0], path[k + 1, 1], walls, clearance):
             return False
     return True
+
+
+@kernel
+def walls_near(walls: Floats, x: float, y: float, reach: float) -> Floats:
+    """Those of walls (m, 4) whose bounding boxes meet the square around (x, y), reach metres to each side."""
+    near = np.empty(walls.shape)
+    m = 0
+    for k in range(walls.shape[0]):
+        if (
+            min(walls[k, 0], walls[k, 2]) < x + reach
+            and max(walls[k, 0], walls[k, 2]) > x - reach
+            and min(walls[k, 1], walls[k, 3]) < y + reach
+            and max(walls[k, 1], walls[k, 3]) > y - reach
+        ):
+            near[m] = walls[k]
+            m += 1
+    return near[:m]

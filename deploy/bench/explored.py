@@ -87,8 +87,7 @@ class Explored(NamedTuple):
         """
         mind, explorer = self.robots[robot], self.robots[robot].explorer
         events = [event for _, who, event in self.events if who == robot]
-        tried = explorer.memory.find(explorer.ends.points, explorer.ends.along).tolist()
-        reasons = [explorer.memory.tried[k].reason if k >= 0 else "" for k in tried]
+        reasons = explorer.goals.reasons
         completes = [event.data for event in events if event.event == "complete"]
         return {
             "reason": completes[-1]["reason"] if completes and explorer.complete else "",

@@ -8,10 +8,10 @@ from statistics import median
 
 import numpy as np
 
-from agent.alignment import AlignmentConfig, align
+from agent.alignment import AlignmentConfig, align_prepared, prepare
+from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
-from deploy.bench.alignment.trials import METHODS
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.tables import Column, Table
 
@@ -24,7 +24,7 @@ REPEATS = 15
 
 def cases(quick: bool) -> list[Case]:
     """One case a method."""
-    return each("cost/{method}", measure, {"repeats": 3 if quick else REPEATS}, alone=True, method=METHODS)
+    return each("cost/{method}", measure, {"repeats": 3 if quick else REPEATS}, alone=True, method=tuple(METHODS))
 
 
 def measure(method: str, repeats: int) -> Figures:
@@ -37,13 +37,14 @@ def measure(method: str, repeats: int) -> Figures:
         whole, points=whole.points[:n], labels=whole.labels[:n], edges=keep, likelihood=whole.likelihood[:m],
         own=whole.own[:m],
     )  # fmt: skip
-    config = AlignmentConfig.model_validate({"method": method})
+    config = AlignmentConfig()
     times = []
     for _ in range(repeats + 1):
         noisy = [replace(part, points=part.points + rng.normal(0.0, NOISE_M, part.points.shape)) for _ in range(2)]
         theirs = moved(noisy[1], random_pose(rng))
         begin = time.perf_counter()
-        align(noisy[0], theirs, config, rng)
+        maps = prepare(noisy[0], config), prepare(theirs, config)
+        align_prepared(*maps, config, rng, method=METHODS[method])
         times.append((time.perf_counter() - begin) * 1e3)
     return {"ms": times[1:], "vertices": n}  # the first one compiles
 

@@ -11,15 +11,14 @@ from statistics import median
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, Contact, align_prepared, prepare
-from agent.alignment.align import meeting_of
+from agent.alignment import Alignment, AlignmentConfig, Meeting, align_prepared, prepare
 from deploy.bench.alignment import recordings
+from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
 from deploy.bench.cases import Case, Figures, measure_all
 from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
 from protocol.messages import RobotSpec
 
-METHODS = ("features", "4pcs", "icp")
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
 HIGH = 0.4
 """Overlap from which the issue asks for right proposals."""
@@ -83,16 +82,16 @@ def trial(pair: Pair, small: bool = False) -> Row:
 
 
 def _said(pair: Pair, method: str, small: bool) -> Row:
-    config = AlignmentConfig.model_validate({"method": method} | ({"min_corners": 4} if small else {}))
+    config = AlignmentConfig(min_corners=4) if small else AlignmentConfig()
     rng = np.random.default_rng(7)
     begin = time.perf_counter()
     mine, theirs = prepare(pair.mine, config), prepare(pair.theirs, config)
-    found = align_prepared(mine, theirs, config, rng)
+    found = align_prepared(mine, theirs, config, rng, method=METHODS[method])
     ms = (time.perf_counter() - begin) * 1e3
     possible = False
     if found.best is not None and mine is not None and theirs is not None:
-        contact = Contact(pair.my_pose, pair.their_pose, RANGE_M, RobotSpec().radius_m)
-        possible = bool(meeting_of(mine, theirs, config, contact).possible(np.array(found.best))[0])
+        meeting = Meeting(pair.my_pose, pair.their_pose, RANGE_M, RobotSpec().radius_m)
+        possible = bool(meeting.possible(np.array([found.best]), mine.place, theirs.place)[0])
     return {"ms": ms, "possible": possible, **_verdict(pair, found)}
 
 

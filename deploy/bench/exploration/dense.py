@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.exploration.driving import Driver
+from agent.exploration.driving import Driver, Obstacles
 from agent.kernels import kernel
 from agent.perception.perceive import perceive
 from agent.robot import Step
@@ -204,7 +204,7 @@ class DenseRobot:
         self.given_up = np.zeros(self.log_odds.shape, np.bool_)
         self.path: Floats | None = None
         self.complete = False
-        self.clearance = self.driver.wall_limit
+        self.clearance = 0.0
         self._known_cells, self._steps, self._vain, self._nothing = 0, 0, 0, 0
         self._goal = np.zeros(2)
 
@@ -237,7 +237,7 @@ class DenseRobot:
         walls = np.ascontiguousarray(apply(pose, scan.points)[scan.edges].reshape(-1, 4))
         speed = turn = 0.0
         if self.path is not None:
-            motion = self.driver.follow(self.path, pose, walls, np.zeros((0, 2)), self.clearance)
+            motion = self.driver.follow(self.path, pose, Obstacles(walls, np.zeros((0, 2))), self.clearance)
             speed, turn = motion.speed_mps, motion.turn_rps
         action = Action(
             tick=observation.tick, speed_mps=speed, turn_rps=turn, sent=0, complete=self.complete,
@@ -264,7 +264,7 @@ class DenseRobot:
             if not len(way):  # no frontier left, or none that can be reached
                 self.complete, self.path = True, None
                 return
-            self.clearance = max(clearance_m, self.driver.wall_limit)
+            self.clearance = clearance_m
             goal = self._at(way[-1], box)
             if not self._in_vain(int(np.count_nonzero(log_odds)), len(way), goal):
                 break

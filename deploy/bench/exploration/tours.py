@@ -24,7 +24,6 @@ import math
 import numpy as np
 import shapely
 
-from agent.exploration.config import PlanningConfig
 from agent.exploration.planning import Roads
 from agent.geometry.clearance import keeps_clear
 from agent.geometry.visibility import visible_ring
@@ -111,9 +110,7 @@ class _Sets:
         self.lattice = self.lattice[shapely.dwithin(self.region, shapely.points(self.lattice), self.slack)]
         circle = reach_m / math.cos(math.pi / RAYS)
         self.views = [self._view(x, y, circle) for x, y in self.places.tolist()]
-        self._roads = Roads(
-            PlanningConfig(node_offset_m=1e-4), outline_of(world), np.asarray(start[:2], np.float64), OFF_M
-        )
+        self._roads = Roads(outline_of(world), np.asarray(start[:2], np.float64), OFF_M, node_offset_m=1e-4)
         self.nodes = self._roads.nodes
         self.ways: Floats = np.zeros((0, 0))
 
@@ -134,7 +131,7 @@ class _Sets:
     def distances(self, starts: Floats, chosen: list[int]) -> Floats:
         """(s + k, s + k): least way between starts (s, 2) and sets, and between sets; zero between starts."""
         if not len(self.ways):
-            self.ways = np.array([self._roads.starting_at(node).cost for node in self.nodes])
+            self.ways = np.array([self._roads.to_nodes(node) for node in self.nodes])
         samples = [start[None] for start in starts]
         for k in chosen:
             near = shapely.dwithin(self.views[k], shapely.points(self.lattice), self.slack)

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agent.alignment import Alignment, AlignmentConfig, Contact, align
+from agent.alignment import Alignment, AlignmentConfig, Meeting, align_prepared, prepare
 from agent.alignment.agreement import agreement, index_walls
+from agent.alignment.align import Method, by_features
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
 from agent.alignment.meeting import place_of
 from agent.geometry.transform import distance, inverse
@@ -69,8 +70,12 @@ def part_of(wireframe: Wireframe, low: float, high: float) -> Wireframe:
     return Wireframe(wireframe.points[used], labels, index.astype(np.int32), np.ones(m, np.float32), np.ones(m, bool))
 
 
-def found(mine: Wireframe, theirs: Wireframe, contact: Contact | None = None, **config: object) -> Alignment:
-    return align(mine, theirs, AlignmentConfig.model_validate(config), np.random.default_rng(1), contact)
+def found(
+    mine: Wireframe, theirs: Wireframe, meeting: Meeting | None = None, method: Method = by_features, **config: object
+) -> Alignment:
+    rules = AlignmentConfig.model_validate(config)
+    maps = prepare(mine, rules), prepare(theirs, rules)
+    return align_prepared(*maps, rules, np.random.default_rng(1), meeting, method)
 
 
 def off(alignment: Alignment, truth: np.ndarray, theirs: Wireframe) -> tuple[float, float]:
@@ -147,18 +152,18 @@ def test_a_meeting_out_of_range_or_inside_a_wall_is_impossible() -> None:
     spot = np.array([ring[:, 0].min() + 0.5, ring[:, 1].min() + 0.5])
     there = apply(frame, spot[None])[0]
 
-    def contact(x: float, y: float, range_m: float = 4.0) -> Contact:
-        return Contact((x, y, 0.0), (float(there[0]), float(there[1]), 0.0), range_m, 0.1)
+    def meeting(x: float, y: float, range_m: float = 4.0) -> Meeting:
+        return Meeting((x, y, 0.0), (float(there[0]), float(there[1]), 0.0), range_m, 0.1)
 
-    assert found(whole, theirs, contact(spot[0] + 0.4, spot[1])).reason == "aligned"
-    assert found(whole, theirs, contact(spot[0] + 0.4, spot[1], 0.05)).reason == "impossible"
-    outside = found(whole, theirs, Contact((-5.0, -5.0, 0.0), (float(there[0]), float(there[1]), 0.0), 40.0, 0.1))
+    assert found(whole, theirs, meeting(spot[0] + 0.4, spot[1])).reason == "aligned"
+    assert found(whole, theirs, meeting(spot[0] + 0.4, spot[1], 0.05)).reason == "impossible"
+    outside = found(whole, theirs, Meeting((-5.0, -5.0, 0.0), (float(there[0]), float(there[1]), 0.0), 40.0, 0.1))
     assert outside.reason == "impossible" and outside.best is not None
 
 
 def test_a_place_is_inside_outer_rings_and_outside_pillars() -> None:
     room = chain([(0, 0), (4, 0), (4, 4), (0, 4), (0, 0)], [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)])
-    made = corners(room, CONFIG)
+    made = corners(room)
     place = place_of(made.points, made.child, made.walls)
     spots = np.array([(0.5, 0.5), (1.5, 1.5), (-1.0, 1.0), (0.05, 2.0), (3.0, 3.0)])
     assert place.reachable(spots, 0.1).tolist() == [True, False, False, False, True]
@@ -170,30 +175,30 @@ def test_the_same_maps_and_generator_give_the_same_alignment() -> None:
 
 
 def test_entries_beyond_the_end_of_a_chain_are_unknown_and_cut_walls_lower_bounds() -> None:
-    made = corners(chain([(0, 0), (2, 0), (2, 3), (5, 3)]), CONFIG)
+    made = corners(chain([(0, 0), (2, 0), (2, 3), (5, 3)]))
     assert made.kinds[1].tolist() == [UNKNOWN, AT_LEAST, EXACT, AT_LEAST, UNKNOWN, EXACT, EXACT]
     assert made.values[1, [1, 2, 3]] == pytest.approx([2.0, 3.0, 3.0])
     assert made.values[1, [5, 6]] == pytest.approx([math.pi / 2, -math.pi / 2])
 
 
 def test_a_wall_seen_longer_than_it_can_be_counts_hard() -> None:
-    whole = corners(chain([(0, 0), (4, 0), (4, 3), (0, 3), (0, 0)]), CONFIG)
-    short, long = (corners(chain([(5.0 - x, 0), (5, 0), (5, 3), (1, 3)]), CONFIG) for x in (3.5, 4.6))
+    whole = corners(chain([(0, 0), (4, 0), (4, 3), (0, 3), (0, 0)]))
+    short, long = (corners(chain([(5.0 - x, 0), (5, 0), (5, 3), (1, 3)])) for x in (3.5, 4.6))
     corner = 1  # of both: a wall of 4 m before it, seen for 3.5 and for 4.6 m
-    fits, fails = likeness(whole, short, CONFIG)[corner, 1], likeness(whole, long, CONFIG)[corner, 1]
+    fits, fails = likeness(whole, short)[corner, 1], likeness(whole, long)[corner, 1]
     assert fits > fails + 3.0
 
 
 def test_agreement_and_conflict_are_metres_of_wall_and_the_other_face_is_neither() -> None:
     def walls(*lines: tuple[float, float, float, float]):
         segments = np.array(lines, np.float64)
-        return index_walls(segments, np.zeros((len(lines), 2), np.bool_), CONFIG)
+        return index_walls(segments, np.zeros((len(lines), 2), np.bool_))
 
     still = np.zeros(3)
     mine = walls((0, 0, 4, 0))
-    assert agreement(mine, walls((0, 0.02, 4, 0.02)), still, CONFIG) == pytest.approx((4.0, 0.0))
-    assert agreement(mine, walls((4, -0.1, 0, -0.1)), still, CONFIG) == pytest.approx((0.0, 0.0))  # the other face
-    agreed, conflict = agreement(mine, walls((1, 0.3, 3, 0.3)), still, CONFIG)
+    assert agreement(mine, walls((0, 0.02, 4, 0.02)), still) == pytest.approx((4.0, 0.0))
+    assert agreement(mine, walls((4, -0.1, 0, -0.1)), still) == pytest.approx((0.0, 0.0))  # the other face
+    agreed, conflict = agreement(mine, walls((1, 0.3, 3, 0.3)), still)
     assert agreed == 0.0 and conflict == pytest.approx(2.0)
 
 

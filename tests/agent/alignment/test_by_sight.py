@@ -27,7 +27,7 @@ def seen(places: np.ndarray, discs: list[np.ndarray], scan: CornerScan = SCAN) -
 
 
 def found_of(sightings: list[Sighting]) -> Consensus | None:
-    return consensus(sightings, 0.2, 0.6, 0.5, math.radians(10.0))
+    return consensus(sightings, 0.2, 0.6)
 
 
 def test_the_frame_is_found_among_posts_and_other_robots() -> None:

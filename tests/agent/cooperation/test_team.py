@@ -15,9 +15,9 @@ from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
 from deploy.bench.errors import errors
 from deploy.bench.explored import explore
-from protocol.messages import Observation
+from protocol.messages import LidarSpec, Observation
 from tests.agent.mapping.test_layers import scan_at
-from tests.agent.mapping.test_particle_filter import ROOM
+from tests.agent.mapping.test_particle_filter import ROOM, Walk
 
 MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0}
 
@@ -60,6 +60,7 @@ def test_a_message_from_beyond_the_radio_s_range_decides_against() -> None:
 
 
 def test_a_disc_where_it_must_be_speaks_for_and_free_ground_there_against_and_a_hidden_place_not_at_all() -> None:
+    rules = Walk(ROOM, LidarSpec()).filter.view_rules(0.12)
     here = (0.7, 0.7, 0.0)
     scan = scan_at(here, ROOM)
 
@@ -68,7 +69,7 @@ def test_a_disc_where_it_must_be_speaks_for_and_free_ground_there_against_and_a_
         for shift in (0.0, 0.05, 0.4):  # the second is no independent look
             place = (theirs[0], theirs[1] - shift, 0.0)
             seen = np.array(discs, np.float64).reshape(-1, 2) - (0.0, shift)
-            one.look_for_disc(here, place, scan, seen, 0.105)
+            one.look_for_disc(here, place, scan, seen, 0.105, rules)
         return one.discs_seen, one.discs_missed
 
     assert looks((1.0, 2.4), [(1.05, 2.35)]) == (2, 0)

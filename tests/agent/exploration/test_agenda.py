@@ -7,19 +7,18 @@ import itertools
 import numpy as np
 import pytest
 
-from agent.exploration.agenda import Task, first_of_tour
-from agent.exploration.config import ExplorationConfig, PlanningConfig
+from agent.exploration.agenda import TOUR_TASKS, Task, first_of_tour
+from agent.exploration.config import ExplorationConfig
 from agent.exploration.planning import Roads
 from agent.exploration.tour import open_tour, tour_cost
 from protocol.wireframe import Wireframe
 
-CONFIG = ExplorationConfig()
-PLANNING = PlanningConfig()
+HASTE = ExplorationConfig().haste
 
 
 def roads_from(x: float, y: float) -> Roads:
     """The ways over a plane without walls."""
-    return Roads(PLANNING, Wireframe(), np.array([x, y]), PLANNING.clearance_m)
+    return Roads(Wireframe(), np.array([x, y]), 0.18)
 
 
 def end(x: float, y: float, begun: bool = False) -> Task:
@@ -30,8 +29,8 @@ def sweep(x: float, y: float, begun: bool = False) -> Task:
     return end(x, y, begun)._replace(kind="sweep")
 
 
-def first(tasks: list[Task], config: ExplorationConfig = CONFIG, detour_m: float = 4.0) -> tuple[float, float]:
-    x, y = first_of_tour(tasks, roads_from(0, 0), config, detour_m).stand
+def first(tasks: list[Task], haste: float = HASTE, detour_m: float = 4.0) -> tuple[float, float]:
+    x, y = first_of_tour(tasks, roads_from(0, 0), detour_m, haste).stand
     return float(x), float(y)
 
 
@@ -65,14 +64,13 @@ def test_what_is_begun_is_left_only_for_a_tour_that_is_better_by_the_gain() -> N
     assert first([end(3.0, 0), end(-2.9, 0)]) == (-2.9, 0)
     assert goes_on(2.9)
     assert not goes_on(0.5)
-    crowd = [end(-0.02 * k, 2.0) for k in range(CONFIG.tour + 1)]
+    crowd = [end(-0.02 * k, 2.0) for k in range(TOUR_TASKS + 1)]
     assert first([end(2.2, 0), *crowd]) != (2.2, 0)
     assert first([end(2.2, 0, begun=True), *crowd]) == (2.2, 0)  # though so many are nearer
 
 
 def test_with_haste_open_ends_come_before_sweeps_and_many_before_one() -> None:
-    hasty = CONFIG.model_copy(update={"haste": 0.9})
-    calm = CONFIG.model_copy(update={"haste": 0.0})
+    hasty, calm = 0.9, 0.0
     a_sweep_behind = [sweep(-1.0, 0), end(1.2, 0)]
     assert first(a_sweep_behind, calm) == (-1.0, 0)
     assert first(a_sweep_behind, hasty) == (1.2, 0)
@@ -88,17 +86,16 @@ def test_no_open_end_waits_for_a_sweep_far_off_the_way() -> None:
     assert first(tasks[1:], detour_m=1.0) == (0, -2.0)
 
 
-@pytest.mark.parametrize("haste", [0.0, CONFIG.haste])
+@pytest.mark.parametrize("haste", [0.0, HASTE])
 @pytest.mark.parametrize("seed", [0, 9, 26])
 def test_a_robot_between_many_tasks_does_not_dither(seed: int, haste: float) -> None:
     """With the nearest 12 and no haste, seeds 9 and 26 turned at every step, for ever: on the way the 12 changed."""
-    config = CONFIG.model_copy(update={"haste": haste})
     rng = np.random.default_rng(seed)
     left, here, begun, turns, path = rng.uniform(2, 18, (20, 2)), np.array([10.0, 10.0]), -1, 0, 0.0
     while len(left):
         assert path < 100
         tasks = [end(x, y, begun=k == begun) for k, (x, y) in enumerate(left)]
-        stand = first_of_tour(tasks, roads_from(*here), config, 4.0).stand
+        stand = first_of_tour(tasks, roads_from(*here), 4.0, haste).stand
         goal = int(np.flatnonzero((left == stand).all(1))[0])
         turns += begun not in (-1, goal)
         way = stand - here

@@ -7,31 +7,32 @@ import math
 import numpy as np
 import pytest
 
-from agent.exploration.config import DrivingConfig, PlanningConfig
-from agent.exploration.driving import Driver
+from agent.exploration.config import DrivingConfig
+from agent.exploration.driving import Driver, Obstacles
+from agent.exploration.planning import GIVE_M
 from agent.geometry.clearance import distance_to_walls
 from protocol.messages import RobotSpec
-from tests.agent.exploration.test_planning import Roads, chain, go, room, two_rooms
+from tests.agent.exploration.test_planning import ROOMY_M, Roads, chain, go, room, two_rooms
 
 SPEC = RobotSpec()
 CONFIG = DrivingConfig()
-PLANNING = PlanningConfig()
+TICK_S = 1 / SPEC.lidar.rate_hz
 DRIVER = Driver(CONFIG, SPEC)
 NOBODY = np.zeros((0, 2))
 
 
-def drive(pose, path, walls, discs=NOBODY, seconds=60.0, clearance=PLANNING.clearance_m - PLANNING.give_m):
+def drive(pose, path, walls, discs=NOBODY, seconds=60.0, clearance=ROOMY_M - GIVE_M):
     """Follow the path as the world would let the robot; returns poses and the least distance from a wall."""
     x, y, theta = pose
     poses, least = [(x, y, theta)], math.inf
-    for _ in range(round(seconds / CONFIG.tick_s)):
+    for _ in range(round(seconds / TICK_S)):
         if math.hypot(path[-1, 0] - x, path[-1, 1] - y) < 0.05:
             break
-        motion = DRIVER.follow(path, (x, y, theta), walls, discs, clearance)
+        motion = DRIVER.follow(path, (x, y, theta), Obstacles(walls, discs), clearance)
         assert 0 <= motion.speed_mps <= SPEC.max_speed_mps
         assert abs(motion.turn_rps) <= SPEC.max_turn_rps
         for _ in range(10):
-            dt = CONFIG.tick_s / 10
+            dt = TICK_S / 10
             x += motion.speed_mps * dt * math.cos(theta + 0.5 * dt * motion.turn_rps)
             y += motion.speed_mps * dt * math.sin(theta + 0.5 * dt * motion.turn_rps)
             theta += dt * motion.turn_rps
@@ -44,17 +45,17 @@ def drive(pose, path, walls, discs=NOBODY, seconds=60.0, clearance=PLANNING.clea
 @pytest.mark.parametrize("door", [0.5, 0.9])
 def test_a_door_is_driven_through_without_a_touch(door, heading):
     wireframe = two_rooms(door)
-    _, path = go(Roads(PLANNING, wireframe, np.array((1.0, 0.5)), PLANNING.clearance_m), 5.0, 0.5)
+    _, path = go(Roads(wireframe, np.array((1.0, 0.5)), ROOMY_M), 5.0, 0.5)
     poses, least = drive((1.0, 0.5, heading), path, wireframe.segments())
     assert math.hypot(*(poses[-1, :2] - path[-1])) < 0.05
     assert least > SPEC.radius_m + 0.02
-    assert len(poses) * CONFIG.tick_s < 1.35 * 4.5 / SPEC.max_speed_mps
+    assert len(poses) * TICK_S < 1.35 * 4.5 / SPEC.max_speed_mps
 
 
 def test_a_path_through_a_wall_is_not_driven():
     walls = np.array([[1.0, -2.0, 1.0, 2.0]])
     poses, least = drive((0.0, 0.0, 0.0), np.array(((0.0, 0.0), (2.0, 0.0))), walls, seconds=20)
-    assert least >= SPEC.radius_m + CONFIG.wall_margin_m - 1e-6
+    assert least >= SPEC.radius_m + CONFIG.wall_air_m - 1e-6
     assert poses[-1, 0] > 0.7  # it went as far as it could
 
 
@@ -64,19 +65,19 @@ def test_any_command_is_safe_from_any_place_in_a_room():
     for _ in range(200):
         x, y, theta = rng.uniform((0.13, 0.13, -4), (1.37, 1.37, 4))
         before = distance_to_walls(x, y, walls)
-        motion = DRIVER.safely(rng.uniform(0, 0.22), rng.uniform(-2.84, 2.84), (x, y, theta), walls, NOBODY)
+        motion = DRIVER.safely(rng.uniform(0, 0.22), rng.uniform(-2.84, 2.84), (x, y, theta), Obstacles(walls, NOBODY))
         for _ in range(10):
             x += motion.speed_mps * 0.02 * math.cos(theta)
             y += motion.speed_mps * 0.02 * math.sin(theta)
             theta += 0.02 * motion.turn_rps
             clear = distance_to_walls(x, y, walls)
-            assert clear > min(SPEC.radius_m + CONFIG.wall_margin_m, before) - 2e-3
+            assert clear > min(SPEC.radius_m + CONFIG.wall_air_m, before) - 2e-3
 
 
 def test_a_robot_too_near_to_a_wall_may_leave_it():
     walls = np.array([[0.0, -2.0, 0.0, 2.0]])
-    assert DRIVER.safely(0.2, 0.0, (0.107, 0.0, 0.0), walls, NOBODY).speed_mps == 0.2
-    assert DRIVER.safely(0.2, 0.0, (0.107, 0.0, math.pi), walls, NOBODY).speed_mps == 0.0
+    assert DRIVER.safely(0.2, 0.0, (0.107, 0.0, 0.0), Obstacles(walls, NOBODY)).speed_mps == 0.2
+    assert DRIVER.safely(0.2, 0.0, (0.107, 0.0, math.pi), Obstacles(walls, NOBODY)).speed_mps == 0.0
 
 
 def test_a_standing_teammate_is_passed_at_a_distance():
@@ -84,6 +85,6 @@ def test_a_standing_teammate_is_passed_at_a_distance():
     disc = np.array([[2.0, 1.0]])
     poses, _ = drive((0.5, 1.0, 0.0), np.array(((0.5, 1.0), (3.5, 1.0))), walls, disc)
     assert math.hypot(*(poses[-1, :2] - (3.5, 1.0))) < 0.05
-    assert np.hypot(*(poses[:, :2] - disc).T).min() >= 2 * SPEC.radius_m + CONFIG.teammate_margin_m - 1e-3
+    assert np.hypot(*(poses[:, :2] - disc).T).min() >= 2 * SPEC.radius_m + CONFIG.teammate_air_m - 1e-3
     beside = poses[np.abs(poses[:, 0] - 2.0).argmin()]
     assert beside[1] < 1.0  # on the right

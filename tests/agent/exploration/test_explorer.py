@@ -10,24 +10,26 @@ import numpy as np
 import pytest
 import shapely
 
-from agent.exploration.agenda import Task
-from agent.exploration.config import DrivingConfig, ExplorationConfig, PlanningConfig
-from agent.exploration.explorer import Configs, Explorer, Situation, Target
-from agent.exploration.frontiers import GoalMemory, open_ends, same_wall, stands_of
+from agent.exploration.agenda import Target, Task
+from agent.exploration.config import DrivingConfig, ExplorationConfig
+from agent.exploration.explorer import Explorer
+from agent.exploration.frontiers import open_ends, same_wall, stands_of
+from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
+from agent.exploration.surroundings import Situation
 from agent.exploration.teammates import Teammates
 from agent.geometry.visibility import all_seen
 from protocol.geometry import Pose
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
-from tests.oracle import OracleMapper, configs, explore, step
+from tests.oracle import OracleMapper, explore, step
 from world.maze import generate
 from world.worldfile import World, from_document, load
 
 LAYOUTS = Path(__file__).resolve().parents[4] / "shared" / "worlds"
 SPEC = RobotSpec()
-PLANNING = PlanningConfig()
+TIGHT_M = SPEC.radius_m + DrivingConfig().tight_path_air_m
 NOBODY = np.zeros((0, 2))
 
 
@@ -97,7 +99,7 @@ def test_the_sweep_finds_posts_that_no_wall_following_sees():
     )  # fmt: skip
     swept = explore(hall, 900)[0]
     assert_well_explored(swept)
-    walls_only = explore(hall, 900, config=configs(default_state="least-likely", pockets=False))[0]
+    walls_only = explore(hall, 900, config=ExplorationConfig(default_state="least-likely", pockets=False))[0]
     assert walls_only.complete_s is not None
     assert walls_only.path_m < swept.path_m
 
@@ -116,7 +118,7 @@ def test_behind_a_cabinet_it_looks_into_the_slot_that_it_cannot_enter():
 
 @pytest.mark.parametrize("state", ["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"])
 def test_every_default_state_ends_with_its_reason(state):
-    trial = explore(MAZE, 900, config=configs(default_state=state))[0]
+    trial = explore(MAZE, 900, config=ExplorationConfig(default_state=state))[0]
     assert_well_explored(trial, 0.98)
     reason = trial.events[-1][1].data["reason"]
     assert reason.startswith("no frontier left")
@@ -181,7 +183,7 @@ def test_maze_15_in_ten_minutes_in_the_median():
 
 
 def explorer(**exploration) -> Explorer:
-    return Explorer(configs(**exploration), SPEC, np.random.default_rng(0))
+    return Explorer(ExplorationConfig(**exploration), DrivingConfig(), SPEC, np.random.default_rng(0))
 
 
 def at(wireframe: Wireframe, explorer: Explorer, ticks: range, pose=(0.0, 0.0, 0.0), version=1):
@@ -345,7 +347,7 @@ def test_from_standing_points_the_hidden_wall_is_in_view(seed):
             if b - a > 0.1:
                 mapper.seen[wall] = [[float(a), float(b)]]
     ends = open_ends(mapper.wireframe())
-    stands = stands_of(ends, np.arange(len(ends.points)), 0.35)
+    stands = stands_of(ends, np.arange(len(ends.points)))
     beyond = np.array([outline_beyond(world, *end) for end in zip(ends.points, ends.along, ends.free, strict=True)])
     seen = all_seen(stands.points, np.ascontiguousarray(beyond[stands.goal]), world.segments)
     shown = [seen[stands.goal == goal].any() for goal in range(len(ends.points))]
@@ -366,10 +368,10 @@ def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
     wireframe = chain(wall, beside)
     wireframe.labels[1] = label
     ends = open_ends(wireframe)
-    roads = Roads(PLANNING, wireframe, np.array([1.0, 1.5]), PLANNING.tight_clearance_m)
+    roads = Roads(wireframe, np.array([1.0, 1.5]), TIGHT_M)
     shown = []
-    for grazing_rad, close in ((0.35, False), (0.05, True)):
-        stands = stands_of(ends, np.array([0]), grazing_rad, close)
+    for close in (False, True):
+        stands = stands_of(ends, np.array([0]), close)
         good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
         seen = all_seen(stands.points, np.broadcast_to(hidden, stands.points.shape).copy(), roads.walls)
         shown.append((int(good.sum()), int((good & seen).sum())))
@@ -378,7 +380,7 @@ def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
 
 
 def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
-    memory = GoalMemory(ExplorationConfig(remembered=10))
+    memory = GoalMemory(size=10)
     east, north = np.array([1.0, 0.0]), np.array([0.0, 1.0])
     memory.note(np.array([1.0, 1.0]), east).attempts = 1
     points, along = np.array([[1.1, 1.0], [1.1, 1.0], [1.5, 1.0]]), np.array([east, north, east])
@@ -390,14 +392,14 @@ def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
 
 
 def test_what_stands_in_a_wall_is_no_teammate():
-    mates = Teammates(ExplorationConfig(), SPEC.radius_m, 0.2)
+    mates = Teammates(SPEC)
     walls = np.array([[0.0, 0.0, 5.0, 0.0]])
     assert mates.update(0, np.array([[2.0, -0.05], [3.0, 0.5]]), walls).tolist() == [[3.0, 0.5]]
     assert not mates.in_the_way(1)
     for tick in range(1, 15):
         mates.update(tick, np.array([[3.0, 0.5]]), walls)
     assert mates.in_the_way(15)
-    assert len(mates.obstacles(15, 0.18)[0]) == 8
+    assert len(mates.walls(15)) == 8
     mates.update(60, NOBODY, walls)
     assert not mates.in_the_way(60)
 
@@ -427,4 +429,3 @@ def test_configurations_are_checked():
         ExplorationConfig(default_state="sleep")
     with pytest.raises(ValueError, match="extra"):
         ExplorationConfig(lookahead=1)
-    assert Configs(ExplorationConfig(), PlanningConfig(), DrivingConfig()).driving.tick_s == 1 / SPEC.lidar.rate_hz

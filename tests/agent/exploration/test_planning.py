@@ -10,14 +10,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agent.exploration.config import ExplorationConfig, PlanningConfig
+from agent.exploration.config import DrivingConfig
 from agent.exploration.planning import Roads, chains, hurdles_of, still_clear
-from agent.exploration.sweep import Sweep, free_face
+from agent.exploration.sweep import LEAST_SAMPLES, Sweep, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
-from protocol.messages import LidarSpec
+from protocol.messages import LidarSpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
 
-CONFIG = PlanningConfig()
+ROOMY_M = RobotSpec().radius_m + DrivingConfig().path_air_m
+TIGHT_M = RobotSpec().radius_m + DrivingConfig().tight_path_air_m
 
 
 def chain(*lines: list[tuple[float, float]], labels: Label = Label.NOMINAL) -> Wireframe:
@@ -53,7 +54,7 @@ def two_rooms(door: float) -> Wireframe:
 
 def go(roads: Roads, x: float, y: float) -> tuple[float, np.ndarray] | None:
     found = roads.nearest(np.array([[x, y]]), np.zeros(1))
-    return None if found is None else found[1:]
+    return None if found is None else (found.cost, found.path)
 
 
 coordinate = st.floats(-3, 3, allow_nan=False, width=32)
@@ -74,10 +75,10 @@ def test_clearance_is_that_of_a_geometry_library(a, b, walls, clearance):
 @pytest.mark.parametrize("door", [0.5, 0.6, 0.9])
 def test_a_door_is_passed_with_clearance(door):
     wireframe = two_rooms(door)
-    cost, path = go(Roads(CONFIG, wireframe, np.array((1.0, 0.5)), CONFIG.clearance_m), 5.0, 0.5)
+    cost, path = go(Roads(wireframe, np.array((1.0, 0.5)), ROOMY_M), 5.0, 0.5)
     line = shapely.linestrings(path)
     walls = shapely.multilinestrings(list(shapely.linestrings(wireframe.segments().reshape(-1, 2, 2))))
-    assert shapely.distance(line, walls) >= CONFIG.clearance_m - 1e-9
+    assert shapely.distance(line, walls) >= ROOMY_M - 1e-9
     assert shapely.length(line) == pytest.approx(cost)
     around = 2 * math.hypot(1.95, 1.0) + 0.1  # through the middle of the door
     assert 4.0 < cost < around
@@ -85,9 +86,9 @@ def test_a_door_is_passed_with_clearance(door):
 
 def test_a_door_too_narrow_for_comfort_is_passed_tightly_and_one_for_the_robot_not_at_all():
     start = np.array((1.0, 0.5))
-    assert go(Roads(CONFIG, two_rooms(0.3), start, CONFIG.clearance_m), 5.0, 0.5) is None
-    assert go(Roads(CONFIG, two_rooms(0.3), start, CONFIG.tight_clearance_m), 5.0, 0.5) is not None
-    assert go(Roads(CONFIG, two_rooms(0.2), start, CONFIG.tight_clearance_m), 5.0, 0.5) is None
+    assert go(Roads(two_rooms(0.3), start, ROOMY_M), 5.0, 0.5) is None
+    assert go(Roads(two_rooms(0.3), start, TIGHT_M), 5.0, 0.5) is not None
+    assert go(Roads(two_rooms(0.2), start, TIGHT_M), 5.0, 0.5) is None
 
 
 def test_paths_are_the_shortest_there_are():
@@ -97,11 +98,11 @@ def test_paths_are_the_shortest_there_are():
     ]
     wireframe = chain(room(5, 4), *boxes)
     start, goal = np.array((0.5, 0.5)), np.array((4.4, 3.4))
-    cost, _ = go(Roads(CONFIG, wireframe, start, CONFIG.clearance_m), *goal)
+    cost, _ = go(Roads(wireframe, start, ROOMY_M), *goal)
     step = 0.05
     n = (100, 80)
     lattice = np.stack(np.meshgrid(np.arange(n[0]) * step, np.arange(n[1]) * step, indexing="ij"), -1)
-    free = distances_to_walls(lattice.reshape(-1, 2), wireframe.segments()).reshape(n) >= CONFIG.clearance_m
+    free = distances_to_walls(lattice.reshape(-1, 2), wireframe.segments()).reshape(n) >= ROOMY_M
     import heapq
 
     best = np.full(n, np.inf)
@@ -121,19 +122,19 @@ def test_paths_are_the_shortest_there_are():
 
 
 def test_a_start_too_near_to_a_wall_gets_away_from_it():
-    found = go(Roads(CONFIG, chain(room(4, 4)), np.array((0.11, 2.0)), CONFIG.clearance_m), 3.0, 2.0)
+    found = go(Roads(chain(room(4, 4)), np.array((0.11, 2.0)), ROOMY_M), 3.0, 2.0)
     assert found is not None
 
 
 def test_beyond_a_frontier_end_the_way_costs_a_toll():
     """The wall between start and goal was seen up to its frontier end; a detour the other way round is dearer."""
     wall = chain([(0.0, -1.0), (0.0, 1.0)], labels=Label.FRONTIER)
-    roads = Roads(CONFIG, wall, np.array((-1.0, 0.8)), CONFIG.clearance_m)
+    roads = Roads(wall, np.array((-1.0, 0.8)), ROOMY_M)
     straight = math.hypot(1, 0.5) * 2
     cost, _ = go(roads, 1.0, 0.8)
     assert cost > straight + 0.5
     assert len(hurdles_of(wall, 0.5)) == 2
-    nominal = Roads(CONFIG, chain([(0.0, -1.0), (0.0, 1.0)]), np.array((-1.0, 0.8)), CONFIG.clearance_m)
+    nominal = Roads(chain([(0.0, -1.0), (0.0, 1.0)]), np.array((-1.0, 0.8)), ROOMY_M)
     assert go(nominal, 1.0, 0.8)[0] < straight
 
 
@@ -147,7 +148,7 @@ def test_no_walls_no_obstacles():
     empty = Wireframe()
     into, out_of = chains(empty)
     assert len(into) == len(out_of) == 0
-    assert go(Roads(CONFIG, empty, np.zeros(2), 0.2), 3.0, 4.0)[0] == pytest.approx(5.0)
+    assert go(Roads(empty, np.zeros(2), 0.2), 3.0, 4.0)[0] == pytest.approx(5.0)
 
 
 def test_the_free_face_leaves_out_what_is_solid():
@@ -159,8 +160,8 @@ def test_the_free_face_leaves_out_what_is_solid():
 
 
 def test_what_poses_see_within_the_radius_is_no_longer_unseen():
-    sweep = Sweep(ExplorationConfig(object_beams=3), LidarSpec())
-    assert sweep.radius == pytest.approx(1.91, abs=0.01)  # facts/mapping.md, rule 12
+    sweep = Sweep(0.1, LidarSpec(), object_beams=3)
+    assert sweep.radius == pytest.approx(1.91, abs=0.01)  # every scan has three beams there
     wall = [(2.0, 0.0), (2.0, 2.0), (2.02, 2.0), (2.02, 0.0)]  # a screen that hides a part from the pose
     wireframe = chain([(0, 0), *wall, (4, 0), (4, 4), (0, 4), (0, 0)])
     pose = np.array([[1.0, 1.0]])
@@ -170,8 +171,8 @@ def test_what_poses_see_within_the_radius_is_no_longer_unseen():
     hidden = unseen[:, 0] > 2.0
     assert (far | hidden).all()
     assert (hidden & ~far).any()
-    roads = Roads(CONFIG, wireframe, pose[0], CONFIG.clearance_m)
+    roads = Roads(wireframe, pose[0], ROOMY_M)
     tasks = sweep.tasks(unseen, roads)
     shown = np.vstack([task.samples for task in tasks])
-    assert len(np.unique(shown, axis=0)) >= len(unseen) - 5 * ExplorationConfig().sweep_least_samples
+    assert len(np.unique(shown, axis=0)) >= len(unseen) - 5 * LEAST_SAMPLES
     assert (roads.standable(np.array([task.stand for task in tasks]))).all()

@@ -7,13 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from agent.alignment import AlignmentConfig
-from agent.alignment.congruent_sets import draw_bases, matched_clouds
+from agent.alignment.candidates import FINE_M
 from agent.geometry.transform import distance, inverse
+from deploy.bench.alignment.baselines import by_congruent_sets
+from deploy.bench.alignment.congruent_sets import BASE_RADIUS_M, BASE_SIDE_M, draw_bases, matched_clouds
 from protocol.geometry import apply
 from tests.agent.alignment.test_alignment import chain, found, moved
-
-CONFIG = AlignmentConfig()
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -23,30 +22,30 @@ def test_overlapping_noisy_clouds_are_brought_onto_each_other(seed: int) -> None
     frame = rng.uniform((-9, -9, -math.pi), (9, 9, math.pi))
     target = cloud[:45] + rng.normal(0, 0.01, (45, 2))
     source = apply(frame, cloud[15:] + rng.normal(0, 0.01, (45, 2)))
-    got = matched_clouds(source, target, CONFIG, np.random.default_rng(1))
+    got = matched_clouds(source, target, np.random.default_rng(1))
     metres, turn = distance(got[0], inverse(frame), source.mean(0))
     assert metres < 0.1 and turn < math.radians(2.0)
 
 
 def test_a_mirrored_cloud_is_not_matched() -> None:
     cloud = np.random.default_rng(2).uniform(0, 10, (40, 2))
-    got = matched_clouds(cloud * (-1.0, 1.0), cloud, CONFIG, np.random.default_rng(1))
+    got = matched_clouds(cloud * (-1.0, 1.0), cloud, np.random.default_rng(1))
     gaps = [np.linalg.norm(apply(t, cloud * (-1.0, 1.0))[:, None] - cloud, axis=2).min(1) for t in got[:20]]
-    assert max((int((gap < CONFIG.fine_m).sum()) for gap in gaps), default=0) < 10
+    assert max((int((gap < FINE_M).sum()) for gap in gaps), default=0) < 10
 
 
 def test_bases_cross_within_the_radius_and_lines_have_none() -> None:
     points = np.random.default_rng(0).uniform(0, 20, (50, 2))
-    bases = draw_bases(points, CONFIG, np.random.default_rng(0))
+    bases = draw_bases(points, np.random.default_rng(0))
     assert len(bases) > 100
     for a, b, c, d in points[bases]:
         for other in (b, c, d):
-            assert CONFIG.base_side_m < np.hypot(*(other - a)) <= CONFIG.base_radius_m
+            assert BASE_SIDE_M < np.hypot(*(other - a)) <= BASE_RADIUS_M
         sides = [np.sign(np.linalg.det([q - p, r - p])) for p, q, r in ((a, b, c), (a, b, d), (c, d, a), (c, d, b))]
         assert sides[0] != sides[1] and sides[2] != sides[3]
     line = np.column_stack([np.arange(20.0), np.zeros(20)])
-    assert not len(draw_bases(line, CONFIG, np.random.default_rng(0)))
-    assert not len(matched_clouds(line[:3], points, CONFIG, np.random.default_rng(0)))
+    assert not len(draw_bases(line, np.random.default_rng(0)))
+    assert not len(matched_clouds(line[:3], points, np.random.default_rng(0)))
 
 
 WEST_FACE = [
@@ -75,7 +74,7 @@ def test_figure_5_points_of_the_two_faces_of_a_wall_fool_4pcs_and_not_directed_w
     metres, turn = distance(np.array(ours.transform), truth, theirs.points.mean(0))
     assert metres < 0.05 and turn < math.radians(1.0)
 
-    fooled = found(red, theirs, method="4pcs", min_corners=12)
+    fooled = found(red, theirs, method=by_congruent_sets, min_corners=12)
     assert fooled.transform is not None
     metres, _ = distance(np.array(fooled.transform), truth, theirs.points.mean(0))
     assert metres == pytest.approx(THICK_M, abs=0.05)

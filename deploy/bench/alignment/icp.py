@@ -1,4 +1,4 @@
-"""Plain iterated closest points over corners, one more baseline: from several turns, as nothing says how to begin."""
+"""Iterated closest points over corners, from several turns."""
 
 from __future__ import annotations
 
@@ -6,32 +6,25 @@ import math
 
 import numpy as np
 
-from agent.alignment.agreement import Walls
-from agent.alignment.candidates import Candidates, by_corners
-from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners
 from agent.geometry.transform import fit, move
 from agent.kernels import kernel
 from protocol.arrays import Floats
 
+STARTS = 24
+"""Evenly spread turns to begin from; it turns by up to 10 degrees by itself."""
+GATE_M = 1.5
+"""Corners farther apart are no pair, as the maps overlap only in part."""
+ROUNDS = 40
+"""Iterations at most."""
 
-def icp(
-    mine: Corners,
-    theirs: Corners,
-    my_walls: Walls,
-    their_walls: Walls,
-    config: AlignmentConfig,
-    rng: np.random.Generator,
-) -> Candidates:
-    """Transforms from the centres laid on each other at evenly spread turns; scores are the numbers of corners."""
-    source, target = theirs.points[theirs.true], mine.points[mine.true]
-    turns = np.linspace(0.0, 2.0 * math.pi, config.icp_starts, endpoint=False)
-    found = _closest(source, target, turns, config.icp_gate_m, config.icp_rounds)
-    return by_corners(found, mine, theirs, my_walls, their_walls, config)
+
+def closest_points(source: Floats, target: Floats) -> Floats:
+    """(k, 3) where the source points (n, 2) settle on the targets (m, 2) from each turn; both centres lie together."""
+    return _closest(source, target, np.linspace(0.0, 2.0 * math.pi, STARTS, endpoint=False))
 
 
 @kernel
-def _closest(source: Floats, target: Floats, turns: Floats, gate: float, rounds: int) -> Floats:
+def _closest(source: Floats, target: Floats, turns: Floats) -> Floats:
     """(k, 3) where the closest points settle from each turn."""
     out = np.empty((turns.shape[0], 3))
     here, there = np.empty(source.shape), np.empty(source.shape)
@@ -40,11 +33,11 @@ def _closest(source: Floats, target: Floats, turns: Floats, gate: float, rounds:
     for k in range(turns.shape[0]):
         c, s = math.cos(turns[k]), math.sin(turns[k])
         t = np.array([tx - c * sx + s * sy, ty - s * sx - c * sy, turns[k]])
-        for _ in range(rounds):
+        for _ in range(ROUNDS):
             count = 0
             for j in range(source.shape[0]):
                 x, y = move(t, source[j, 0], source[j, 1])
-                best, nearest = gate * gate, -1
+                best, nearest = GATE_M * GATE_M, -1
                 for i in range(target.shape[0]):
                     d2 = (target[i, 0] - x) ** 2 + (target[i, 1] - y) ** 2
                     if d2 < best:

@@ -11,73 +11,60 @@ are drawn until their diagonals cross; the angle's sign rules out mirrored sets;
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.agreement import Walls
-from agent.alignment.candidates import Candidates, by_corners
-from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners
+from agent.alignment.candidates import FINE_M
 from agent.geometry.transform import fit
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import wrapped
 
+BASE_RADIUS_M = 5.0
+"""The four points lie within this of the first, as the paper has it. Wider sets seldom lie in the overlap whole."""
+BASE_SIDE_M = 0.5
+"""No two of the four points are nearer than this, as a short side turns far with little noise."""
+BASES = 150
+"""Sets of four points that are looked for: the iteration budget."""
 DRAWS_PER_BASE = 50
 """Four points are drawn at most so often for one base; clouds on a line have none."""
+SAME_M = 0.06
+"""Lengths and crossings that differ by less are the same: 3 sigma of two corners."""
+SAME_RAD = math.radians(5.0)
+"""The same for the angle of the diagonals."""
+MAX_SETS = 400
+"""Congruent sets looked at for one base."""
 
 
-def congruent_sets(
-    mine: Corners,
-    theirs: Corners,
-    my_walls: Walls,
-    their_walls: Walls,
-    config: AlignmentConfig,
-    rng: np.random.Generator,
-) -> Candidates:
-    """Transforms that bring most of their corners onto mine; scores are the numbers of corners."""
-    transforms = matched_clouds(theirs.points[theirs.true], mine.points[mine.true], config, rng)
-    return by_corners(transforms, mine, theirs, my_walls, their_walls, config)
-
-
-def matched_clouds(source: Floats, target: Floats, config: AlignmentConfig, rng: np.random.Generator) -> Floats:
+def matched_clouds(source: Floats, target: Floats, rng: np.random.Generator) -> Floats:
     """(k, 3) transforms of the source points (n, 2) onto the targets (m, 2), most matched points first."""
-    bases = draw_bases(source, config, rng)
+    bases = draw_bases(source, rng)
     if not len(bases) or len(target) < 4:
         return np.zeros((0, 3))
     one, two = np.nonzero(~np.eye(len(target), dtype=np.bool_))
     span = target[two] - target[one]
     length = np.hypot(span[:, 0], span[:, 1])
-    near = np.flatnonzero(length <= 2.0 * config.base_radius_m + config.congruent_m)
+    near = np.flatnonzero(length <= 2.0 * BASE_RADIUS_M + SAME_M)
     order = near[np.argsort(length[near], kind="stable")]
-    found, matched = _congruent(
-        source,
-        target,
-        bases,
-        np.column_stack([one[order], two[order]]),
-        length[order],
-        config.congruent_m,
-        math.radians(config.congruent_deg),
-        config.fine_m,
-        config.max_congruent,
-    )
+    found, matched = _congruent(source, target, bases, np.column_stack([one[order], two[order]]), length[order])
     return found[np.argsort(-matched, kind="stable")]
 
 
-def draw_bases(points: Floats, config: AlignmentConfig, rng: np.random.Generator) -> Ints:
+def draw_bases(points: Floats, rng: np.random.Generator) -> Ints:
     """(b, 4) vertices a, b, c, d within a radius, a-b crossing c-d; at most as many as the budget."""
     bases: list[list[int]] = []
     if len(points) < 4:
         return np.zeros((0, 4), np.int64)
-    for _ in range(config.bases):
+    for _ in range(BASES):
         for _ in range(DRAWS_PER_BASE):
             first = int(rng.integers(len(points)))
             away = np.hypot(points[:, 0] - points[first, 0], points[:, 1] - points[first, 1])
-            near = np.flatnonzero((away <= config.base_radius_m) & (away > config.base_side_m))
+            near = np.flatnonzero((away <= BASE_RADIUS_M) & (away > BASE_SIDE_M))
             if len(near) < 3:
                 continue
             others = rng.choice(near, 3, replace=False)
-            base = _crossed(points, np.array([first, *others]), config.base_side_m)
+            base = _crossed(points, np.array([first, *others]))
             if base[0] >= 0:
                 bases.append(base.tolist())
                 break
@@ -96,14 +83,13 @@ def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[float, float]
 
 
 @kernel
-def _crossed(points: Floats, four: Ints, side: float) -> Ints:
+def _crossed(points: Floats, four: Ints) -> Ints:
     """The four vertices paired so that their diagonals cross and no side is short; -1 first where there is none."""
     out = np.full(4, -1)
     for i in range(4):
         for j in range(i):
-            if (points[four[i], 0] - points[four[j], 0]) ** 2 + (
-                points[four[i], 1] - points[four[j], 1]
-            ) ** 2 < side**2:
+            dx, dy = points[four[i], 0] - points[four[j], 0], points[four[i], 1] - points[four[j], 1]
+            if dx**2 + dy**2 < BASE_SIDE_M**2:
                 return out
     for k in range(1, 4):
         c, d = 1 + k % 3, 1 + (k + 1) % 3
@@ -114,9 +100,24 @@ def _crossed(points: Floats, four: Ints, side: float) -> Ints:
     return out
 
 
+class Cells(NamedTuple):
+    """Points by square cells."""
+
+    x: float
+    """Of the lower left corner, metres."""
+    y: float
+    columns: int
+    rows: int
+    size_m: float
+    begins: Ints
+    """(columns * rows + 1,) where each cell's points begin in `members`, column by column."""
+    members: Ints
+    """(n,) rows of the points."""
+
+
 @kernel
-def _cloud_cells(points: Floats, cell: float) -> tuple[float, float, int, int, float, Ints, Ints]:
-    """Points by square cells: lower left corner, columns, rows, cell size, begins, members."""
+def _cells_of(points: Floats, cell: float) -> Cells:
+    """Points (n, 2) by cells of at least this size, metres."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for k in range(points.shape[0]):
         x0, x1 = min(x0, points[k, 0]), max(x1, points[k, 0])
@@ -134,35 +135,23 @@ def _cloud_cells(points: Floats, cell: float) -> tuple[float, float, int, int, f
     for k in range(points.shape[0]):
         members[at[where[k]]] = k
         at[where[k]] += 1
-    return x0, y0, columns, rows, size, begins, members
+    return Cells(x0, y0, columns, rows, size, begins, members)
 
 
 @kernel
-def _matched(
-    source: Floats,
-    target: Floats,
-    t: Floats,
-    gate: float,
-    x0: float,
-    y0: float,
-    columns: int,
-    rows: int,
-    size: float,
-    begins: Ints,
-    members: Ints,
-) -> int:
-    """Source points that t brings within the gate of a target."""
+def _matched(source: Floats, target: Floats, t: Floats, cells: Cells) -> int:
+    """Source points that t brings within the fine gate of a target; cells: those of the targets."""
     c, s = math.cos(t[2]), math.sin(t[2])
     count = 0
     for k in range(source.shape[0]):
         x, y = t[0] + c * source[k, 0] - s * source[k, 1], t[1] + s * source[k, 0] + c * source[k, 1]
-        i, j = math.floor((x - x0) / size), math.floor((y - y0) / size)
+        i, j = math.floor((x - cells.x) / cells.size_m), math.floor((y - cells.y) / cells.size_m)
         near = False
-        for p in range(max(i - 1, 0), min(i + 1, columns - 1) + 1):
-            for q in range(max(j - 1, 0), min(j + 1, rows - 1) + 1):
-                for n in range(begins[p * rows + q], begins[p * rows + q + 1]):
-                    dx, dy = target[members[n], 0] - x, target[members[n], 1] - y
-                    if dx * dx + dy * dy < gate * gate:
+        for p in range(max(i - 1, 0), min(i + 1, cells.columns - 1) + 1):
+            for q in range(max(j - 1, 0), min(j + 1, cells.rows - 1) + 1):
+                for n in range(cells.begins[p * cells.rows + q], cells.begins[p * cells.rows + q + 1]):
+                    dx, dy = target[cells.members[n], 0] - x, target[cells.members[n], 1] - y
+                    if dx * dx + dy * dy < FINE_M * FINE_M:
                         near = True
         if near:
             count += 1
@@ -170,23 +159,13 @@ def _matched(
 
 
 @kernel
-def _congruent(
-    source: Floats,
-    target: Floats,
-    bases: Ints,
-    pairs: Ints,
-    lengths: Floats,
-    off: float,
-    turn: float,
-    gate: float,
-    budget: int,
-) -> tuple[Floats, Ints]:
+def _congruent(source: Floats, target: Floats, bases: Ints, pairs: Ints, lengths: Floats) -> tuple[Floats, Ints]:
     """Transforms of all congruent sets of all bases, and how many points each matches.
 
-    pairs: ordered pairs of targets by length. budget: sets per base.
+    pairs (p, 2): ordered pairs of targets by length; lengths (p,) theirs.
     """
-    x0, y0, columns, rows, size, begins, members = _cloud_cells(target, gate)
-    found, matched = np.empty((bases.shape[0] * budget, 3)), np.empty(bases.shape[0] * budget, np.int64)
+    cells = _cells_of(target, FINE_M)
+    found, matched = np.empty((bases.shape[0] * MAX_SETS, 3)), np.empty(bases.shape[0] * MAX_SETS, np.int64)
     total = 0
     four, there = np.empty((4, 2)), np.empty((4, 2))
     for k in range(bases.shape[0]):
@@ -201,8 +180,8 @@ def _congruent(
         )
         one, two = math.hypot(ax, ay), math.hypot(cx, cy)
         angle = math.atan2(ax * cy - ay * cx, ax * cx + ay * cy)
-        i0, i1 = np.searchsorted(lengths, one - off), np.searchsorted(lengths, one + off)
-        j0, j1 = np.searchsorted(lengths, two - off), np.searchsorted(lengths, two + off)
+        i0, i1 = np.searchsorted(lengths, one - SAME_M), np.searchsorted(lengths, one + SAME_M)
+        j0, j1 = np.searchsorted(lengths, two - SAME_M), np.searchsorted(lengths, two + SAME_M)
         if i1 == i0 or j1 == j0:
             continue
         crossings = np.empty((i1 - i0, 2))
@@ -210,28 +189,30 @@ def _congruent(
             p, q = pairs[i]
             crossings[i - i0, 0] = target[p, 0] + u * (target[q, 0] - target[p, 0])
             crossings[i - i0, 1] = target[p, 1] + u * (target[q, 1] - target[p, 1])
-        ex0, ey0, e_columns, e_rows, e_size, e_begins, e_members = _cloud_cells(crossings, off)
+        near = _cells_of(crossings, SAME_M)
         sets = 0
         for j in range(j0, j1):
             p, q = pairs[j]
             dx, dy = target[q, 0] - target[p, 0], target[q, 1] - target[p, 1]
             x, y = target[p, 0] + v * dx, target[p, 1] + v * dy
-            m, n = math.floor((x - ex0) / e_size), math.floor((y - ey0) / e_size)
-            for g in range(max(m - 1, 0), min(m + 1, e_columns - 1) + 1):
-                for h in range(max(n - 1, 0), min(n + 1, e_rows - 1) + 1):
-                    for w in range(e_begins[g * e_rows + h], e_begins[g * e_rows + h + 1]):
-                        i = e_members[w]
-                        if (crossings[i, 0] - x) ** 2 + (crossings[i, 1] - y) ** 2 > off * off or sets >= budget:
+            m, n = math.floor((x - near.x) / near.size_m), math.floor((y - near.y) / near.size_m)
+            for g in range(max(m - 1, 0), min(m + 1, near.columns - 1) + 1):
+                for h in range(max(n - 1, 0), min(n + 1, near.rows - 1) + 1):
+                    for w in range(near.begins[g * near.rows + h], near.begins[g * near.rows + h + 1]):
+                        i = near.members[w]
+                        if (crossings[i, 0] - x) ** 2 + (
+                            crossings[i, 1] - y
+                        ) ** 2 > SAME_M * SAME_M or sets >= MAX_SETS:
                             continue
                         r, s = pairs[i0 + i]
                         bx, by = target[s, 0] - target[r, 0], target[s, 1] - target[r, 1]
                         found_angle = math.atan2(bx * dy - by * dx, bx * dx + by * dy)
-                        if abs(wrapped(found_angle - angle)) > turn:
+                        if abs(wrapped(found_angle - angle)) > SAME_RAD:
                             continue
                         there[0], there[1], there[2], there[3] = target[r], target[s], target[p], target[q]
                         t = fit(four, there, 4)
                         found[total] = t
-                        matched[total] = _matched(source, target, t, gate, x0, y0, columns, rows, size, begins, members)
+                        matched[total] = _matched(source, target, t, cells)
                         total += 1
                         sets += 1
     return found[:total], matched[:total]

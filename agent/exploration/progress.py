@@ -1,0 +1,58 @@
+"""Whether the robot gets on along its path, waits for a teammate, or is stuck (ours)."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum, auto
+
+import numpy as np
+
+LEAST_M = 0.06
+"""A path that got shorter by less is no progress: one tick and a half of driving."""
+STUCK_S = 4.0
+"""Without progress for this long a robot is stuck; a right-angle turn takes 0.6 s."""
+WAIT_S = 4.0
+"""Mean wait for a teammate to clear the way. It is drawn between half and one and a half of it, so that of two robots
+one gives way first."""
+
+
+class Pace(Enum):
+    """How the robot gets on."""
+
+    FREE = auto()
+    IMPATIENT = auto()
+    """A teammate has barred the way for longer than the robot's patience."""
+    STUCK = auto()
+
+
+class Progress:
+    """The shortest that the path ahead has been, and how long nothing has come of driving."""
+
+    def __init__(self, rng: np.random.Generator, rate_hz: float) -> None:
+        self.rng = rng
+        self.rate_hz = rate_hz
+        self.patience = 0
+        """Ticks that the robot waits for a teammate."""
+        self._least_left_m, self._tick, self._blocked = math.inf, 0, 0
+
+    def restart(self, tick: int) -> None:
+        """Begin anew, with new patience."""
+        self._least_left_m, self._tick, self._blocked = math.inf, tick, 0
+        self.patience = round(WAIT_S * (0.5 + self.rng.random()) * self.rate_hz)
+
+    def allow(self, left_m: float) -> None:
+        """A new path to the same target may be longer."""
+        self._least_left_m = max(self._least_left_m, left_m)
+
+    def judge(self, tick: int, left_m: float, blocked: bool) -> Pace:
+        """How the robot gets on with left_m (metres) to go; blocked: whether a teammate holds it back."""
+        if left_m < self._least_left_m - LEAST_M:
+            self._least_left_m, self._tick, self._blocked = left_m, tick, 0
+        elif blocked:
+            self._tick = tick
+            self._blocked += 1
+            if self._blocked > self.patience:
+                return Pace.IMPATIENT
+        elif tick - self._tick > STUCK_S * self.rate_hz:
+            return Pace.STUCK
+        return Pace.FREE

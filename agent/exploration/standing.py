@@ -1,0 +1,55 @@
+"""Where to stand for what is no exploration: near a proposal's place, away from a teammate, out of the way (ours)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agent.exploration.planning import Roads, Route
+from agent.geometry.clearance import distances_to_walls
+from agent.geometry.visibility import all_seen
+from protocol.arrays import Floats
+
+_RINGS_M = (0.3, 0.6)
+"""Distances from an errand's place at which standing points are looked for."""
+_AROUND = 8
+"""Directions in which they are."""
+_OFF_COST = 2.0
+"""Metres of path that a metre of distance from an errand's place is worth."""
+_RETREAT_M = 1.2
+"""A robot that makes room goes at least this far from the teammate: it can turn off in between."""
+_PASSING_M = 0.45
+"""Distance from walls of a parked robot: another (0.21 m wide) passes on either side, and no doorway is blocked."""
+_PARK_ROOM_M = 1.0
+"""More room than this is no better for parking: half the width of a corridor of the mazes."""
+_PARK_GAIN = 4.0
+"""Metres of path that a metre of room is worth: out of a doorway of 1 m into the room behind it."""
+
+
+def near(place: Floats, roads: Roads) -> Route | None:
+    """The way to a place (2,), or to a point nearby from where it is in view; None if there is no way."""
+    angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
+    ring = np.stack((np.cos(angles), np.sin(angles)), 1)
+    points = np.vstack((place, *(place + radius * ring for radius in _RINGS_M)))
+    away = np.hypot(*(points - place).T)
+    good = roads.standable(points) & all_seen(points, np.repeat(place[None], len(points), 0), roads.walls)
+    return roads.nearest(points[good], _OFF_COST * away[good])
+
+
+def away_from(teammate: tuple[float, float], places: Floats, walls: Floats, roads: Roads) -> Route | None:
+    """The way to that of the robot's former places (k, 2) that leaves a teammate room: near, and off the walls."""
+    away = np.hypot(places[:, 0] - teammate[0], places[:, 1] - teammate[1])
+    places = places[(away >= _RETREAT_M) & (distances_to_walls(places, walls) >= roads.clearance)]
+    return roads.nearest(places, -np.minimum(distances_to_walls(places, walls), _PASSING_M))
+
+
+def out_of_the_way(places: Floats, roads: Roads) -> Route | None:
+    """The way to that of places (k, 2) where others can pass: near, but rather roomy than in a doorway."""
+    room = distances_to_walls(places, roads.walls)
+    roomy = room >= min(_PASSING_M, float(room.max()))
+    places, room = places[roomy], np.minimum(room[roomy], _PARK_ROOM_M)
+    if len(roads.nodes):  # around the jambs of doors, where the ways of others bend
+        bends = np.hypot(*(places[:, None] - roads.nodes[None]).transpose(2, 0, 1)).min(1)
+        room = np.minimum(room, 0.5 * bends)
+    return roads.nearest(places, -_PARK_GAIN * room)

@@ -1,0 +1,28 @@
+"""Walls as arrays: segments (m, 4) x1, y1, x2, y2 in metres, or edges (m, 2) from and to vertices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from protocol.arrays import Floats, Ints
+
+
+def lengths(walls: Floats) -> Floats:
+    """Metres (m,) of walls (m, 4)."""
+    return np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])
+
+
+def points_along(walls: Floats, counts: Ints) -> tuple[Floats, Ints]:
+    """Middles (k, 2) of as many equal pieces of each wall (m, 4) as counts (m,) says, and (k,) the walls' rows."""
+    wall = np.repeat(np.arange(len(counts)), counts)
+    nth = np.arange(len(wall)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (nth + 0.5) / counts[wall]
+    start, end = walls[:, :2], walls[:, 2:]
+    return start[wall] + share[:, None] * (end - start)[wall], wall
+
+
+def neighbours(edges: Ints, count: int) -> tuple[Ints, Ints]:
+    """The vertex before and the vertex after each of `count` vertices, (count,) each; -1 where there is none."""
+    before, after = np.full(count, -1), np.full(count, -1)
+    before[edges[:, 1]], after[edges[:, 0]] = edges[:, 0], edges[:, 1]
+    return before, after
