@@ -6,7 +6,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
 from agent.cooperation.config import CooperationConfig
 from agent.exploration.config import DrivingConfig, ExplorationConfig
-from agent.mapping.config import FilterConfig, MapConfig
+from agent.mapping.config import FilterConfig
 from agent.perception.config import PerceptionConfig
 from protocol.settings import Config
 
@@ -15,7 +15,6 @@ class AgentConfig(Config):
     """One robot's mind."""
 
     perception: PerceptionConfig = PerceptionConfig()
-    map: MapConfig = MapConfig()
     filter: FilterConfig = FilterConfig()
     exploration: ExplorationConfig = ExplorationConfig()
     driving: DrivingConfig = DrivingConfig()

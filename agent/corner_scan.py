@@ -5,19 +5,27 @@ Nothing after perception sees a range (paper I: strict adherence to sparsity).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.chains import chained
+from agent.kernels import kernel
+from protocol.arrays import Floats, Records
+from protocol.geometry import Pose
+from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
 
-NOMINAL = int(Label.NOMINAL)
+NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
+"""Labels as kernels and records hold them."""
 
-Record = Any
-"""One element of a record array inside a kernel; numba reads its fields like attributes."""
+NOISE_FLOOR_M = 0.003
+"""Standard deviation of a range, at least: real walls are not flatter, whatever the lidar promises."""
+
+BRIDGE_M = 0.25
+"""Two hits on one line farther apart than this, measured along it, do not show that there is wall between them."""
 
 PIECE = np.dtype(
     [
@@ -43,26 +51,26 @@ PIECE = np.dtype(
 class Sight(NamedTuple):
     """What a scan shows beside walls, for the kernels."""
 
-    open: NDArray[np.float64]
+    open: Floats
     """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach."""
-    blind: NDArray[np.float64]
+    blind: Floats
     """(b, 2) as open: sectors in which something stands that is no wall piece: a teammate, a post of two beams."""
     reach: float
     """m, how far open sectors are known to be free."""
+    half_beam: float
+    """rad, half the angle between two beams: what lies nearer to the edge of a sector or piece is uncertain."""
 
 
 @dataclass(frozen=True, slots=True)
 class CornerScan:
     """A scan as corners and walls."""
 
-    pieces: NDArray[np.void]
+    pieces: Records
     """(k,) of PIECE, by rising bearing of the first beam."""
     sight: Sight
     """Open and blind sectors."""
-    discs: NDArray[np.float64]
+    discs: Floats
     """(d, 2) m, centres of what looks like teammates."""
-    noise: float
-    """m, standard deviation of a range."""
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""
@@ -73,3 +81,20 @@ class CornerScan:
         following = np.where(p["label"][:, 1] == NOMINAL, p["link"][:, 1], -1)
         points, labels, edges = chained(tips, p["label"].astype(np.uint8), following)
         return Wireframe(points, labels, edges, np.ones(len(p), np.float32), np.ones(len(p), np.bool_))
+
+
+def range_noise(spec: LidarSpec) -> float:
+    """Standard deviation of a range in metres: the lidar's, or the unevenness of walls where that is larger."""
+    return max(spec.noise_m, NOISE_FLOOR_M)
+
+
+@kernel
+def to_map_frame(pieces: Records, pose: Pose) -> Records:
+    """Pieces (k,) moved from the robot's frame into that of its pose. Bearings stay the robot's."""
+    out = pieces.copy()
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(out)):
+        p = out[k]
+        p.x, p.y = pose[0] + c * p.x - s * p.y, pose[1] + s * p.x + c * p.y
+        p.ux, p.uy = c * p.ux - s * p.uy, s * p.ux + c * p.uy
+    return out

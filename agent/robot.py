@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
-from agent.cooperation.evidence import WALL_MARGIN_M
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
 from agent.errand import ErrandEnd
@@ -62,21 +61,12 @@ class Robot:
         self.robot = robot
         self.spec = spec
         self.config = config
-        noise = max(spec.lidar.noise_m, config.perception.noise_floor_m)
-        self.filter = WireframeFilter(
-            config.map,
-            config.filter,
-            noise,
-            spec.lidar.beams,
-            spec.odometry,
-            np.random.SeedSequence([seed, zlib.crc32(b"filter")]),
-        )
+        self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
         self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
-        rules = self.filter.view_rules(WALL_MARGIN_M)
-        self.team = Team(config.cooperation, config.alignment, spec, rules, self._random(seed, "align"))
+        self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
         self.own = Wireframe()
         """The map of own scans alone."""
         self.wireframe = Wireframe()
@@ -105,8 +95,11 @@ class Robot:
         pose = self.filter.pose
         self.posts.look(tick, pose, apply(pose, scan.discs), len(heard) > 0)
         own_changed = self._read_own()
-        hearing = self.exchange.hear(tick, heard)
-        events = hearing.events + self.team.step(tick, hearing, self.own, pose, scan, self._errand_ended)
+        hearing = self.exchange.hear(tick, heard)  # C
+        if self.config.cooperation.sharing:
+            self.team.hear(tick, hearing, pose, scan)
+            self.team.judge(tick, self.own, pose, self._errand_ended)  # Z and T by the evidence so far
+            self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
@@ -129,7 +122,7 @@ class Robot:
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
-            self._act(tick, command, events, len(sends), len(self._map_bytes), started),
+            self._act(tick, command, [*hearing.events, *self.team.events], len(sends), len(self._map_bytes), started),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
             PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),

@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.corner_scan import CornerScan, Sight
+from agent.corner_scan import CornerScan
 from agent.geometry.transform import move
 from agent.kernels import kernel
-from agent.mapping.contradiction import GRAZING, ON, THROUGH, ViewRules, look_at
-from agent.mapping.scan_merge import to_map_frame
+from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, view_of
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.wireframe import Wireframe
@@ -69,19 +67,10 @@ class WallEvidence:
         self.on, self.through = on, through
         self.fresh = was_fresh if fresh is None else fresh
 
-    def look(self, transform: Floats, pose: Pose, scan: CornerScan, rules: ViewRules) -> None:
+    def look(self, transform: Floats, pose: Pose, scan: CornerScan) -> None:
         """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's."""
-        _look(
-            self.pieces,
-            self.on,
-            self.through,
-            np.asarray(transform, np.float64),
-            pose,
-            scan.pieces,
-            to_map_frame(scan.pieces, pose),
-            scan.sight,
-            rules,
-        )
+        view = view_of(scan, pose, WALL_MARGIN_M)
+        _look(self.pieces, self.on, self.through, np.asarray(transform, np.float64), view)
 
     def said(self, looks: int) -> tuple[float, float]:
         """Metres of fresh wall that at least `looks` own scans confirm, and that at least so many contradict."""
@@ -144,46 +133,33 @@ def _look(
     on: Ints,
     through: Ints,
     t: Floats,
-    pose: Pose,
-    raw: NDArray[np.void],
-    seen: NDArray[np.void],
-    sight: Sight,
-    rules: ViewRules,
+    view: View,
 ) -> None:
     c, s = math.cos(t[2]), math.sin(t[2])
     for k in range(walls.shape[0]):
         x, y = move(t, walls[k, 0], walls[k, 1])
-        dx, dy = pose[0] - x, pose[1] - y
+        dx, dy = view.pose[0] - x, view.pose[1] - y
         away = math.hypot(dx, dy)
-        if away > sight.reach:
+        if away > view.sight.reach:
             continue
         ux, uy = c * walls[k, 2] - s * walls[k, 3], s * walls[k, 2] + c * walls[k, 3]
         side = dy * ux - dx * uy
         if abs(side) < GRAZING * away:
             continue  # the ray may as well pass beside it
-        saw, piece = look_at(x, y, pose, raw, seen, sight, rules)
+        saw, piece = look_at(x, y, view)
         if saw == THROUGH:
             through[k] += 1  # from behind, too: a robot is in no solid
-        elif saw == ON and side > 0 and seen[piece].ux * ux + seen[piece].uy * uy > ALIKE:
+        elif saw == ON and side > 0 and view.pieces[piece].ux * ux + view.pieces[piece].uy * uy > ALIKE:
             on[k] += 1
 
 
 @kernel
-def sees_place(
-    x: float,
-    y: float,
-    radius: float,
-    pose: Pose,
-    raw: NDArray[np.void],
-    seen: NDArray[np.void],
-    sight: Sight,
-    rules: ViewRules,
-) -> bool:
+def sees_place(x: float, y: float, radius: float, view: View) -> bool:
     """Whether a scan sees through the middle and both sides of a disc at (x, y): nothing stands there."""
-    dx, dy = x - pose[0], y - pose[1]
+    dx, dy = x - view.pose[0], y - view.pose[1]
     away = max(math.hypot(dx, dy), 1e-6)
     for off in (-0.7 * radius, 0.0, 0.7 * radius):
-        saw, _ = look_at(x - dy / away * off, y + dx / away * off, pose, raw, seen, sight, rules)
+        saw, _ = look_at(x - dy / away * off, y + dx / away * off, view)
         if saw != THROUGH:
             return False
     return True

@@ -7,7 +7,6 @@ undoing a merge is complete: the layer is left away.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from agent.alignment.agreement import agreement
 from agent.alignment.candidates import COARSE_M, refine
 from agent.communication.hearing import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.peer import Heard, Merged, Proposed
+from agent.cooperation.peer import Figures, Heard, Merged, Proposed
 from agent.geometry.transform import apart
 from agent.mapping.layers import Layer, layer_of
 from protocol.arrays import Bools, Floats
@@ -40,8 +39,6 @@ REFINED_DEG = 5.0
 """A refinement that turns the transform by more than this is not believed."""
 AGREED_SHARE = 0.6
 """A newer map must agree with the own one along this share of what the merged map agrees along."""
-
-Figures = Mapping[str, object]
 
 
 def merge(peer: Proposed, tick: int) -> Merged:

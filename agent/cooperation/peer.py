@@ -8,8 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-import numpy as np
-
 from agent.alignment import Alignment
 from agent.alignment.by_sight import Sighting
 from agent.communication.hearing import NO_VIEWS, PeerViews, ReceivedMap
@@ -18,7 +16,6 @@ from agent.cooperation.verification import DISC_MOVED_M, Trial
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose
-from protocol.messages import Event
 
 ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
@@ -93,14 +90,14 @@ class PeerLog:
         self.map, self.map_is_news = received._replace(tick=min(received.tick, tick)), True
 
 
-@dataclass
+@dataclass(eq=False)
 class Heard:
     """A peer whose frame is not known."""
 
     log: PeerLog
 
 
-@dataclass
+@dataclass(eq=False)
 class Proposed:
     """A peer of which a transform is on trial."""
 
@@ -117,7 +114,7 @@ class Proposed:
         return self.trial.transform
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Merged:
     """A peer whose map is part of the robot's."""
 
@@ -146,22 +143,10 @@ class Merged:
 
 Peer = Heard | Proposed | Merged
 
+Figures = Mapping[str, object]
+"""Numbers of an event."""
+
 
 def fit_error_m(alignment: Alignment | None) -> float:
     """Standard error in metres of a transform by its alignment; None: of one that is given."""
     return 0.1 if alignment is None else max(alignment.residual, 0.01) / math.sqrt(max(alignment.inliers, 1))
-
-
-def event_of(
-    event: str,
-    peer: str,
-    reason: str,
-    transform: Floats | Pose | None = None,
-    figures: Mapping[str, object] | None = None,
-) -> Event:
-    """A line of events.jsonl on a peer; numbers are rounded."""
-    rounded = {key: round(value, 4) if isinstance(value, float) else value for key, value in (figures or {}).items()}
-    data: dict[str, object] = {"peer": peer, "reason": reason, **rounded}
-    if transform is not None:
-        data["transform"] = [round(float(value), 5) for value in np.asarray(transform)]
-    return Event(event=event, data=data)

@@ -10,9 +10,9 @@ import numpy as np
 from agent.alignment import Alignment, AlignmentConfig, Meeting, PreparedMap, align_prepared, prepare
 from agent.alignment.agreement import agreement
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
-from agent.alignment.candidates import COARSE_M, DISTINCT_RAD, refine
+from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.meeting import RANGE_SLACK_M
-from agent.cooperation.peer import PeerLog
+from agent.cooperation.peer import PeerLog, Proposed, fit_error_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import apart
@@ -90,8 +90,23 @@ class Aligner:
         mine = np.array([one.here[:2] for one in log.encounters])
         return bool((np.hypot(*(theirs - mine).T) <= self.reach_m).all())
 
-    def seen(self, log: PeerLog) -> Consensus | None:
-        """The transform that the sightings of a peer give, if they suffice for a proposal and are news."""
+    def compare(self, peer: Proposed, said: Alignment) -> None:
+        """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
+        assert peer.log.map is not None
+        limits = DISTINCT_M, DISTINCT_RAD
+        centre = peer.log.map.wireframe.points.mean(0)
+        same = said.best is not None and not apart(np.array(said.best), peer.transform, centre, *limits)
+        against = said.reason in ("conflict", "impossible")
+        if said.transform is not None or (against and same):
+            peer.trial.align_again(same and not against)
+        if same and said.transform is not None:
+            peer.trial.transform, peer.fit_m = np.array(said.transform), fit_error_m(said)
+        if same and not against:
+            peer.map = peer.log.map
+            peer.trial.walls.lay(peer.map.wireframe)
+
+    def align_by_sight(self, log: PeerLog, own: Wireframe) -> tuple[Consensus, Alignment] | None:
+        """The transform by new sightings, and the alignment near it; None where either cannot be told."""
         if not log.sighting_is_news:
             return None
         log.sighting_is_news = False
@@ -101,15 +116,11 @@ class Aligner:
             return None
         if found.explained - found.rival < SIGHTINGS_AHEAD or found.explained <= log.explained_by_proposal:
             return None
-        return found
-
-    def align_by_sight(self, log: PeerLog, own: Wireframe, found: Consensus) -> Alignment | None:
-        """The alignment near a transform by sightings; None where one of the maps is too large to be compared."""
         assert log.map is not None
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         if mine is None or theirs is None:
             return None
-        return align_by_sight(mine, theirs, found, self.config, LEAST_CORNERS)
+        return found, align_by_sight(mine, theirs, found, self.config, LEAST_CORNERS)
 
     def walls_fit(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""

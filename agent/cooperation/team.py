@@ -7,32 +7,23 @@ heard again. One pair of maps is aligned in a tick, and only where one of them h
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from agent.alignment import Alignment, AlignmentConfig, prepare
 from agent.alignment.by_sight import Sighting
-from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.communication.hearing import Hearing
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
-from agent.cooperation.merging import (
-    REFUSED_MAPS,
-    contradiction,
-    heard_again,
-    hide_seen_through,
-    merge,
-    update,
-)
-from agent.cooperation.peer import Heard, Merged, Peer, PeerLog, Proposed, event_of, fit_error_m
+from agent.cooperation.merging import REFUSED_MAPS, contradiction, heard_again, hide_seen_through, merge, update
+from agent.cooperation.peer import Figures, Heard, Merged, Peer, PeerLog, Proposed, fit_error_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
 from agent.errand import ErrandEnd
-from agent.geometry.transform import apart, compose
-from agent.mapping.contradiction import ViewRules
+from agent.geometry.transform import compose
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
@@ -82,15 +73,14 @@ class Team:
         config: CooperationConfig,
         alignment: AlignmentConfig,
         spec: RobotSpec,
-        rules: ViewRules,
         rng: np.random.Generator,
     ) -> None:
-        """rules: how scans are held against received walls. rng: for alignment methods that draw."""
-        self.config, self.spec, self.rules = config, spec, rules
+        """rng: for alignment methods that draw."""
+        self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
         self.peers: dict[str, Peer] = {}
-        self.queue: list[str] = []
-        """Z: peers with a proposal, in the order in which they were proposed."""
+        self.queue: list[Proposed] = []
+        """Z, in the order in which they were proposed."""
         self.drive: Drive | None = None
         """To verify the first of the queue; None without proposal."""
         self.changed = False
@@ -98,7 +88,8 @@ class Team:
         self.viewpoints = np.zeros((0, 2))
         """(k, 2) places in the robot's own frame from where merged peers saw what is in their merged maps."""
         self._views_changed = False
-        self._events: list[Event] = []
+        self.events: list[Event] = []
+        """What happened in this tick."""
 
     # what others see of it
 
@@ -160,32 +151,15 @@ class Team:
 
     # one tick
 
-    def step(
-        self, tick: int, hearing: Hearing, own: Wireframe, pose: Pose, scan: CornerScan, ended: ErrandEnd | None
-    ) -> list[Event]:
-        """Take what was heard and seen; own: the map of own scans alone, pose: both in the robot's own frame.
-
-        ended: how the drive for the first proposal ended in the last tick; None while it goes on or without one.
-        """
-        self._events, self.changed, self._views_changed = [], False, False
-        if not self.config.sharing:
-            return []
-        self._hear(tick, hearing, pose, scan)
-        if tick % self._ticks(LOOK_S) == 0:
-            for name, peer in self.peers.items():
-                self._look(name, peer, pose, scan)
-        self._judge(tick, own)
-        self._set_goal(tick, pose, ended)
-        self._align(tick, own)
-        if self.changed or self._views_changed:
-            self._gather_views()
-        return self._events
-
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
 
-    def _hear(self, tick: int, hearing: Hearing, here: Pose, scan: CornerScan) -> None:
-        """Note what peers told, and weigh what it says of proposals."""
+    def hear(self, tick: int, hearing: Hearing, here: Pose, scan: CornerScan) -> None:
+        """Note what peers told, and hold proposals and merged maps against it and against the scan.
+
+        here: the robot's pose in its own frame.
+        """
+        self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
         for news in hearing.news:
             peer = self.peers.setdefault(news.peer, Heard(PeerLog(news.peer)))
@@ -202,22 +176,27 @@ class Team:
                 log.take_map(tick, news.map)
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
+        if tick % self._ticks(LOOK_S) == 0:
+            for peer in self.peers.values():
+                self._look(peer, here, scan)
 
     def _meet(self, trial: Trial, sighting: Sighting) -> None:
-        trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m, self.rules)
+        trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m)
 
-    def _look(self, name: str, peer: Peer, pose: Pose, scan: CornerScan) -> None:
+    def _look(self, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""
-        match peer:
-            case Proposed():
-                peer.trial.walk(pose, scan, self.rules)
-            case Merged():
-                peer.walls.look(peer.transform, pose, scan, self.rules)
-                if figures := contradiction(peer):
-                    self.undo(peer, "own scans contradict it", figures)
-                    return
-                self.peers[name] = hide_seen_through(peer)
-                self.changed |= self.peers[name] is not peer
+        if isinstance(peer, Proposed):
+            peer.trial.walk(pose, scan)
+        elif isinstance(peer, Merged):
+            peer.walls.look(peer.transform, pose, scan)
+            if figures := contradiction(peer):
+                self.undo(peer, "own scans contradict it", figures)
+            else:
+                self._replace(peer, hide_seen_through(peer))
+
+    def _replace(self, peer: Merged, new: Merged) -> None:
+        self.peers[peer.log.name] = new
+        self.changed |= new.layer is not peer.layer
 
     def _gather_views(self) -> None:
         """Viewpoints of merged peers, without those whose map is not merged yet: it may hold what was seen there."""
@@ -229,81 +208,55 @@ class Team:
 
     # Z = Z + align_maps(C)
 
-    def _align(self, tick: int, own: Wireframe) -> None:
-        """Align the own map with that of one peer."""
-        for name, peer in self.peers.items():
-            if peer.log.map is None:
-                continue
-            match peer:
-                case Heard():
-                    tried = self._align_heard(peer, own)
-                case Proposed():
-                    tried = self._align_proposed(peer, own)
-                case Merged():
-                    tried = peer.log.map_is_news and tick - peer.updated >= self._ticks(REFINE_S)
-                    if tried:
-                        self._update(name, peer, tick, own)
-            if tried:
-                return
+    def align_maps(self, tick: int, own: Wireframe) -> None:
+        """Align the map of own scans with that of one peer: the first for which that is due."""
+        for peer in self.peers.values():
+            if self._align(tick, peer, own):
+                break
+        if self.changed or self._views_changed:
+            self._gather_views()
 
-    def _align_heard(self, peer: Heard, own: Wireframe) -> bool:
-        """Propose a transform by the maps or by sight; true where maps were aligned."""
+    def _align(self, tick: int, peer: Peer, own: Wireframe) -> bool:
+        """Propose a transform, weigh later maps of a proposal, or refine a merged map; false where nothing is due."""
         log = peer.log
-        if not self.aligner.due(log, own, log.growth):
-            return self._align_by_sight(peer, own)
+        if log.map is None:
+            return False
+        if isinstance(peer, Merged):
+            if not log.map_is_news or tick - peer.updated < self._ticks(REFINE_S):
+                return False
+            self._update(peer, tick, own)
+            return True
+        growth = log.growth if isinstance(peer, Heard) else GROWTH_ON_TRIAL
+        if not self.aligner.due(log, own, growth):
+            return isinstance(peer, Heard) and self._align_by_sight(peer, own)
         if log.contact is None:
             return False
         if off_its_map(log):
-            self._event("attempt", log.name, "its place is off its own map")
+            self._say("attempt", log, "its place is off its own map", None, {})
             return True
         said = self.aligner.align(log, own)
-        if said.transform is None:
-            self._event("attempt", log.name, said.reason, said.best, said.figures())
+        if isinstance(peer, Proposed):
+            self.aligner.compare(peer, said)
+        elif said.transform is None:
+            self._say("attempt", log, said.reason, said.best, said.figures())
         else:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True
 
     def _align_by_sight(self, peer: Heard, own: Wireframe) -> bool:
         """Propose the frame that the sightings of a peer give, if the walls agree; true where walls were compared."""
-        log = peer.log
-        seen = self.aligner.seen(log)
-        said = None if seen is None else self.aligner.align_by_sight(log, own, seen)
-        if seen is None or said is None:
+        log, found = peer.log, self.aligner.align_by_sight(peer.log, own)
+        if found is None:
             return False
+        seen, said = found
         figures = {**said.figures(), "sightings": seen.explained, "rival_sightings": seen.rival}
-        if said.transform is None:
-            if seen.explained > log.explained:  # else that was said
-                self._event("attempt", log.name, f"sighted, {said.reason}", said.best, figures)
-            log.explained = seen.explained
-        else:
+        if said.transform is not None:
             log.explained_by_proposal = seen.explained
             self.propose(peer, said.transform, own, figures, said, by_sight=True)
-        return True
-
-    def _align_proposed(self, peer: Proposed, own: Wireframe) -> bool:
-        """Align later maps of a peer on trial; true where maps were aligned."""
-        log = peer.log
-        if not self.aligner.due(log, own, GROWTH_ON_TRIAL) or log.contact is None:
-            return False
-        if off_its_map(log):
-            self._event("attempt", log.name, "its place is off its own map")
             return True
-        assert log.map is not None
-        said = self.aligner.align(log, own)
-        against = said.reason in ("conflict", "impossible")
-        centre = log.map.wireframe.points.mean(0)
-        same = said.best is not None and not apart(
-            np.array(said.best), peer.transform, centre, DISTINCT_M, DISTINCT_RAD
-        )
-        if said.transform is not None:
-            peer.trial.align_again(same)
-            if same:
-                peer.trial.transform, peer.fit_m = np.array(said.transform), fit_error_m(said)
-        elif against and same:
-            peer.trial.align_again(False)
-        if same and not against:
-            peer.map = log.map
-            peer.trial.walls.lay(log.map.wireframe)
+        if seen.explained > log.explained:  # else that was said
+            self._say("attempt", log, f"sighted, {said.reason}", said.best, figures)
+        log.explained = seen.explained
         return True
 
     def propose(
@@ -311,7 +264,7 @@ class Team:
         peer: Heard,
         transform: Pose,
         own: Wireframe,
-        figures: Mapping[str, object],
+        figures: Figures,
         alignment: Alignment | None = None,
         by_sight: bool = False,
     ) -> Proposed:
@@ -319,45 +272,39 @@ class Team:
 
         Earlier meetings count, as an alignment by maps did not use them; one by sight has used two of them.
         """
-        log = peer.log
+        log, t, walls = peer.log, np.array(transform), WallEvidence()
         assert log.map is not None
-        walls = WallEvidence()
-        t = np.array(transform)
         walls.lay(log.map.wireframe, fresh_pieces(log.map.wireframe, t, own))
         trial = Trial(self.config.verification, t, walls, 2 if by_sight else 0)
         for sighting in log.sightings:
             self._meet(trial, sighting)
-        proposed = Proposed(log, log.map, trial, fit_error_m(alignment))
-        self.peers[log.name] = proposed
-        self.queue.append(log.name)
-        self._event("proposed", log.name, "sighted" if by_sight else "aligned", transform, figures)
+        proposed = self.peers[log.name] = Proposed(log, log.map, trial, fit_error_m(alignment))
+        self.queue.append(proposed)
+        self._say("proposed", log, "sighted" if by_sight else "aligned", transform, figures)
         return proposed
 
     # accept = judge(proposal)
 
-    def _proposed(self, name: str) -> Proposed:
-        peer = self.peers[name]
-        assert isinstance(peer, Proposed)
-        return peer
+    def judge(self, tick: int, own: Wireframe, pose: Pose, ended: ErrandEnd | None) -> None:
+        """Decide the proposals whose evidence suffices, and where to drive for the first of the others.
 
-    def _judge(self, tick: int, own: Wireframe) -> None:
-        """Decide the proposals whose evidence suffices."""
-        for name in list(self.queue):
-            peer = self._proposed(name)
+        ended: how the drive ended in the last tick; None while it goes on or without one.
+        """
+        for peer in list(self.queue):
             verdict = peer.trial.verdict
             if verdict and not self.aligner.walls_fit(peer.log, own, peer.transform):
                 self._reject(peer, "its walls do not fit")
             elif verdict:
-                self._accept(peer, tick)
+                self._say("accepted", peer.log, "the evidence decides", peer.transform, peer.trial.figures())
+                self.merge(peer, tick)
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
+        if self.queue:
+            self._set_goal(tick, self.queue[0], pose, ended)
 
-    def _set_goal(self, tick: int, pose: Pose, ended: ErrandEnd | None) -> None:
-        """Where to drive for the first proposal of the queue; a drive that has decided nothing ends in a rejection."""
-        if not self.queue:
-            self.drive = None
-            return
-        peer, drive = self._proposed(self.queue[0]), self.drive
+    def _set_goal(self, tick: int, peer: Proposed, pose: Pose, ended: ErrandEnd | None) -> None:
+        """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""
+        drive = self.drive
         if drive is None:
             assert peer.log.contact is not None
             self.drive = Drive(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
@@ -365,7 +312,7 @@ class Team:
             self._reject(peer, "it took too long")
         elif ended is ErrandEnd.FAILED and not drive.detours:
             self._reject(peer, "unreachable")
-        elif ended:
+        elif ended is not None:
             place = self._elsewhere(tick, peer, pose, drive.detours)
             if place is None or drive.detours >= DETOURS:
                 self._reject(peer, "undecided")
@@ -388,51 +335,43 @@ class Team:
         nearest: Floats = stands[int(away.argmin())]
         return nearest if np.isfinite(away.min()) else None
 
-    def _leave_queue(self, name: str) -> None:
+    def _leave_queue(self, peer: Proposed) -> None:
         """Z = Z - proposal."""
-        if self.queue[0] == name:
+        if self.queue[0] is peer:
             self.drive = None
-        self.queue.remove(name)
+        self.queue.remove(peer)
 
     def _reject(self, peer: Proposed, reason: str) -> None:
-        self._leave_queue(peer.log.name)
+        self._leave_queue(peer)
         self.peers[peer.log.name] = heard_again(peer)
-        self._event("rejected", peer.log.name, reason, peer.transform, peer.trial.figures())
-
-    def _accept(self, peer: Proposed, tick: int) -> None:
-        self._event("accepted", peer.log.name, "the evidence decides", peer.transform, peer.trial.figures())
-        self.merge(peer, tick)
+        self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
     # the merged map
 
     def merge(self, peer: Proposed, tick: int) -> None:
-        """Make the map of a peer of the queue part of the robot's, T = T + transform."""
-        self._leave_queue(peer.log.name)
+        """Make the map of a peer of the queue part of the robot's: T = T + transform."""
+        self._leave_queue(peer)
         self.peers[peer.log.name] = merge(peer, tick)
         self.changed = True
 
-    def _update(self, name: str, peer: Merged, tick: int, own: Wireframe) -> None:
+    def _update(self, peer: Merged, tick: int, own: Wireframe) -> None:
         """Take the newest map of a merged peer, or undo the merge after too many that contradict."""
-        assert peer.log.map is not None
-        theirs = prepare(peer.log.map.wireframe, self.aligner.config)
-        updated, figures = update(peer, tick, self.aligner.prepared(own), theirs, self.aligner.config)
-        self.peers[name] = updated
-        self.changed |= updated.layer is not peer.layer
-        if updated.refused >= REFUSED_MAPS:
-            self.undo(updated, "its later maps contradict it", figures)
+        theirs = prepare(peer.log.map.wireframe, self.aligner.config) if peer.log.map is not None else None
+        new, figures = update(peer, tick, self.aligner.prepared(own), theirs, self.aligner.config)
+        self._replace(peer, new)
+        if new.refused >= REFUSED_MAPS:
+            self.undo(new, "its later maps contradict it", figures)
 
-    def undo(self, peer: Merged, reason: str, figures: Mapping[str, object]) -> None:
+    def undo(self, peer: Merged, reason: str, figures: Figures) -> None:
         """Take a peer's map out again, and forget its transform."""
         self.peers[peer.log.name] = heard_again(peer)
         self.changed = True
-        self._event("unmerged", peer.log.name, reason, peer.transform, figures)
+        self._say("unmerged", peer.log, reason, peer.transform, figures)
 
-    def _event(
-        self,
-        event: str,
-        peer: str,
-        reason: str,
-        transform: Floats | Pose | None = None,
-        figures: Mapping[str, object] | None = None,
-    ) -> None:
-        self._events.append(event_of(event, peer, reason, transform, figures))
+    def _say(self, event: str, log: PeerLog, reason: str, transform: Floats | Pose | None, figures: Figures) -> None:
+        """Note a line of events.jsonl on a peer; numbers are rounded."""
+        rounded = {key: round(value, 4) if isinstance(value, float) else value for key, value in figures.items()}
+        data: dict[str, object] = {"peer": log.name, "reason": reason, **rounded}
+        if transform is not None:
+            data["transform"] = [round(float(value), 5) for value in transform]
+        self.events.append(Event(event=event, data=data))

@@ -13,10 +13,9 @@ import numpy as np
 
 from agent.alignment.by_sight import Sighting
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.evidence import WallEvidence, sees_place
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
 from agent.corner_scan import CornerScan
-from agent.mapping.contradiction import ViewRules
-from agent.mapping.scan_merge import to_map_frame
+from agent.mapping.views import view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
@@ -84,17 +83,17 @@ class Trial:
             return True
         return False if self.weight <= -self.config.reject else None
 
-    def walk(self, pose: Pose, scan: CornerScan, rules: ViewRules) -> None:
+    def walk(self, pose: Pose, scan: CornerScan) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""
-        self.walls.look(self.transform, pose, scan, rules)
+        self.walls.look(self.transform, pose, scan)
         confirmed, against = self.walls.said(FRESH_LOOKS)
         gain = min(GROUND_NATS_PER_M * confirmed, GROUND_MOST_NATS)
         self.nats["ground"] = gain - GROUND_AGAINST_NATS_PER_M * against
 
-    def meet(self, sighting: Sighting, reach_m: float, radius_m: float, rules: ViewRules) -> None:
+    def meet(self, sighting: Sighting, reach_m: float, radius_m: float) -> None:
         """Weigh a message and the scan of its moment. reach_m: the radio's range; radius_m: of the peer's body."""
         self.hear(sighting.here, sighting.theirs, reach_m)
-        self.look_for_disc(sighting.here, sighting.theirs, sighting.scan, sighting.discs, radius_m, rules)
+        self.look_for_disc(sighting.here, sighting.theirs, sighting.scan, sighting.discs, radius_m)
 
     def hear(self, here: Pose, theirs: Pose, reach_m: float) -> None:
         """A message was heard here from a peer that says where it is, in its own frame; both must fit the radio."""
@@ -102,9 +101,7 @@ class Trial:
         if math.hypot(x - here[0], y - here[1]) > reach_m:
             self.nats["heard"] -= HEARD_AGAINST_NATS
 
-    def look_for_disc(
-        self, here: Pose, theirs: Pose, scan: CornerScan, discs: Floats, radius_m: float, rules: ViewRules
-    ) -> None:
+    def look_for_disc(self, here: Pose, theirs: Pose, scan: CornerScan, discs: Floats, radius_m: float) -> None:
         """Is the peer where the transform puts it? discs (d, 2): seen in this scan, robot's own frame, metres.
 
         A disc counts once the peer has moved on from all places where one counted, as what stands still may be a post
@@ -122,7 +119,7 @@ class Trial:
             places = np.array([x, y, here[0], here[1]])
             if self._looked_from is not None and np.abs(places - self._looked_from).max() < DISC_MOVED_M:
                 return
-            if sees_place(x, y, radius_m, here, scan.pieces, to_map_frame(scan.pieces, here), scan.sight, rules):
+            if sees_place(x, y, radius_m, view_of(scan, here, WALL_MARGIN_M)):
                 self.discs_missed += 1
                 self._looked_from = places
         gain = DISC_NATS * max(self.discs_seen - self.used, 0)

@@ -1,4 +1,8 @@
-"""What a scan says against walls: seen through, not seen where they should be, overlaid (facts/mapping.md rule 8)."""
+"""What a scan says against the walls of a particle: seen through, not seen where they should be, overlaid (ours).
+
+A wall that was wrongly added often lies in solid behind the true one. So views count from both sides, and what was
+cut, unlinked or overlaid goes on probation: a few scans that should see it and do not remove it.
+"""
 
 from __future__ import annotations
 
@@ -6,164 +10,124 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.corner_scan import Sight
+from agent.corner_scan import FRONTIER
+from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import (
     CANDIDATE,
+    CONFIRMATIONS,
     FREE,
-    FRONTIER,
-    Edges,
-    above,
-    along,
+    MIN_WALL_M,
     doubt,
-    length,
     new_slot,
     part,
     remove,
     set_tip,
     tip_at,
 )
-from protocol.geometry import Pose
-
-UNSEEN, THROUGH, ON = 0, 1, 2
-
-GRAZING = math.sin(math.radians(8.0))
-"""Sine of the flattest view of a wall that is expected to show it; as in the scorer."""
+from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
+from protocol.arrays import Bools, Ints, Records
 
 SIDE_BY_SIDE = 0.5
-"""Cosine of the angle between walls that cannot leave one place: 60 degrees; buildings turn by 90."""
+"""Cosine of 60 degrees: of two walls that meet at a smaller angle and share a place, one is wrong; buildings turn by
+90."""
 
 BESIDE_M = 0.15
-"""Walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
+"""Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
+
+CUT_AFTER = 3.0
+"""Scans that see through the same part of a wall before it is cut out."""
+
+DROP_AFTER = 8.0
+"""Scans in a row that should have hit a wall on probation and did not, before it is removed."""
+
+DROP_GROWTH = 0.3
+"""Further scans that are needed for each scan that hit a wall which has left probation, up to CONFIRMATIONS hits."""
+
+SURE_AFTER = 4.0
+"""Scans that hit a wall before it leaves probation."""
 
 
-class ViewRules(NamedTuple):
-    """Rules of contradiction, as plain numbers for the kernels (agent.config.MapConfig says why)."""
+class WallViews(NamedTuple):
+    """What the samples of one wall showed in one scan."""
 
-    step: float
-    margin: float
-    half_beam: float
-    end_skip: float
-    cut_after: float
-    drop_after: float
-    drop_growth: float
-    confirmations: float
-    sure_after: float
-    min_length: float
-
-
-@kernel
-def patient_view(rules: ViewRules, factor: float) -> ViewRules:
-    """The rules of a particle that is more or less patient."""
-    return ViewRules(
-        rules.step,
-        rules.margin,
-        rules.half_beam,
-        rules.end_skip,
-        rules.cut_after * factor,
-        rules.drop_after * factor,
-        rules.drop_growth,
-        rules.confirmations,
-        rules.sure_after,
-        rules.min_length,
-    )
+    visible: int
+    """Samples that the scan would have shown a wall at."""
+    on: int
+    """Samples at which it showed this wall."""
+    low: float
+    """m along the wall, first sample that was seen through; inf if none was."""
+    high: float
+    """m, the last; -inf if none was."""
 
 
 @kernel
-def piece_at(pieces: NDArray[np.void], bearing: float, half_beam: float) -> int:
-    """The piece that a ray in the robot's frame meets well inside its ends, or -1. bearing in [0, 2 pi)."""
-    for k in range(len(pieces)):
-        for turn in (0.0, 2 * math.pi):
-            if pieces[k].bearing[0] + half_beam <= bearing + turn <= pieces[k].bearing[1] - half_beam:
-                return k
-    return -1
+def contradict(edges: Records, count: int, view: View, walls: Ints, patience: float) -> int:
+    """Count what a merged scan says for and against every wall, and cut or remove those refuted; returns the count.
 
-
-@kernel
-def within(sectors: NDArray[np.float64], bearing: float, margin: float) -> bool:
-    """Whether a bearing in [0, 2 pi) is by that margin inside one of the sectors (s, 2), radians."""
-    for s in range(len(sectors)):
-        for turn in (-2 * math.pi, 0.0, 2 * math.pi):
-            if sectors[s, 0] + margin <= bearing + turn <= sectors[s, 1] - margin:
-                return True
-    return False
-
-
-@kernel
-def look_at(
-    x: float,
-    y: float,
-    pose: Pose,
-    raw: NDArray[np.void],
-    pieces: NDArray[np.void],
-    sight: Sight,
-    rules: ViewRules,
-) -> tuple[int, int]:
-    """What the scan saw at a point of the map: UNSEEN, THROUGH it, or a wall ON it; and the piece it met.
-
-    raw has the pieces' bearings, pieces the same in the map's frame.
+    walls: (k,) the wall of each of the view's pieces, or -1. patience: the particle's own, as a factor.
     """
-    dx, dy = x - pose[0], y - pose[1]
-    distance = math.hypot(dx, dy)
-    if distance > sight.reach or distance < 1e-6:
-        return UNSEEN, -1
-    bearing = (math.atan2(dy, dx) - pose[2]) % (2 * math.pi)
-    if within(sight.blind, bearing, -rules.half_beam):
-        return UNSEEN, -1
-    k = piece_at(raw, bearing, rules.half_beam)
-    if k >= 0:
-        p = pieces[k]
-        off = (y - p.y) * p.ux - (x - p.x) * p.uy
-        if off > rules.margin:
-            return THROUGH, k
-        if off < -rules.margin:
-            return UNSEEN, k
-        return ON, k
-    if within(sight.open, bearing, rules.half_beam):
-        return (THROUGH, -1) if distance < sight.reach - rules.margin else (UNSEEN, -1)
-    return UNSEEN, -1
-
-
-@kernel
-def _cut(edges: Edges, count: int, e: int, low: float, high: float, rules: ViewRules) -> int:
-    """Take the part [low, high] (coordinates along the wall) out of a wall."""
-    tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
-    keep_tail, keep_head = low - tail > rules.min_length, head - high > rules.min_length
-    if not keep_tail and not keep_head:
-        remove(edges, e)
-        return count
-    if keep_tail and keep_head:
-        f, count = new_slot(edges, count)
-        if f >= 0:
-            edges[f] = edges[e]
-            g = edges[e].link[1]
-            if g >= 0:
-                edges[g].link[0] = f
-                edges[e].link[1] = -1
-            edges[f].link[0] = -1
-            edges[f].label[0], edges[f].slack[0], edges[f].strength[0] = FRONTIER, 0.0, 0.0
-            edges[f].conflict[0] = 0.0
-            doubt(edges[f])
-            set_tip(edges[f], 0, high)
-        keep_head = False
-    side = 0 if keep_head else 1
-    part(edges, e, side)
-    edges[e].label[side], edges[e].slack[side] = FRONTIER, 0.0
-    edges[e].strength[side], edges[e].conflict[side] = 0.0, 0.0
-    set_tip(edges[e], side, high if keep_head else low)
-    doubt(edges[e])
+    hit = np.zeros(len(edges), np.bool_)
+    for k in range(len(walls)):
+        if walls[k] >= 0:
+            hit[walls[k]] = True
+    for e in range(count):
+        w = edges[e]
+        if w.alive == FREE:
+            continue
+        if not in_reach(w, view):
+            if w.alive == CANDIDATE:
+                remove(edges, e)  # a candidate has to become a wall while the robot passes once
+            continue
+        samples = samples_along(w, STEP_M)
+        seen = _views_of(e, w, samples, view, walls)
+        refuted = seen.on == 0 and (seen.visible >= 2 or _usurped(edges, count, e, hit, view.margin))
+        if _missed_too_often(w, seen.on, refuted, patience):
+            remove(edges, e)
+        elif seen.low > seen.high:  # no sample was seen through
+            if seen.on > 0 and w.through > 0.0 and 2 * seen.on > samples.number:
+                w.through -= 1.0
+        else:
+            low, high = _count_gap(w, seen.low, seen.high, samples.spacing)
+            if w.through < CUT_AFTER * patience - w.probation:
+                continue
+            if w.alive == CANDIDATE:
+                remove(edges, e)
+            else:
+                count = _cut_gap(edges, count, e, low, high, samples)
     return count
 
 
 @kernel
-def _usurped(edges: Edges, count: int, e: int, hit: NDArray[np.bool_], margin: float) -> bool:
-    """Whether a wall begins, or ends, on one that is hit, and the two part slowly while they run side by side.
+def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -> WallViews:
+    """Hold all samples of a wall against a scan."""
+    low, high, visible, on = math.inf, -math.inf, 0, 0
+    for j in range(samples.number):
+        t = samples.first + j * samples.spacing
+        saw, piece, faces = look_at_wall(wall, t, view)
+        if saw == UNSEEN:
+            continue
+        if saw == THROUGH:  # counts from behind, too: no robot stands in solid
+            low, high = min(low, t), max(high, t)
+        if faces:
+            visible += 1
+            if saw != THROUGH and walls[piece] == e:
+                on += 1  # else another wall stands in its place
+    if on == 0:  # a short piece has no beam well inside its ends, and no sample meets it
+        for k in range(len(walls)):
+            if walls[k] == e:
+                on, visible = 1, max(visible, 1)
+    return WallViews(visible, on, low, high)
 
-    The solid of one would be in the free space of the other: a corner has one wall in and one out (paper III-A). A
-    wall displaced by a wrong corner often lies behind the true one, where no view speaks against it. Square walls
-    stay, since rooms and partitions meet so, and so does a wall that begins where the other ends.
+
+@kernel
+def _usurped(edges: Records, count: int, e: int, hit: Bools, margin: float) -> bool:
+    """Whether a wall begins or ends on one that is hit, and the two run side by side while they part slowly.
+
+    The solid behind one would lie in the free space of the other: a corner has one wall in and one out (paper III-A).
+    Such a wall often lies behind the true one, where no view speaks against it. Square walls stay, since rooms and
+    partitions meet so, and so does a wall that begins where the other ends.
     """
     w = edges[e]
     for side in range(2):
@@ -182,95 +146,79 @@ def _usurped(edges: Edges, count: int, e: int, hit: NDArray[np.bool_], margin: f
 
 
 @kernel
-def contradict(
-    edges: Edges,
-    count: int,
-    pose: Pose,
-    raw: NDArray[np.void],
-    pieces: NDArray[np.void],
-    walls: NDArray[np.int64],
-    sight: Sight,
-    rules: ViewRules,
-) -> int:
-    """Count what a merged scan says for and against every wall, and cut or drop those refuted; returns the count."""
-    hit = np.zeros(len(edges), np.bool_)
-    for k in range(len(walls)):
-        if walls[k] >= 0:
-            hit[walls[k]] = True
-    for e in range(count):
-        w = edges[e]
-        if w.alive == FREE:
-            continue
-        size = length(w)
-        t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
-        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > sight.reach:
-            if w.alive == CANDIDATE:
-                remove(edges, e)  # forgotten: it has to show itself within one pass
-            continue
-        side = above(w, pose[0], pose[1])
-        skip = min(rules.end_skip, 0.25 * size)
-        n = max(3, math.ceil((size - 2 * skip) / rules.step))
-        low, high, visible, on = math.inf, -math.inf, 0, 0
-        tail = tip_at(w, 0) + skip
-        spacing = (size - 2 * skip) / (n - 1)
-        for j in range(n):
-            t = tail + j * spacing
-            x, y = w.x + t * w.ux, w.y + t * w.uy
-            saw, k = look_at(x, y, pose, raw, pieces, sight, rules)
-            if saw == UNSEEN:
-                continue
-            flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
-            if abs(side) < flat:
-                continue  # the ray may as well have passed beside it
-            faces = side > flat
-            if saw == THROUGH:
-                low, high = min(low, t), max(high, t)
-                if faces:
-                    visible += 1
-            elif faces:
-                visible += 1
-                if walls[k] == e:
-                    on += 1  # else another wall stands in its place
-        if on == 0:  # a piece may lie wholly within the half beam at its ends
-            for k in range(len(walls)):
-                if walls[k] == e:
-                    on, visible = 1, max(visible, 1)
-        refuted = on == 0 and (visible >= 2 or _usurped(edges, count, e, hit, rules.margin))
-        if refuted or on > 0:
-            w.due += 1.0
-        if on > 0:
-            w.seen += 1.0
-            w.misses = 0.0
-            if w.seen >= rules.sure_after and w.through == 0.0:
-                w.probation = 0
-        elif refuted:
-            w.misses += 1.0
-        sure = 0.0 if w.probation == 1 else min(w.seen, rules.confirmations)
-        if w.misses >= rules.drop_after + rules.drop_growth * sure:
-            remove(edges, e)
-            continue
-        if low > high:
-            if on > 0 and w.through > 0.0 and 2 * on > n:
-                w.through -= 1.0
-            continue
-        if w.through > 0.0:  # the same place as before?
-            one, two = along(w, w.gap[0, 0], w.gap[0, 1]), along(w, w.gap[1, 0], w.gap[1, 1])
-            if min(max(one, two), high) >= max(min(one, two), low) - spacing:
-                low, high = min(low, one, two), max(high, one, two)
-                w.through += 1.0
-            else:
-                w.through = 1.0
-        else:
-            w.through = 1.0
-        w.gap[0, 0], w.gap[0, 1] = w.x + low * w.ux, w.y + low * w.uy
-        w.gap[1, 0], w.gap[1, 1] = w.x + high * w.ux, w.y + high * w.uy
-        if w.through >= rules.cut_after - w.probation:  # what was cut before is suspect
-            if w.alive == CANDIDATE:
-                remove(edges, e)
-                continue
-            if low <= tail + 0.5 * spacing:
-                low = tip_at(w, 0)
-            if high >= tail + (n - 1.5) * spacing:
-                high = tip_at(w, 1)
-            count = _cut(edges, count, e, low - 0.5 * spacing, high + 0.5 * spacing, rules)
+def _missed_too_often(wall: Record, on: int, refuted: bool, patience: float) -> bool:
+    """Count a scan that hit a wall or should have; true once misses in a row outweigh what confirmed it."""
+    if refuted or on > 0:
+        wall.due += 1.0
+    if on > 0:
+        wall.seen += 1.0
+        wall.misses = 0.0
+        if wall.seen >= SURE_AFTER and wall.through == 0.0:
+            wall.probation = 0
+    elif refuted:
+        wall.misses += 1.0
+    sure = 0.0 if wall.probation == 1 else min(wall.seen, CONFIRMATIONS)
+    return bool(wall.misses >= DROP_AFTER * patience + DROP_GROWTH * sure)
+
+
+@kernel
+def _count_gap(wall: Record, low: float, high: float, spacing: float) -> tuple[float, float]:
+    """Count a scan that saw through [low, high] of a wall; returns that part with what earlier scans saw through.
+
+    A part that does not touch the earlier one begins a new count.
+    """
+    again = False
+    if wall.through > 0.0:
+        one, two = along(wall, wall.gap[0, 0], wall.gap[0, 1]), along(wall, wall.gap[1, 0], wall.gap[1, 1])
+        again = min(max(one, two), high) >= max(min(one, two), low) - spacing
+        if again:
+            low, high = min(low, one, two), max(high, one, two)
+    wall.through = wall.through + 1.0 if again else 1.0
+    wall.gap[0, 0], wall.gap[0, 1] = wall.x + low * wall.ux, wall.y + low * wall.uy
+    wall.gap[1, 0], wall.gap[1, 1] = wall.x + high * wall.ux, wall.y + high * wall.uy
+    return low, high
+
+
+@kernel
+def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, samples: Samples) -> int:
+    """Cut the part between two samples out of a wall; a gap at the first or last sample reaches to the wall's end."""
+    half = 0.5 * samples.spacing
+    if low <= samples.first + half:
+        low = tip_at(edges[e], 0)
+    if high >= samples.first + (samples.number - 1.5) * samples.spacing:
+        high = tip_at(edges[e], 1)
+    return _cut(edges, count, e, low - half, high + half)
+
+
+@kernel
+def _cut(edges: Records, count: int, e: int, low: float, high: float) -> int:
+    """Take the part [low, high] (coordinates along the wall) out of a wall; returns the count of records."""
+    tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
+    keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
+    if not keep_tail and not keep_head:
+        remove(edges, e)
+        return count
+    if keep_tail and keep_head:
+        f, count = new_slot(edges, count)
+        if f >= 0:
+            edges[f] = edges[e]
+            g = edges[e].link[1]
+            if g >= 0:
+                edges[g].link[0] = f
+                edges[e].link[1] = -1
+            edges[f].link[0] = -1
+            _open_end(edges[f], 0, high)
+        keep_head = False
+    side = 0 if keep_head else 1
+    part(edges, e, side)
+    _open_end(edges[e], side, high if keep_head else low)
     return count
+
+
+@kernel
+def _open_end(wall: Record, side: int, t: float) -> None:
+    """Let a wall end at coordinate t by a frontier, and doubt what is left of it."""
+    wall.label[side], wall.slack[side] = FRONTIER, 0.0
+    wall.strength[side], wall.conflict[side] = 0.0, 0.0
+    set_tip(wall, side, t)
+    doubt(wall)

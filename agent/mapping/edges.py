@@ -9,16 +9,23 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from agent.corner_scan import Record
+from agent.corner_scan import FRONTIER, NOMINAL
+from agent.geometry.lines import Record, along, meet
 from agent.kernels import kernel
-from protocol.wireframe import Label
-
-NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
+from protocol.arrays import Records
 
 FREE, WALL, CANDIDATE = 0, 1, 2
 """What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
+
+CONFIRMATIONS = 30.0
+"""Views beyond which an end or a wall gets no surer, so that the 50 scans that see a wrong one suffice to undo it."""
+
+PUBLISH_AFTER = 2.0
+"""Scans that must hit a wall before it is part of the published map: a single one may be a false piece."""
+
+MIN_WALL_M = 0.05
+"""Shorter remainders of a wall that was cut, and shorter walls of received maps, are left away."""
 
 EDGE = np.dtype(
     [
@@ -48,20 +55,6 @@ EDGE = np.dtype(
     align=True,
 )
 """One wall. An aligned record, so that numba reads its fields like attributes."""
-
-Edges = NDArray[np.void]
-
-
-@kernel
-def along(e: Record, x: float, y: float) -> float:
-    """Coordinate of a point along the wall, metres from its centroid."""
-    return (x - e.x) * e.ux + (y - e.y) * e.uy
-
-
-@kernel
-def above(e: Record, x: float, y: float) -> float:
-    """Distance of a point from the wall's line, positive on the free side."""
-    return (y - e.y) * e.ux - (x - e.x) * e.uy
 
 
 @kernel
@@ -133,17 +126,7 @@ def add_hits(e: Record, hits: float, x: float, y: float, xx: float, xy: float, y
 
 
 @kernel
-def meet(e: Record, f: Record) -> tuple[float, float, float, float]:
-    """Sine of the turn from e to f, the point where their lines meet, and its coordinate along e; 0 if parallel."""
-    sine = e.ux * f.uy - e.uy * f.ux
-    if abs(sine) < 1e-6:
-        return 0.0, 0.0, 0.0, 0.0
-    t = ((f.x - e.x) * f.uy - (f.y - e.y) * f.ux) / sine
-    return sine, e.x + t * e.ux, e.y + t * e.uy, t
-
-
-@kernel
-def join(edges: Edges, e: int, f: int, strength: float) -> None:
+def join(edges: Records, e: int, f: int, strength: float) -> None:
     """Let the head of e and the tail of f share a corner."""
     edges[e].link[1], edges[f].link[0] = f, e
     edges[e].label[1], edges[f].label[0] = NOMINAL, NOMINAL
@@ -154,17 +137,18 @@ def join(edges: Edges, e: int, f: int, strength: float) -> None:
 
 
 @kernel
-def settle_corner(edges: Edges, e: int) -> None:
+def settle_corner(edges: Records, e: int) -> None:
     """Move the ends that meet at the head of e to where the lines meet."""
     f = edges[e].link[1]
-    sine, x, y, _ = meet(edges[e], edges[f])
+    sine, t = meet(edges[e], edges[f])
     if sine != 0.0:
+        x, y = edges[e].x + t * edges[e].ux, edges[e].y + t * edges[e].uy
         edges[e].tip[1, 0], edges[e].tip[1, 1] = x, y
         edges[f].tip[0, 0], edges[f].tip[0, 1] = x, y
 
 
 @kernel
-def part(edges: Edges, e: int, side: int) -> None:
+def part(edges: Records, e: int, side: int) -> None:
     """Undo a link; both ends are frontiers again, and both walls on probation."""
     f = edges[e].link[side]
     if f < 0:
@@ -189,7 +173,7 @@ def doubt(e: Record) -> None:
 
 
 @kernel
-def remove(edges: Edges, e: int) -> None:
+def remove(edges: Records, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)
     part(edges, e, 1)
@@ -197,7 +181,7 @@ def remove(edges: Edges, e: int) -> None:
 
 
 @kernel
-def new_slot(edges: Edges, count: int) -> tuple[int, int]:
+def new_slot(edges: Records, count: int) -> tuple[int, int]:
     """A free record and the new count; (-1, count) if the array is full."""
     for k in range(count):
         if edges[k].alive == FREE:

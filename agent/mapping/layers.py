@@ -8,38 +8,34 @@ complete: the layer is left away.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.corner_scan import PIECE
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
-from agent.mapping.edges import CANDIDATE, FREE, WALL, Edges, remove
-from agent.mapping.scan_merge import MergeRules, merge_scan
-from protocol.arrays import Floats
+from agent.mapping.edges import CANDIDATE, FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, remove
+from agent.mapping.scan_merge import merge_scan
+from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 
 SCANS = 20.0
 """Scans that a received wall's likelihood stands for."""
-MIN_WALL_M = 0.05
-"""Shorter received walls are left away, as map.min_length_m."""
 
 
 class Layer(NamedTuple):
     """A received map as pieces of one scan in the robot's frame."""
 
-    pieces: NDArray[np.void]
+    pieces: Records
     """(k,) of PIECE."""
     likelihood: Floats
     """(k,) of their walls."""
 
 
-def layer_of(wireframe: Wireframe, transform: Floats, hidden: NDArray[np.bool_], hits_per_m: float) -> Layer:
+def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m: float) -> Layer:
     """Walls of a received map (sender's frame) but for hidden ones (m,), moved by a transform (3,)."""
     points = apply(np.asarray(transform, np.float64), wireframe.points)
     a, b = points[wireframe.edges[:, 0]], points[wireframe.edges[:, 1]]
@@ -64,46 +60,37 @@ def layer_of(wireframe: Wireframe, transform: Floats, hidden: NDArray[np.bool_],
     return Layer(pieces, wireframe.likelihood[kept].astype(np.float64))
 
 
-def merged(own: Edges, layers: Sequence[Layer], gates: Gates, rules: MergeRules, publish_after: float) -> Edges:
-    """Walls (n,) of the best particle that are published, with all layers laid over them in order."""
+def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
+    """Walls (n,) of the best particle that are published, with all layers laid over them in order.
+
+    own: (m,) of EDGE. gates: wider than those of a scan, as a transform is known less well than a pose.
+    """
     room = len(own) + sum(len(layer.pieces) for layer in layers)
     edges = np.zeros(room, own.dtype)
     edges[: len(own)] = own
-    count = _published(edges, len(own), publish_after)
+    count = len(own)
+    _keep_published(edges, count)
     for layer in layers:
-        count = _lay(edges, count, layer.pieces, layer.likelihood, gates, rules, publish_after)
+        count = _lay(edges, count, layer.pieces, layer.likelihood, gates)
     return edges[:count]
 
 
 @kernel
-def _published(edges: Edges, count: int, publish_after: float) -> int:
-    """Take away what own scans have hit too seldom, as layers must not lean on it."""
+def _keep_published(edges: Records, count: int) -> None:
+    """Remove what own scans have hit too seldom, as layers must not lean on it."""
     for e in range(count):
-        if edges[e].alive != FREE and (edges[e].alive == CANDIDATE or edges[e].seen < publish_after):
+        if edges[e].alive != FREE and (edges[e].alive == CANDIDATE or edges[e].seen < PUBLISH_AFTER):
             remove(edges, e)
-    return count
 
 
 @kernel
-def _lay(
-    edges: Edges,
-    count: int,
-    pieces: NDArray[np.void],
-    likelihood: Floats,
-    gates: Gates,
-    rules: MergeRules,
-    publish_after: float,
-) -> int:
+def _lay(edges: Records, count: int, pieces: Records, likelihood: Floats, gates: Gates) -> int:
+    """Merge one layer into the walls; returns the new count. Walls that only the layer has get its likelihood."""
     walls = associate(edges, count, pieces, gates, np.zeros(len(pieces)))
-    count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, rules, 0)
+    count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, 1.0, False)
     for k in range(len(pieces)):
         e = walls[k]
         if e >= 0 and edges[e].alive == WALL and edges[e].seen == 0.0:
             edges[e].due = SCANS
-            edges[e].seen = max(publish_after, likelihood[k] * (SCANS + 2.0) - 1.0)
+            edges[e].seen = max(PUBLISH_AFTER, likelihood[k] * (SCANS + 2.0) - 1.0)
     return count
-
-
-def merge_gates(gates: Gates, offset_m: float) -> Gates:
-    """Gates of a received map, whose transform is known less well than a pose."""
-    return gates._replace(offset=offset_m, angle=math.radians(3.0))

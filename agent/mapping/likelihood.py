@@ -1,99 +1,95 @@
 """Log-likelihood of a corner scan given a wireframe and a pose (paper III-B; equations ours).
 
 Predicted against measured corners and walls, labels, missing and extra features, and free space seen through a
-wall. It reads a particle and changes nothing, so it also judges maps that are not the robot's own.
+wall. It reads a particle and changes nothing, so it also judges maps that are not the robot's own. Each weight below
+is the log-odds, in nats, of what a scan shows if the particle is right against if it is wrong.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
-
-from agent.corner_scan import Sight
+from agent.corner_scan import NOMINAL, OCCLUSION
+from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost
-from agent.mapping.contradiction import GRAZING, ON, THROUGH, UNSEEN, ViewRules, look_at
-from agent.mapping.edges import NOMINAL, OCCLUSION, WALL, Edges, above, along, length, tip_at
-from protocol.geometry import Pose
+from agent.mapping.edges import WALL, tip_at
+from agent.mapping.views import END_SKIP_M, ON, STEP_M, THROUGH, View, in_reach, look_at_wall, samples_along
+from protocol.arrays import Ints, Records
 
+MATCH_ODDS = 2.0
+"""A piece on its wall: a wall there is e^2 times as likely as a chance hit. Half its chi-square is taken off."""
 
-class Odds(NamedTuple):
-    """Log-odds of what a scan shows if the particle is right against if it is not (agent.config.FilterConfig)."""
+EXTRA_ODDS = 1.0
+"""A piece that no wall predicts. Weak, as new ground brings many, for all particles alike."""
 
-    match: float
-    extra: float
-    missing: float
-    through: float
-    corner: float
-    label: float
+MISSING_ODDS = 2.0
+"""A wall in view that was not hit."""
+
+THROUGH_ODDS = 4.0
+"""A wall that was seen through: the strongest, as a scan seldom shows free space where there is none."""
+
+CORNER_ODDS = 1.0
+"""A corner between two walls as predicted, or against the prediction."""
+
+LABEL_ODDS = 1.0
+"""An end of a wall against the prediction."""
 
 
 @kernel
-def log_likelihood(
-    edges: Edges,
-    count: int,
-    pose: Pose,
-    raw: NDArray[np.void],
-    pieces: NDArray[np.void],
-    walls: NDArray[np.int64],
-    sight: Sight,
-    gates: Gates,
-    views: ViewRules,
-    odds: Odds,
-) -> float:
-    """Log-likelihood, up to a constant, of pieces (raw: robot's frame, pieces: map's) associated with walls (or -1)."""
+def log_likelihood(edges: Records, count: int, view: View, walls: Ints, gates: Gates) -> float:
+    """Log-likelihood, up to a constant, of a scan whose pieces are associated with `walls` (k,), or with -1."""
     total = 0.0
-    for k in range(len(pieces)):
-        p, e = pieces[k], walls[k]
-        if e < 0:
-            total -= odds.extra
+    for k in range(len(walls)):
+        if walls[k] < 0:
+            total -= EXTRA_ODDS
             continue
-        total += odds.match - 0.5 * min(cost(edges[e], p, gates), 2 * odds.match + 2 * odds.extra)
-        if p.label[1] == NOMINAL and walls[p.link[1]] >= 0:
-            if edges[e].link[1] == walls[p.link[1]]:
-                total += odds.corner
-            elif edges[e].link[1] >= 0 or edges[walls[p.link[1]]].link[0] >= 0:
-                total -= odds.corner
-        t = along(edges[e], p.x, p.y)
-        for side in range(2):
-            out = 1.0 if side == 1 else -1.0
-            beyond = out * (t + p.end[side] - tip_at(edges[e], side))
-            closed = edges[e].label[side] == NOMINAL
-            if closed and beyond > views.margin + views.end_skip:
-                total -= odds.label  # wall goes on behind a corner
-            if p.label[side] == OCCLUSION and beyond + p.slack[side] < -(views.margin + views.end_skip):
-                total -= odds.label  # wall ends before its end
+        chi2 = cost(edges[walls[k]], view.pieces[k], gates)
+        total += MATCH_ODDS - 0.5 * min(chi2, 2 * MATCH_ODDS + 2 * EXTRA_ODDS)
+        total += _corner_odds(edges, view.pieces, walls, k)
+        total -= LABEL_ODDS * _wrong_ends(edges[walls[k]], view.pieces[k], view.margin + END_SKIP_M)
     for e in range(count):
-        w = edges[e]
-        if w.alive != WALL:
-            continue
-        size = length(w)
-        t_near = min(max(along(w, pose[0], pose[1]), tip_at(w, 0)), tip_at(w, 1))
-        if math.hypot(w.x + t_near * w.ux - pose[0], w.y + t_near * w.uy - pose[1]) > sight.reach:
-            continue
-        side_of = above(w, pose[0], pose[1])
-        skip = min(views.end_skip, 0.25 * size)
-        n = max(3, math.ceil((size - 2 * skip) / (3 * views.step)))
-        through, missing, on = 0, 0, 0
-        for j in range(n):
-            t = tip_at(w, 0) + skip + j * (size - 2 * skip) / (n - 1)
-            x, y = w.x + t * w.ux, w.y + t * w.uy
-            saw, k = look_at(x, y, pose, raw, pieces, sight, views)
-            flat = GRAZING * math.hypot(x - pose[0], y - pose[1])
-            if saw == UNSEEN or abs(side_of) < flat:
-                continue
-            if saw == THROUGH:
-                through += 1
-            elif saw == ON and side_of > flat:
-                if walls[k] == e:
-                    on += 1
-                else:
-                    missing += 1
-        if through > 0:
-            total -= odds.through
-        if missing > on:
-            total -= odds.missing
+        if edges[e].alive == WALL and in_reach(edges[e], view):
+            total -= _odds_against(e, edges[e], view, walls)
     return total
+
+
+@kernel
+def _corner_odds(edges: Records, pieces: Records, walls: Ints, k: int) -> float:
+    """What the corner at the head of piece k says for or against the corner of its wall."""
+    if pieces[k].label[1] != NOMINAL or walls[pieces[k].link[1]] < 0:
+        return 0.0
+    e, f = walls[k], walls[pieces[k].link[1]]
+    if edges[e].link[1] == f:
+        return CORNER_ODDS
+    return -CORNER_ODDS if edges[e].link[1] >= 0 or edges[f].link[0] >= 0 else 0.0
+
+
+@kernel
+def _wrong_ends(wall: Record, piece: Record, margin: float) -> int:
+    """How many ends of a piece go on behind a corner of the wall, or end before the wall does."""
+    wrong = 0
+    t = along(wall, piece.x, piece.y)
+    for side in range(2):
+        outward = 1.0 if side == 1 else -1.0
+        beyond = outward * (t + piece.end[side] - tip_at(wall, side))
+        if wall.label[side] == NOMINAL and beyond > margin:
+            wrong += 1
+        if piece.label[side] == OCCLUSION and beyond + piece.slack[side] < -margin:
+            wrong += 1
+    return wrong
+
+
+@kernel
+def _odds_against(e: int, wall: Record, view: View, walls: Ints) -> float:
+    """What the samples of a wall say against it: seen through, or another wall in its place."""
+    samples = samples_along(wall, 3 * STEP_M)
+    through, missing, on = 0, 0, 0
+    for j in range(samples.number):
+        saw, piece, faces = look_at_wall(wall, samples.first + j * samples.spacing, view)
+        if saw == THROUGH:
+            through += 1
+        elif saw == ON and faces:
+            if walls[piece] == e:
+                on += 1
+            else:
+                missing += 1
+    return (THROUGH_ODDS if through > 0 else 0.0) + (MISSING_ODDS if missing > on else 0.0)

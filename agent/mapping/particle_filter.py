@@ -4,96 +4,109 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import CornerScan, Sight
+from agent.corner_scan import OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
 from agent.geometry.chains import chained
 from agent.geometry.matrix3 import lower_root, times
 from agent.kernels import kernel
-from agent.mapping.association import Gates, associate, uncertain
-from agent.mapping.config import FilterConfig, MapConfig
-from agent.mapping.contradiction import ViewRules, contradict, patient_view
-from agent.mapping.edges import EDGE, OCCLUSION, WALL, Edges
-from agent.mapping.layers import Layer, merge_gates, merged
-from agent.mapping.likelihood import Odds, log_likelihood
-from agent.mapping.pose_correction import correct_pose, motion_covariance
-from agent.mapping.scan_merge import MergeRules, main_axis, merge_scan, patient_merge, to_map_frame
-from protocol.arrays import Floats
+from agent.mapping.association import OFFSET_GATE_M, Gates, associate, gates_at
+from agent.mapping.candidates import main_axis
+from agent.mapping.config import FilterConfig
+from agent.mapping.contradiction import contradict
+from agent.mapping.edges import EDGE, PUBLISH_AFTER, WALL
+from agent.mapping.layers import Layer, merged
+from agent.mapping.likelihood import log_likelihood
+from agent.mapping.pose_correction import AXIS_SD, AXIS_TRUST, Axis, correct_pose, motion_covariance
+from agent.mapping.scan_merge import merge_scan
+from agent.mapping.views import View, scan_margin
+from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.geometry import Pose, compose, relative
-from protocol.messages import OdometrySpec
+from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
 SPARE = 64
 """Free records that a particle keeps for one scan; a scan of 360 beams has at most 120 pieces, in practice 20."""
+
 MAX_WALLS = 4096
 """A particle takes no new wall beyond; ten times what the largest layout has."""
-
-
-class Compass(NamedTuple):
-    """What holds a pose beside covariances, as plain numbers for the kernel (agent.config.FilterConfig says why)."""
-
-    axis_sd: float
-    trust: float
-    floor_m: float
-    floor_rad: float
-
 
 FORGET = 0.98
 """Share of its past log-weight that a particle's standing keeps per scan: the map is the best of the last 50 scans."""
 
+TEMPER = 0.2
+"""Scans in a row share their errors, so each counts only as this part of an independent one."""
+
+RESAMPLE_BELOW = 0.5
+"""Resample when the effective sample size falls below this share of the particles; the usual half."""
+
+PATIENCE_SPREAD = 0.5
+"""Particles draw their patience, a factor on the scans that it takes to change a map, from 1 - this to 1 + this."""
+
+COVARIANCE_FLOOR = 1e-8
+"""m2 and rad2 added to the pose's covariance in each step, so that it is never singular."""
+
 
 @kernel
 def update_particles(
-    edges: Edges,
-    counts: NDArray[np.int64],
+    edges: Records,
+    counts: Ints,
     poses: Floats,
     covariances: Floats,
-    raw: NDArray[np.void],
+    raw: Records,
     sight: Sight,
+    noise: float,
     noisy: bool,
     dice: Floats,
     patience: Floats,
-    gates: Gates,
-    rules: MergeRules,
-    views: ViewRules,
-    odds: Odds,
-    compass: Compass,
 ) -> Floats:
     """One scan into every particle: associate, correct the pose, weigh, merge, contradict.
 
-    edges (p, e), counts (p,), poses (p, 3) and covariances (p, 3, 3) are updated in place. dice: (p, 2, k + 3), for
-    each particle a row for association and one for insertion, and standard normals for the pose at the end of the
-    first. patience: (p,) factor of each particle's own. Returns the scan's log-likelihoods (p,).
+    edges (p, e), counts (p,), poses (p, 3) and covariances (p, 3, 3) are updated in place. raw (k,): the scan's pieces,
+    robot's frame. noise: m, standard deviation of a range; noisy: whether poses are uncertain. dice: (p, 2, k + 3),
+    for each particle a row for association and one for insertion, and standard normals for the pose at the end of the
+    first. patience: (p,) each particle's own, as a factor. Returns the scan's log-likelihoods (p,), up to a constant.
     """
-    k = len(raw)
-    scores = np.empty(len(counts))
+    scores = np.zeros(len(counts))
     for p in range(len(counts)):
-        pose = (poses[p, 0], poses[p, 1], poses[p, 2])
+        gates = Gates(noise, OFFSET_GATE_M, 0.0, 0.0)
         if noisy:
-            gates = uncertain(gates, covariances[p])
-            axis, trust = main_axis(edges[p], counts[p])
-            walls = associate(edges[p], counts[p], to_map_frame(raw, pose), gates, dice[p, 0])
-            axis_sd = compass.axis_sd if trust > compass.trust else math.inf
-            pose, covariances[p] = correct_pose(
-                edges[p], raw, walls, pose, covariances[p], axis, axis_sd, compass.floor_m, compass.floor_rad, gates
-            )
-            shift = times(lower_root(covariances[p]), dice[p, 0, k : k + 3])
-            pose = (pose[0] + shift[0], pose[1] + shift[1], pose[2] + shift[2])
-            poses[p, 0], poses[p, 1], poses[p, 2] = pose
-        pieces = to_map_frame(raw, pose)
-        walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
-        scores[p] = log_likelihood(edges[p], counts[p], pose, raw, pieces, walls, sight, gates, views, odds)
-        own_rules, own_views = patient_merge(rules, patience[p]), patient_view(views, patience[p])
-        counts[p] = merge_scan(edges[p], counts[p], pieces, walls, dice[p, 1], gates, own_rules, 1)
-        counts[p] = contradict(edges[p], counts[p], pose, raw, pieces, walls, sight, own_views)
+            gates = gates_at(noise, covariances[p])
+            _correct(edges[p], counts[p], poses[p], covariances[p], raw, gates, dice[p, 0])
+        pose = (poses[p, 0], poses[p, 1], poses[p, 2])
+        view = View(pose, to_map_frame(raw, pose), sight, scan_margin(noise))
+        walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
+        if len(counts) > 1:  # the weight of one alone decides nothing
+            scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
+        counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
+        counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
     return scores
 
 
 @kernel
-def systematic(weights: Floats, offset: float) -> NDArray[np.int64]:
+def _correct(
+    edges: Records, count: int, pose: Floats, covariance: Floats, raw: Records, gates: Gates, dice: Floats
+) -> None:
+    """Correct a particle's pose (3,) and covariance (3, 3) in place by a scan, and draw the pose from the result.
+
+    dice: for the association of the pieces, and three standard normals at the end.
+    """
+    predicted = (pose[0], pose[1], pose[2])
+    angle, trust = main_axis(edges, count)
+    walls = associate(edges, count, to_map_frame(raw, predicted), gates, dice)
+    axis = Axis(angle, AXIS_SD if trust > AXIS_TRUST else math.inf)
+    found, corrected = correct_pose(edges, raw, walls, predicted, covariance, axis, gates.noise)
+    shift = times(lower_root(corrected), dice[len(raw) :])
+    for i in range(3):
+        pose[i] = found[i] + shift[i]
+        for j in range(3):
+            covariance[i, j] = corrected[i, j]
+
+
+@kernel
+def systematic(weights: Floats, offset: float) -> Ints:
     """Systematic resampling: (n,) ancestors of (n,) normalised weights, from one offset in [0, 1)."""
     n = len(weights)
     out = np.empty(n, np.int64)
@@ -109,90 +122,28 @@ def systematic(weights: Floats, offset: float) -> NDArray[np.int64]:
 class WireframeFilter:
     """Particles, each a whole wireframe and a pose. The first takes the likeliest decisions, the others sample."""
 
-    def __init__(
-        self,
-        config: MapConfig,
-        filter_config: FilterConfig,
-        noise: float,
-        beams: int,
-        odometry: OdometrySpec,
-        seed: int | np.random.SeedSequence,
-    ) -> None:
-        """noise: m, standard deviation of a range; beams: of a full turn."""
-        n = filter_config.particles
-        self.config = config
-        self.filter_config = filter_config
+    def __init__(self, config: FilterConfig, spec: RobotSpec, seed: int | np.random.SeedSequence) -> None:
+        """Begin with empty maps, at the origin."""
+        n = config.particles
         sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
         own, *children = sequence.spawn(n + 1)
         self._random = np.random.default_rng(own)
         self._dice = [np.random.default_rng(child) for child in children]
-        self.edges: Edges = np.zeros((n, 4 * SPARE), EDGE)
+        self.edges: Records = np.zeros((n, 4 * SPARE), EDGE)
         self.counts = np.zeros(n, np.int64)
         self.log_weights = np.zeros(n)
         self.standing = np.zeros(n)
         self.best = 0
+        self._noise = range_noise(spec.lidar)
         self._odometry: Pose | None = None
         self._odometry_noise = np.array(
-            [odometry.distance_sd, math.radians(odometry.heading_sd_deg), odometry.turn_sd], np.float64
+            [spec.odometry.distance_sd, math.radians(spec.odometry.heading_sd_deg), spec.odometry.turn_sd], np.float64
         )
-        self._noisy = odometry.noisy and filter_config.correct_pose
+        self._noisy = spec.odometry.noisy and config.correct_pose
         self.poses = np.zeros((n, 3))
         self.covariances = np.zeros((n, 3, 3))
-        self._gates = Gates(
-            noise,
-            config.gate_sigmas,
-            config.offset_gate_m,
-            math.radians(config.angle_gate_deg),
-            config.bridge_m,
-            0.0,
-            0.0,
-        )
-        self._odds = Odds(
-            filter_config.match_odds,
-            filter_config.extra_odds,
-            filter_config.missing_odds,
-            filter_config.through_odds,
-            filter_config.corner_odds,
-            filter_config.label_odds,
-        )
-        self._rules = MergeRules(
-            config.end_margin_m,
-            config.patience,
-            config.patience_growth,
-            config.confirmations,
-            math.radians(config.max_direction_sd_deg),
-            math.sin(math.radians(config.min_corner_deg)),
-            config.close_corner_m,
-            config.prolonged_m,
-            config.steady,
-            config.smear_m,
-            config.straight_sigmas,
-            config.wall_hits,
-            math.radians(config.off_axis_deg),
-            math.radians(config.oblique_sd_deg),
-            config.axis_trust,
-            filter_config.early_wall,
-        )
-        self._views = ViewRules(
-            config.view_step_m,
-            max(config.view_margin_m, config.gate_sigmas * noise),
-            math.pi / beams,
-            config.end_skip_m,
-            config.cut_after,
-            config.drop_after,
-            config.drop_growth,
-            config.confirmations,
-            config.sure_after,
-            config.min_length_m,
-        )
-        self._compass = Compass(
-            math.radians(filter_config.axis_sd_deg),
-            filter_config.heading_trust,
-            filter_config.wall_floor_m,
-            math.radians(filter_config.wall_floor_deg),
-        )
         # A particle's patience is a decision, too: drawn once, so that hasty and patient ones compete.
-        self._patience = 1 + filter_config.patience_spread * (2 * self._random.random(n) - 1)
+        self._patience = 1 + PATIENCE_SPREAD * (2 * self._random.random(n) - 1)
         self._patience[0] = 1.0
 
     def update(self, scan: CornerScan, odometry: Pose) -> None:
@@ -207,7 +158,7 @@ class WireframeFilter:
             for p, pose in enumerate(self.poses):
                 before = (float(pose[0]), float(pose[1]), float(pose[2]))
                 self.covariances[p] = motion_covariance(self.covariances[p], before, by, self._odometry_noise)
-                self.covariances[p] += 1e-8 * np.eye(3)  # never singular
+                self.covariances[p] += COVARIANCE_FLOOR * np.eye(3)
                 self.poses[p] = compose(before, by)
         else:
             self.poses[:] = odometry
@@ -218,14 +169,10 @@ class WireframeFilter:
             self.covariances,
             scan.pieces,
             scan.sight,
+            self._noise,
             self._noisy,
             self._throw_dice(len(scan.pieces)),
             self._patience,
-            self._gates,
-            self._rules,
-            self._views,
-            self._odds,
-            self._compass,
         )
         self._weigh(scores)
 
@@ -241,13 +188,13 @@ class WireframeFilter:
 
     def _weigh(self, scores: Floats) -> None:
         """Weights in the log domain; systematic resampling on effective sample size."""
-        gained = self.filter_config.temper * (scores - scores.max())
+        gained = TEMPER * (scores - scores.max())
         self.standing = FORGET * self.standing + gained
         self.log_weights += gained
         self.log_weights -= self.log_weights.max()
         weights = np.exp(self.log_weights)
         weights /= weights.sum()
-        if 1.0 / (weights @ weights) < self.filter_config.resample_below * len(weights):
+        if 1.0 / (weights @ weights) < RESAMPLE_BELOW * len(weights):
             ancestors = systematic(weights, float(self._random.random()))
             # survivors keep their places, so that only the fallen are copied over
             free = [p for p in range(len(weights)) if p not in ancestors]
@@ -283,33 +230,28 @@ class WireframeFilter:
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
-        return wireframe_of(self.edges[self.best, : self.counts[self.best]], self.config.publish_after)
+        return wireframe_of(self.edges[self.best, : self.counts[self.best]])
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        own, gates = self.edges[self.best, : self.counts[self.best]], merge_gates(self._gates, offset_m)
-        publish_after = self.config.publish_after
-        return wireframe_of(merged(own, layers, gates, self._rules, publish_after), publish_after)
-
-    def view_rules(self, margin_m: float) -> ViewRules:
-        """How scans are held against walls that are known to this precision, metres."""
-        return self._views._replace(margin=margin_m)
+        own = self.edges[self.best, : self.counts[self.best]]
+        return wireframe_of(merged(own, layers, Gates(self._noise, offset_m, 0.0, 0.0)))
 
 
-def wireframe_of(edges: Edges, publish_after: float) -> Wireframe:
+def wireframe_of(edges: Records) -> Wireframe:
     """Walls that enough scans have hit, as a wireframe; walls that share a corner share a vertex."""
-    return Wireframe(*_published(edges, publish_after))
+    return Wireframe(*_published(edges))
 
 
 @kernel
 def _published(
-    edges: Edges, publish_after: float
-) -> tuple[Floats, NDArray[np.uint8], NDArray[np.int32], NDArray[np.float32], NDArray[np.bool_]]:
+    edges: Records,
+) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
     """The arrays of that wireframe, in the order of its fields."""
     place = np.full(len(edges), -1)
     m = 0
     for k in range(len(edges)):
-        if edges[k].alive == WALL and edges[k].seen >= publish_after:
+        if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
             place[k] = m
             m += 1
     tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)

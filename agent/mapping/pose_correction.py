@@ -7,16 +7,44 @@ axis holds the heading; where they are not, only the walls themselves do.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from agent.corner_scan import NOISE_FLOOR_M, NOMINAL, OCCLUSION
+from agent.geometry.lines import Record, above, along
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
-from agent.mapping.association import Gates
-from agent.mapping.edges import NOMINAL, OCCLUSION, Edges, along, line_sd, spread, tip_at
-from protocol.arrays import Floats
+from agent.mapping.edges import line_sd, spread, tip_at
+from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
+
+AXIS_SD = math.radians(0.5)
+"""rad, how well rectilinear walls keep their axis; the outer walls of eight real layouts do within 0.3 degrees."""
+
+AXIS_TRUST = 0.95
+"""Agreement of the walls' directions above which their axis holds the heading."""
+
+MAX_OFF_AXIS = 0.2
+"""rad, a piece that is more oblique belongs to no wall on the axis."""
+
+WALL_FLOOR = math.radians(0.2)
+"""rad, how well the direction of a mapped wall is known at best, beside its covariance; walls are not straight."""
+
+MIN_VIEWS = 2.0
+"""Views that must have confirmed an end before it holds the robot."""
+
+ROUNDS = 3
+"""Gauss-Newton steps: weights and directions depend on the pose, which is near to the prediction."""
+
+
+class Axis(NamedTuple):
+    """Common axis of rectilinear walls."""
+
+    angle: float
+    """rad, modulo a right angle."""
+    sd: float
+    """rad, how well walls keep it; inf where they are not rectilinear."""
 
 
 @kernel
@@ -46,7 +74,7 @@ def motion_covariance(covariance: Floats, pose: Pose, by: Pose, noise: Floats) -
 
 
 @kernel
-def _count(h: Floats, g: Floats, jx: float, jy: float, jt: float, off: float, sd: float) -> None:
+def _add_residual(h: Floats, g: Floats, jx: float, jy: float, jt: float, off: float, sd: float) -> None:
     """Add one residual with Cauchy weight to the normal equations."""
     w = 1.0 / (sd * sd * (1.0 + (off / (2.0 * sd)) ** 2))
     h[0, 0] += w * jx * jx
@@ -62,61 +90,57 @@ def _count(h: Floats, g: Floats, jx: float, jy: float, jt: float, off: float, sd
 
 @kernel
 def correct_pose(
-    edges: Edges,
-    raw: NDArray[np.void],
-    walls: NDArray[np.int64],
-    predicted: Pose,
-    covariance: Floats,
-    axis: float,
-    axis_sd: float,
-    floor_m: float,
-    floor_rad: float,
-    gates: Gates,
+    edges: Records, pieces: Records, walls: Ints, predicted: Pose, covariance: Floats, axis: Axis, noise: float
 ) -> tuple[Pose, Floats]:
     """Pose and its (3, 3) covariance from pieces (robot's frame), each associated with a wall or -1.
 
-    axis, axis_sd: rad, common axis of the walls and how well they keep it; inf where they are not rectilinear.
-    floor_m, floor_rad: what walls themselves are good for.
+    predicted, covariance: by odometry. noise: m, standard deviation of a range.
     """
     prior = inverse(covariance)
     pose = predicted
     h = prior.copy()
-    for _ in range(3):
+    for _ in range(ROUNDS):
         h = prior.copy()
         d0, d1 = pose[0] - predicted[0], pose[1] - predicted[1]
         d2 = wrapped(pose[2] - predicted[2])
         g = -times(prior, np.array([d0, d1, d2]))
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        for k in range(len(raw)):
-            p, e = raw[k], walls[k]
-            direction = math.atan2(p.uy, p.ux) + pose[2]
-            direction_sd = gates.noise / math.sqrt(p.spread)
-            if math.isfinite(axis_sd):
-                off = wrapped(direction - axis, 0.5 * math.pi)
-                if abs(off) < 0.2:
-                    _count(h, g, 0.0, 0.0, 1.0, off, math.hypot(direction_sd, axis_sd))
-            if e < 0:
-                continue
-            w = edges[e]
-            rx, ry = c * p.x - s * p.y, s * p.x + c * p.y
-            x, y = pose[0] + rx, pose[1] + ry
-            t = along(w, x, y)
-            off = (y - w.y) * w.ux - (x - w.x) * w.uy
-            sd = math.hypot(gates.noise / math.sqrt(p.hits), math.hypot(line_sd(w, t, gates.noise), floor_m))
-            _count(h, g, -w.uy, w.ux, w.uy * ry + w.ux * rx, off, sd)
-            turn = wrapped(direction - math.atan2(w.uy, w.ux))
-            sd = math.hypot(direction_sd, math.hypot(gates.noise / math.sqrt(spread(w)), floor_rad))
-            _count(h, g, 0.0, 0.0, 1.0, turn, sd)
-            for side in range(2):  # ends hold the robot along a corridor
-                if p.label[side] != OCCLUSION or w.label[side] not in (NOMINAL, OCCLUSION) or w.strength[side] < 2.0:
-                    continue
-                out = 1.0 if side == 1 else -1.0
-                slack = 0.5 * (p.slack[side] + w.slack[side])
-                off = t + p.end[side] - tip_at(w, side) + out * 0.5 * (p.slack[side] - w.slack[side])
-                ex, ey = rx + p.end[side] * w.ux, ry + p.end[side] * w.uy
-                sd = math.hypot(slack / math.sqrt(3.0), floor_m + gates.noise)
-                _count(h, g, w.ux, w.uy, w.uy * ex - w.ux * ey, off, sd)
+        for k in range(len(pieces)):
+            if math.isfinite(axis.sd):
+                _add_axis(h, g, pieces[k], pose, axis, noise)
+            if walls[k] >= 0:
+                _add_wall(h, g, pieces[k], edges[walls[k]], pose, noise)
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         step = times(inverse(h), g)
         pose = (pose[0] + step[0], pose[1] + step[1], pose[2] + step[2])
     return (pose[0], pose[1], wrapped(pose[2])), inverse(h)
+
+
+@kernel
+def _add_axis(h: Floats, g: Floats, p: Record, pose: Pose, axis: Axis, noise: float) -> None:
+    """Add the residual of a piece's direction to the common axis of the walls, if it is near to it at all."""
+    off = wrapped(math.atan2(p.uy, p.ux) + pose[2] - axis.angle, 0.5 * math.pi)
+    if abs(off) < MAX_OFF_AXIS:
+        _add_residual(h, g, 0.0, 0.0, 1.0, off, math.hypot(noise / math.sqrt(p.spread), axis.sd))
+
+
+@kernel
+def _add_wall(h: Floats, g: Floats, p: Record, w: Record, pose: Pose, noise: float) -> None:
+    """Add the residuals of a piece to its wall: distance, direction, and ends, which hold the robot in a corridor."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    rx, ry = c * p.x - s * p.y, s * p.x + c * p.y
+    x, y = pose[0] + rx, pose[1] + ry
+    t = along(w, x, y)
+    sd = math.hypot(noise / math.sqrt(p.hits), math.hypot(line_sd(w, t, noise), NOISE_FLOOR_M))
+    _add_residual(h, g, -w.uy, w.ux, w.uy * ry + w.ux * rx, above(w, x, y), sd)
+    turn = wrapped(math.atan2(p.uy, p.ux) + pose[2] - math.atan2(w.uy, w.ux))
+    sd = math.hypot(noise / math.sqrt(p.spread), math.hypot(noise / math.sqrt(spread(w)), WALL_FLOOR))
+    _add_residual(h, g, 0.0, 0.0, 1.0, turn, sd)
+    for side in range(2):
+        if p.label[side] != OCCLUSION or w.label[side] not in (NOMINAL, OCCLUSION) or w.strength[side] < MIN_VIEWS:
+            continue
+        outward = 1.0 if side == 1 else -1.0
+        slack = 0.5 * (p.slack[side] + w.slack[side])
+        off = t + p.end[side] - tip_at(w, side) + outward * 0.5 * (p.slack[side] - w.slack[side])
+        ex, ey = rx + p.end[side] * w.ux, ry + p.end[side] * w.uy
+        sd = math.hypot(slack / math.sqrt(3.0), NOISE_FLOOR_M + noise)
+        _add_residual(h, g, w.ux, w.uy, w.uy * ex - w.ux * ey, off, sd)

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import PIECE, CornerScan, Record, Sight
+from agent.corner_scan import PIECE, CornerScan, Sight, range_noise
 from agent.geometry.clearance import distances_to_walls
+from agent.geometry.lines import Record
 from agent.kernels import kernel
 from agent.perception.config import PerceptionConfig
 from agent.perception.discs import beams_on, find_discs, hidden_beams
@@ -282,7 +283,7 @@ def perceive(
     metres, what is round and no teammate (agent.perception.posts). All in the robot's frame.
     """
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= spec.range_max_m + 1.0), ranges, np.inf)
-    noise = max(spec.noise_m, config.noise_floor_m)
+    noise, half_beam = range_noise(spec), math.pi / len(ranges)
     sigmas = config.range_margin_sigmas
     reach = spec.range_max_m - sigmas * noise
     discs = find_discs(ranges, config.teammate_radius_m, noise, config.disc_fit, sigmas)
@@ -298,7 +299,7 @@ def perceive(
     opened = _sectors(~returned & ~hidden, 3)  # fewer may have dropped out
     beams = np.flatnonzero(returned & ~hidden)
     if len(beams) < config.min_hits:
-        return CornerScan(np.zeros(0, PIECE), Sight(opened, _sectors(returned, 1), reach), discs, noise)
+        return CornerScan(np.zeros(0, PIECE), Sight(opened, _sectors(returned, 1), reach, half_beam), discs)
     cut = piecewise if config.method == "piecewise" else split_and_merge
     finite = ranges[beams].astype(np.float64)
     bearings = (beams * (2 * math.pi / len(ranges))).astype(np.float64)
@@ -321,4 +322,4 @@ def perceive(
         math.sin(math.radians(config.min_corner_deg)),
         config.corner_slack_m,
     )
-    return CornerScan(pieces, Sight(opened, blind, reach), discs, noise)
+    return CornerScan(pieces, Sight(opened, blind, reach, half_beam), discs)

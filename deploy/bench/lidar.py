@@ -9,7 +9,7 @@ import numpy as np
 
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.tables import Column, Table, whole
+from deploy.bench.tables import Table, columns, whole
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec, RobotSpec
 from world.lidar import Lidar
@@ -43,18 +43,6 @@ def _discs(poses: Floats, radius_m: float) -> Floats:
     return np.hstack([poses[:, :2], np.full((len(poses), 1), radius_m)])
 
 
-TABLES = [
-    Table(
-        "lidar",
-        "Rays a second, one core",
-        [
-            Column("world", "world"),
-            Column("walls", "walls"),
-            Column("robots", "robots"),
-            Column("rays_per_s", "rays / s"),
-            Column("us_per_scan", "us a scan", digits=1),
-        ],
-        whole("lidar/{world}/*"),
-    )
-]
+COLUMNS = columns("world; walls; robots; rays_per_s: rays / s; us_per_scan: us a scan")
+TABLES = [Table("lidar", "Rays a second, one core", whole("lidar/{world}/*"), COLUMNS)]
 BENCHMARK = Benchmark("lidar", (sys.modules[__name__],))

@@ -14,7 +14,7 @@ from agent.robot import Step
 from deploy import inprocess
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.tables import Column, Table, whole
+from deploy.bench.tables import Table, columns, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
@@ -70,17 +70,6 @@ def _one_process(config: RunConfig) -> float:
     return (len(times) - 1) / (times[-1] - times[0])
 
 
-TABLES = [
-    Table(
-        "lockstep",
-        "Robots that do not think, with and without processes",
-        [
-            Column("robots", "robots"),
-            Column("ticks_per_s", "ticks / s"),
-            Column("ticks_per_s_one_process", "in one process"),
-            Column("shell_ms_per_tick_and_robot", "ms of the shell\na tick and robot"),
-        ],
-        whole("lockstep/*"),
-    )
-]
+COLUMNS = columns("robots; ticks_per_s; ticks_per_s_one_process; shell_ms_per_tick_and_robot: shell ms / tick, robot")
+TABLES = [Table("lockstep", "Robots that do not think, in processes and in one", whole("lockstep/*"), COLUMNS)]
 BENCHMARK = Benchmark("lockstep", (sys.modules[__name__],))

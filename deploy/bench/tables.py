@@ -67,6 +67,11 @@ def share(holds: Callable[[Figures], object]) -> Reduce:
     return lambda runs, _: sum(map(bool, map(holds, runs))) / len(runs)
 
 
+REDUCTIONS: dict[str, Reduce] = {
+    "only": only, "least": least, "most": most, "total": total, "median": median, "mean": mean, "count": count,
+}  # fmt: skip
+
+
 # tables
 
 
@@ -75,17 +80,15 @@ class Column:
     """One value of every row, and its bar, if it has one."""
 
     key: str
-    head: str = ""
-    """Above the column; without one the value is in the JSON only."""
+    head: str
     of: Reduce = only
     """Makes the value, where rows are groups of cases."""
     at_least: float | None = None
     at_most: float | None = None
-    digits: int = 3
 
     def met(self, value: object) -> bool | None:
         """Whether a value meets the bar; None where there is nothing to judge. A missing value meets no bar."""
-        if self.at_least is None and self.at_most is None:
+        if not self.bar:
             return None
         if not isinstance(value, int | float):
             return False
@@ -97,11 +100,35 @@ class Column:
         words = [f">= {self.at_least:g}"] if self.at_least is not None else []
         return " ".join(words + ([f"<= {self.at_most:g}"] if self.at_most is not None else []))
 
-    def text(self, value: object) -> str:
-        """The value in words."""
-        if value is None:
-            return "-"
-        return f"{value:,.{self.digits}f}" if isinstance(value, float) else str(value)
+
+_COLUMN = re.compile(r"(?P<key>[\w-]+)(?: (?P<of>\w+))?(?: (?P<sign>[<>]=) (?P<bound>\S+))?(?:: (?P<head>.+))?")
+
+
+def columns(text: str, **made: Reduce) -> list[Column]:
+    """Columns from their words, as in "world; t median <= 600: seconds; share >= 0.9".
+
+    Of each the key in the JSON; what makes its value of several runs, a name in REDUCTIONS, without one the function
+    `made` of that key, or the figure of the only run; its bar; and the head above it, without one the key's words.
+    Raises ValueError.
+    """
+    out = []
+    for words in text.split(";"):
+        found = _COLUMN.fullmatch(" ".join(words.split()))
+        if found is None:
+            raise ValueError(f"{words!r} is no column")
+        key, of, sign, bound, head = found.groups()
+        reduce = REDUCTIONS[of] if of else made.get(key, only)
+        bar = None if bound is None else float(bound)
+        least_, most_ = (bar, None) if sign == ">=" else (None, bar)
+        out.append(Column(key, head or key.replace("_", " "), reduce, least_, most_))
+    return out
+
+
+def _text(value: object) -> str:
+    """A value in words."""
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+    return "-" if value is None else str(value)
 
 
 @dataclass(frozen=True)
@@ -139,8 +166,7 @@ class Section:
             box=SIMPLE_HEAD,
             padding=(0, 1, 0, 0),
         )
-        columns = [column for column in self.columns if column.head]
-        for column in columns:
+        for column in self.columns:
             named = any(isinstance(row.get(column.key), str) for row in self.rows)
             head = f"{column.head}\n{column.bar}".strip()
             table.add_column(head, justify="left" if named else "right", no_wrap=named)
@@ -148,10 +174,10 @@ class Section:
         for number, row in enumerate(self.rows):
             missed = self.missed(number)
             cells = []
-            for column in columns:
+            for column in self.columns:
                 bad = column.key in (missed or ())
                 style = "red" if bad else "green" if column.bar and missed is not None else ""
-                cells.append(Text(column.text(row.get(column.key)) + (" !" if bad else ""), style=style))
+                cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
             table.add_row(*cells, Text(_verdict(None if missed is None else not missed)))
         console.print(table)
 
@@ -175,11 +201,11 @@ class Table:
 
     name: str
     title: str | Callable[[Outcomes], str]
-    columns: Sequence[Column]
     rows: str | Callable[[Outcomes], Sequence[Row]]
     """A pattern of case names (see `grouped`), each group of which is a row; or a function that makes the rows.
 
     A row that holds "judged": False need not meet the bars; that key does not come into the table."""
+    columns: Sequence[Column]
     total: str = ""
     """First value of a last row over all groups; none without."""
     judged: Callable[[Row], bool] = lambda row: True

@@ -13,7 +13,7 @@ from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.tables import Column, Table
+from deploy.bench.tables import Table, columns
 
 VERTICES = 150
 NOISE_M = 0.005
@@ -49,17 +49,11 @@ def measure(method: str, repeats: int) -> Figures:
     return {"ms": times[1:], "vertices": n}  # the first one compiles
 
 
+COLUMNS = columns(
+    "method; vertices: vertices each; ms <= 50: ms median; most: ms at most",
+    ms=lambda runs, _: median(runs[0]["ms"]),
+    most=lambda runs, _: max(runs[0]["ms"]),
+)
 TABLES = [
-    Table(
-        "cost",
-        "Time of one alignment",
-        [
-            Column("method", "method"),
-            Column("vertices", "vertices each"),
-            Column("ms", "ms median", lambda runs, _: median(runs[0]["ms"]), at_most=50.0, digits=1),
-            Column("most", "ms at most", lambda runs, _: max(runs[0]["ms"]), digits=1),
-        ],
-        "cost/{method}",
-        judged=lambda row: row["method"] == "features",
-    )
+    Table("cost", "Time of one alignment", "cost/{method}", COLUMNS, judged=lambda row: row["method"] == "features")
 ]

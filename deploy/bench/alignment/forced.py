@@ -10,14 +10,14 @@ import numpy as np
 
 from agent.alignment import prepare
 from agent.alignment.align import candidates, pose_of
-from agent.cooperation.peer import Heard, Merged
+from agent.cooperation.peer import Heard, Merged, Proposed
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right, true_transform
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, runs_of
 from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.messages import Observation, RobotSpec
@@ -87,8 +87,8 @@ class ForcedRun:
     def _watch(self, robot: Robot, observation: Observation, step: Step) -> None:
         team = robot.team
         if observation.tick == 0:  # nothing but what is on trial is aligned
-            team._align_heard = lambda *_: False  # type: ignore[method-assign]
-            team._update = lambda *_: None  # type: ignore[method-assign]
+            align = team._align
+            team._align = lambda tick, peer, own: isinstance(peer, Proposed) and align(tick, peer, own)  # type: ignore[method-assign]
         for event in step.action.events:
             if event.event in ("accepted", "rejected"):
                 self._close(robot.robot, event.event, event.data)
@@ -195,21 +195,12 @@ TABLES = [
     Table(
         "forced",
         "Wrong proposals forced into the queue",
-        [
-            Column("evidence", "evidence"),
-            Column("forced", "forced"),
-            Column("accepted", "wrong accepted", at_most=0),
-            Column("righted", "put right by later maps"),
-            Column("by_evidence", "rejected by evidence"),
-            Column("given_up", "unreachable, time or undecided"),
-        ],
         _by_evidence,
+        columns(
+            "evidence; forced; accepted <= 0: wrong accepted; righted: put right by later maps; "
+            "by_evidence: rejected by evidence; given_up: unreachable, time or undecided"
+        ),
         judged=lambda row: row["evidence"] == "all evidence",
     ),
-    Table(
-        "forced_kinds",
-        "The same by kind, all evidence",
-        [Column("kind", "kind"), Column("forced", "forced"), Column("accepted", "accepted", at_most=0)],
-        _by_kind,
-    ),
+    Table("forced_kinds", "The same by kind, all evidence", _by_kind, columns("kind; forced; accepted <= 0")),
 ]

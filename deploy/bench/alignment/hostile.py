@@ -16,7 +16,7 @@ from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Column, Table, whole
+from deploy.bench.tables import Table, columns, whole
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.grid_map import quantise
@@ -159,15 +159,8 @@ TABLES = [
     Table(
         "hostile",
         "Hostile maps against a live robot",
-        [
-            Column("kind", "kind"),
-            Column("maps", "peers"),
-            Column("messages", "messages"),
-            Column("refused", "refused as malformed"),
-            Column("merged", "merged", at_most=0),
-            Column("moved_m", "merged map moved m", at_most=0.25),
-        ],
         whole("hostile/{kind}"),
+        columns("kind; maps: peers; messages; refused: refused as malformed; merged <= 0; moved_m <= 0.25: moved m"),
         note="A shifting peer tells the truth first and may be merged; what it says after that must not move the map.",
     )
 ]

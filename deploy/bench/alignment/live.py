@@ -21,20 +21,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import (
-    Column,
-    Outcomes,
-    Reduce,
-    Row,
-    Runs,
-    Table,
-    at,
-    count,
-    grouped,
-    most,
-    row_of,
-    runs_of,
-)
+from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, at, columns, grouped, most, row_of, runs_of
 from deploy.bench.tables import median as middle
 from deploy.metrics import Truth, truth_of
 from protocol.arrays import Floats
@@ -255,6 +242,9 @@ def _interval(pairs: list[Any]) -> str:
     return f"{low:.2f} to {high:.2f}"
 
 
+ACCEPTED = {"accepted": _over("accepted", len), "false": _over("accepted", _number("false"))}
+
+
 def _left(figures: Outcomes) -> list[Row]:
     """Last words of the pairs that were not merged, the most frequent first."""
     live = grouped(figures, "live/{world}/*")
@@ -268,20 +258,17 @@ def _left(figures: Outcomes) -> list[Row]:
     return [{"reason": reason, "pairs": n} for reason, n in sorted(counts.items(), key=lambda item: -item[1])]
 
 
-MAPS = [
-    Column("world", "world"),
-    Column("maps", "maps", lambda runs, _: sum(len(run["robots"]) for run in runs)),
-    *(
-        Column(
-            key,
-            head,
-            lambda runs, key: min(robot[key] for run in runs for robot in run["robots"].values()),
-            at_least=0.97,
-        )
-        for key, head in (("wall_recall", "recall"), ("wall_precision", "precision"))
-    ),
-    Column("rtf", "real-time factor", at("real_time_factor", middle), digits=1),
-]
+def _least_of_robots(runs: Runs, key: str) -> float:
+    return float(min(robot[key] for run in runs for robot in run["robots"].values()))
+
+
+MAPS = columns(
+    "world; maps; wall_recall >= 0.97: recall; wall_precision >= 0.97: precision; rtf: real-time factor",
+    maps=lambda runs, _: sum(len(run["robots"]) for run in runs),
+    wall_recall=_least_of_robots,
+    wall_precision=_least_of_robots,
+    rtf=at("real_time_factor", middle),
+)
 
 
 def _maps(figures: Outcomes) -> list[Row]:
@@ -359,21 +346,14 @@ def _division(figures: Outcomes) -> list[Row]:
     return rows
 
 
-RANGE = [
-    Column("range", "radio range m", digits=0),
-    Column("runs", "runs", count),
-    Column(
-        "t_99", "every robot 99 % s", lambda runs, _: middle([{"t": _last_t99(run)} for run in runs], "t"), digits=0
-    ),
-    Column("team", "team 99 % s", lambda runs, _: middle([run["team"] for run in runs], "t_99"), digits=0),
-    Column(
-        "bytes",
-        "bytes sent",
-        lambda runs, _: median(sum(robot["bytes_sent"] for robot in run["robots"].values()) for run in runs),
-    ),
-    Column("accepted", "accepted", _over("accepted", len)),
-    Column("false", "false", _over("accepted", _number("false")), at_most=0),
-]
+RANGE = columns(
+    "range: radio range m; runs count; t_99: every robot 99 % s; team: team 99 % s; bytes: bytes sent; "
+    "accepted; false <= 0",
+    t_99=lambda runs, _: middle([{"t": _last_t99(run)} for run in runs], "t"),
+    team=lambda runs, _: middle([run["team"] for run in runs], "t_99"),
+    bytes=lambda runs, _: median(sum(robot["bytes_sent"] for robot in run["robots"].values()) for run in runs),
+    **ACCEPTED,
+)
 
 
 def _range(figures: Outcomes) -> list[Row]:
@@ -392,71 +372,55 @@ TABLES = [
     Table(
         "accepted",
         "3 robots, starts from the seed: accepted alignments",
-        [
-            Column("world", "world"),
-            Column("runs", "runs", count),
-            Column("accepted", "accepted", _over("accepted", len)),
-            Column("false", "false", _over("accepted", _number("false")), at_most=0),
-            Column("worst_m", "worst m", _worst("error_m")),
-            Column("worst_deg", "worst deg", _worst("error_deg"), digits=2),
-            Column("proposed", "proposed", _counted),
-            Column("rejected", "rejected", _counted),
-            Column("unmerged", "unmerged", _counted),
-        ],
         "live/{world}/*",
+        columns(
+            "world; runs count; accepted; false <= 0; worst_m; worst_deg; proposed; rejected; unmerged",
+            **ACCEPTED,
+            worst_m=_worst("error_m"),
+            worst_deg=_worst("error_deg"),
+            **dict.fromkeys(("proposed", "rejected", "unmerged"), _counted),
+        ),
         total="all",
         note="False: more than 0.25 m or 5 degrees off, also if undone later.",
     ),
     Table(
         "merged",
         "Robot and peer in contact with overlap >= 30 % and 120 s left: merged by the end",
-        [
-            Column("world", "world"),
-            Column("pairs", "pairs", _over("pairs", len)),
-            Column("merged", "merged", _over("pairs", _number("merged"))),
-            Column("share", "share", _over("pairs", _share_merged), at_least=0.8),
-            Column("interval", "95 %", _over("pairs", _interval)),
-        ],
         "live/{world}/*",
+        columns(
+            "world; pairs; merged; share >= 0.8; interval: 95 %",
+            pairs=_over("pairs", len),
+            merged=_over("pairs", _number("merged")),
+            share=_over("pairs", _share_merged),
+            interval=_over("pairs", _interval),
+        ),
         total="all",
         judged=lambda row: row["world"] == "all",
     ),
-    Table("left", "Why the rest is not", [Column("reason", "last word"), Column("pairs", "pairs")], _left),
+    Table("left", "Why the rest is not", _left, columns("reason: last word; pairs")),
     Table(
         "maps",
         "Every robot's map with sharing, worst of 10 seeds",
-        MAPS,
         _maps,
+        MAPS,
         judged=lambda row: row["world"] == "maze-15",
     ),
     Table(
         "sharing",
         _titled(": time until every robot has 99 %"),
-        [
-            Column("seed", "seed"),
-            Column("on", "sharing s", digits=0),
-            Column("off", "without s", digits=0),
-            Column("ratio", "ratio", at_most=0.75),
-            Column("spread", "quarters"),
-        ],
         _sharing,
+        columns("seed; on: sharing s; off: without s; ratio <= 0.75; spread: quarters"),
         judged=lambda row: row["seed"] == "median",
     ),
     Table(
         "division",
         _titled(": team coverage of 99 %, medians of the seeds"),
-        [
-            Column("robots", "robots"),
-            Column("seeds", "seeds"),
-            Column("divided", "with division s", digits=0),
-            Column("undivided", "without s", digits=0),
-            Column("alone", "one robot s", digits=0),
-            Column("ratio", "to one robot", at_most=0.55),
-            Column("spread", "quarters"),
-            Column("sooner", "to without", at_most=1.0),
-        ],
         _division,
+        columns(
+            "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
+            "ratio <= 0.55: to one robot; spread: quarters; sooner <= 1: to without"
+        ),
         judged=lambda row: row["robots"] == 3,
     ),
-    Table("range", _titled(", 3 robots, by radio range"), RANGE, _range),
+    Table("range", _titled(", 3 robots, by radio range"), _range, RANGE),
 ]

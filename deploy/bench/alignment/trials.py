@@ -16,7 +16,7 @@ from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
 from deploy.bench.cases import Case, Figures, measure_all
-from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
+from deploy.bench.tables import Outcomes, Row, Table, columns, runs_of
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
@@ -157,14 +157,8 @@ def _shares(said: Sequence[Row], accepts: Accepts) -> Row:
     return row
 
 
-PARTS = [
-    Column("pairs", "pairs"),
-    Column("right", "right"),
-    Column("right_95", "95 %"),
-    Column("wrong", "wrong"),
-    Column("wrong_95", "95 %"),
-    Column("none", "none"),
-]
+PARTS = "pairs; right; right_95: 95 %; wrong; wrong_95: 95 %; none"
+"""Columns of `_shares`."""
 
 
 def pairs_in(figures: Outcomes, which: str) -> list[Row]:
@@ -183,8 +177,7 @@ def _overlaps(name: str, which: str, title: str) -> Table:
                 made.append({"method": NAMES[method], "overlap": group, **_shares(said, proposes), "ms": ms})
         return made
 
-    columns = [Column("method", "method"), Column("overlap", "overlap"), *PARTS, Column("ms", "ms median", digits=1)]
-    return Table(name, title, columns, rows)
+    return Table(name, title, rows, columns(f"method; overlap; {PARTS}; ms: ms median"))
 
 
 def _with_contact(figures: Outcomes) -> list[Row]:
@@ -279,42 +272,30 @@ TABLES = [
     Table(
         "bars",
         "Bars of the alignment",
-        [
-            Column("measure", "measure"),
-            Column("value", "value"),
-            Column("of", "95 % or counts"),
-            Column("bar", "bar"),
-            Column("met", "met", at_least=1),
-        ],
         _bars,
+        columns("measure; value; of: 95 % or counts; bar; met >= 1"),
         note=lambda figures: f"{len(pairs_in(figures, 'pairs'))} pairs.",
     ),
     _overlaps("overlap", "pairs", "Pairs of partial maps with at least 16 true corners each, from the maps alone"),
     Table(
         "contact",
         "Ours with the radio range at contact and free space around both robots",
-        [Column("overlap", "overlap"), *PARTS],
         _with_contact,
+        columns(f"overlap; {PARTS}"),
         note="Pairs whose robots are within 4 m of each other; in two buildings as if they were.",
     ),
     _overlaps("small", "small", "Small maps: 8 to 15 true corners, with the least size switched off"),
     Table(
         "worlds",
         "Ours by world, overlap of 40 % and more; at the right all its pairs",
-        [Column("world", "world"), *PARTS, Column("all_pairs", "all pairs"), Column("all_wrong", "all wrong")],
         _worlds,
+        columns(f"world; {PARTS}; all_pairs; all_wrong"),
     ),
     Table(
         "sweep",
         "Sweep of each method's threshold",
-        [
-            Column("method", "method"),
-            Column("threshold", "threshold", digits=2),
-            Column("recall", "recall at >= 40 %"),
-            Column("wrong", "wrong, all pairs"),
-            Column("wrong_plain", "without symmetric"),
-        ],
         _sweep,
+        columns("method; threshold; recall: recall at >= 40 %; wrong: wrong, all pairs; wrong_plain: no symmetric"),
         note=f"Threshold: margin over the next best (ours, default {AlignmentConfig().margin}), "
         "matched corners (others).",
     ),

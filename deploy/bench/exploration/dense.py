@@ -26,7 +26,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
 from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label, median, most
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, median, most
 from deploy.occupancy_grid import GrowingGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
@@ -359,21 +359,12 @@ TABLES = [
     Table(
         "dense",
         "Ours and nearest frontier on a grid of 5 cm",
-        [
-            Column("world", "world"),
-            Column("path_90", "m to 90 %", digits=1),
-            Column("dense_path_90", "dense", digits=1),
-            Column("path", "m to 99 %", digits=1),
-            Column("dense_path", "dense", digits=1),
-            Column("ratio", "ours / dense", at_most=MOST_RATIO, digits=2),
-            Column("reached", "99 % reached"),
-            Column("map_bytes", "map B", digits=0),
-            Column("filter_bytes", "filter B", digits=0),
-            Column("grid_bytes", "grid B", digits=0),
-            Column("grid_zlib_bytes", "grid zlib B", digits=0),
-            Column("dense_contacts", "dense wall contacts"),
-        ],
         _rows,
+        columns(
+            f"world; path_90: m to 90 %; dense_path_90: dense; path: m to 99 %; dense_path: dense; "
+            f"ratio <= {MOST_RATIO}: ours / dense; reached: 99 % reached; map_bytes: map B; filter_bytes: filter B; "
+            "grid_bytes: grid B; grid_zlib_bytes: grid zlib B; dense_contacts: dense wall contacts"
+        ),
         judged=lambda row: row["world"] == "all",  # a world has few starts from which the dense one sees 99 % at all
         note="Medians of paths over starts where both reached 99 %; the ratio is that of their sums. Reached: ours / "
         "dense. The bar is that of all worlds together. Grid: one byte a cell of the box that is known.",

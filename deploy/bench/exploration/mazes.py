@@ -10,7 +10,7 @@ import numpy as np
 
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import measure_run
-from deploy.bench.tables import Column, Outcomes, Row, Table, grouped, least, most, row_of, share
+from deploy.bench.tables import Outcomes, Row, Table, columns, grouped, row_of, share
 from world.maze import MAX_SIDE_M, MIN_SIDE_M, generate
 
 MAZES = 50
@@ -35,21 +35,12 @@ def cases(quick: bool) -> list[Case]:
     return each("mazes/{seed}", measure_maze, seed=range(1 if quick else MAZES))
 
 
-COLUMNS = [
-    Column("mazes", "mazes"),
-    Column("complete", "complete in time", share(lambda run: run["ended"] == "complete"), at_least=1.0, digits=2),
-    Column("silent", "open, no reason", most, at_most=0),
-    Column("wall_recall", "recall", least, at_least=0.99, digits=4),
-    Column("wall_contacts", "wall contacts", most, at_most=0),
-    Column(
-        "share",
-        "time of ceiling",
-        lambda runs, _: max(run["ended_at"] / run["ceiling_s"] for run in runs),
-        at_most=1.0,
-        digits=2,
-    ),
-    Column("stuck", "stuck", most),
-]
+COLUMNS = columns(
+    "mazes; complete >= 1: complete in time; silent most <= 0: open, no reason; wall_recall least >= 0.99: recall; "
+    "wall_contacts most <= 0; share <= 1: time of ceiling; stuck most",
+    complete=share(lambda run: run["ended"] == "complete"),
+    share=lambda runs, _: max(run["ended_at"] / run["ceiling_s"] for run in runs),
+)
 
 
 def _rows(figures: Outcomes) -> list[Row]:
@@ -61,4 +52,4 @@ def _rows(figures: Outcomes) -> list[Row]:
     return [row_of(COLUMNS, every, {"mazes": f"all {len(every)}"}), *bad] if every else []
 
 
-TABLES = [Table("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", COLUMNS, _rows)]
+TABLES = [Table("mazes", "Generated mazes of 8 to 20 m, worst figures; below, each that misses", _rows, COLUMNS)]

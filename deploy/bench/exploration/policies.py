@@ -8,7 +8,7 @@ from agent.exploration.config import DefaultState
 from deploy.bench.cases import Case, each
 from deploy.bench.exploration.runs import LIMIT_S, complete
 from deploy.bench.explored import measure_run
-from deploy.bench.tables import Column, Table, least, median
+from deploy.bench.tables import Table, columns
 
 WORLDS = ["hall", "maze-15"]
 """One with pillars that stand free and are out of range from the walls, and one without."""
@@ -30,14 +30,11 @@ TABLES = [
     Table(
         "policies",
         "Default states; times and paths are medians",
-        [
-            Column("world", "world"),
-            Column("state", "default state"),
-            Column("complete", "complete", complete, at_least=1.0, digits=2),
-            Column("wall_recall", "recall, worst", least, digits=4),
-            Column("ended_at", "complete s", median, digits=0),
-            Column("path_m", "path m", median, digits=0),
-        ],
         "policies/{world}/{state}/*",
+        columns(
+            "world; state: default state; complete >= 1; wall_recall least: recall, worst; "
+            "ended_at median: complete s; path_m median",
+            complete=complete,
+        ),
     )
 ]

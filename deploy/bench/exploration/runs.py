@@ -5,21 +5,7 @@ from __future__ import annotations
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
 from deploy.bench.layouts import FURNISHED, present
-from deploy.bench.tables import (
-    Column,
-    Outcomes,
-    Row,
-    Table,
-    at,
-    by_label,
-    count,
-    least,
-    median,
-    most,
-    row_of,
-    share,
-    spread,
-)
+from deploy.bench.tables import Outcomes, Row, Table, at, by_label, columns, row_of, share, spread
 
 BUNDLED = ["apartment", "hall", "maze-15", "office", "symmetric"]
 SHARED = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]
@@ -51,27 +37,20 @@ complete = share(lambda run: run["ended"] == "complete" and run["reason"])
 
 
 def _ends(name: str, title: str, furnished: bool, recall: float, precision: float) -> Table:
-    columns = [
-        Column("world", "world"),
-        Column("runs", "runs", count),
-        Column("complete", "complete", complete, at_least=1.0, digits=2),
-        Column("silent", "open, no reason", most, at_most=0),
-        Column("unreachable", "open, with reason", most),
-        Column("wall_recall", "recall", least, at_least=recall, digits=4),
-        Column("wall_precision", "precision", least, at_least=precision, digits=4),
-        Column("wall_rmse_m", "wall rmse m", most, at_most=0.01, digits=4),
-        Column("wall_contacts", "wall contacts", most, at_most=0),
-        Column("stuck", "stuck", most),
-    ]
+    """How the runs of some layouts ended."""
+    heads = columns(
+        "world; runs count; complete >= 1; silent most <= 0: open, no reason; unreachable most: open, with reason; "
+        f"wall_recall least >= {recall}: recall; wall_precision least >= {precision}: precision; "
+        "wall_rmse_m most <= 0.01; wall_contacts most <= 0; stuck most",
+        complete=complete,
+    )
 
     def rows(figures: Outcomes) -> list[Row]:
         groups = by_label(figures, "runs/{world}/*").items()
-        return [row_of(columns, runs, {"world": w}) for w, runs in groups if (w in FURNISHED) == furnished]
+        return [row_of(heads, runs, {"world": w}) for w, runs in groups if (w in FURNISHED) == furnished]
 
-    return Table(name, title, columns, rows, note="Worst of the runs; complete: share that ended so, with a reason.")
+    return Table(name, title, rows, heads, note="Worst of the runs; complete: share that ended so, with a reason.")
 
-
-TIMES = {"t_90": "T_90 s", "t_99": "T_99 s", "ended_at": "complete s", "path_m": "path m"}
 
 TABLES = [
     _ends("plain", "One robot in plain layouts, starts drawn from the seed", False, 0.99, 0.99),
@@ -79,26 +58,18 @@ TABLES = [
     Table(
         "times",
         "Simulated seconds and path to 90 %, 99 % and complete",
-        [
-            Column("world", "world"),
-            *(
-                column
-                for key, head in TIMES.items()
-                for column in (
-                    Column(key, f"{head} median", median, digits=0),
-                    Column(f"{key}_spread", "least-most", at(key, spread)),
-                )
-            ),
-        ],
         "runs/{world}/*",
+        columns(
+            "world; t_90 median: T_90 s, median; t_90_spread: least-most; t_99 median: T_99 s, median; "
+            "t_99_spread: least-most; ended_at median: complete s, median; ended_at_spread: least-most; "
+            "path_m median: path m, median; path_m_spread: least-most",
+            **{f"{key}_spread": at(key, spread) for key in ("t_90", "t_99", "ended_at", "path_m")},
+        ),
     ),
     Table(
         "maze-15",
         "Time to complete",
-        [
-            Column("world", "world", lambda runs, _: "maze-15"),
-            Column("ended_at", "complete s, median", median, at_most=MAZE_15_S, digits=0),
-        ],
         "runs/maze-15/*",
+        columns(f"world; ended_at median <= {MAZE_15_S}: complete s", world=lambda runs, _: "maze-15"),
     ),
 ]

@@ -15,7 +15,7 @@ import numpy as np
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S
 from deploy.bench.explored import explore
-from deploy.bench.tables import Column, Table, count, least, most, whole
+from deploy.bench.tables import Table, columns, whole
 
 CORRIDOR = [
     *[[-5.0, -1.5], [-2.0, -1.5], [-2.0, -0.3], [2.0, -0.3], [2.0, -1.5], [5.0, -1.5]],
@@ -72,26 +72,19 @@ TABLES = [
     Table(
         "teams",
         "Five robots in maze-15",
-        [
-            Column("seed", "seed"),
-            Column("complete", "complete", at_least=1.0, digits=2),
-            Column("robot_contacts", "contacts of a robot", at_most=1),
-            Column("robot_contacts_all", "of all"),
-            Column("wall_contacts", "with walls", at_most=0),
-            Column("coverage", "least coverage", digits=4),
-        ],
         whole("teams/maze-15/{seed}"),
+        columns(
+            "seed; complete >= 1; robot_contacts <= 1: contacts of a robot; robot_contacts_all: of all; "
+            "wall_contacts <= 0: with walls; coverage: least coverage"
+        ),
     ),
     Table(
         "head-on",
         "Two robots head-on in a corridor of 0.6 m, worst run",
-        [
-            Column("runs", "runs", count),
-            Column("complete", "both complete", least, at_least=1.0, digits=2),
-            Column("coverage", "least coverage", least, at_least=0.99, digits=4),
-            Column("robot_contacts", "contacts of a robot", most),
-            Column("wall_contacts", "with walls", most, at_most=0),
-        ],
         "head-on/*",
+        columns(
+            "runs count; complete least >= 1: both complete; coverage least >= 0.99: least coverage; "
+            "robot_contacts most: contacts of a robot; wall_contacts most <= 0: with walls"
+        ),
     ),
 ]

@@ -31,7 +31,7 @@ from agent.kernels import kernel
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import seeds, worlds
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, by_label
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns
 from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
@@ -268,15 +268,11 @@ TABLES = [
     Table(
         "tours",
         "Paths over a lower bound of the shortest tour",
-        [
-            Column("world", "world"),
-            Column("places", "places"),
-            Column("bound", "bound m", digits=1),
-            Column("to_99", "path to 99 % / bound", digits=2),
-            Column("whole", "whole path / bound", digits=2),
-            Column("dense_99", "dense to 99 % / bound", digits=2),
-        ],
         _rows,
+        columns(
+            "world; places; bound: bound m; to_99: path to 99 % / bound; whole: whole path / bound; "
+            "dense_99: dense to 99 % / bound"
+        ),
         note="No path that sees all visible wall is shorter than the bound. Medians over the starts.",
     )
 ]

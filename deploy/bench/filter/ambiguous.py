@@ -15,7 +15,7 @@ import numpy as np
 
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import HERE, Recording, record
-from deploy.bench.tables import Column, Outcomes, Row, Table, mean, runs_of
+from deploy.bench.tables import Outcomes, Row, Table, columns, mean, runs_of
 from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
 from world.worldfile import to_yaml
@@ -116,19 +116,12 @@ TABLES = [
     Table(
         "ambiguous",
         f"Parallel walls 0.15 to 0.3 m apart, {NOISE_M} m range noise",
-        [
-            Column("particles", "particles"),
-            Column("runs", "runs"),
-            Column("wall_recall", "recall", digits=4),
-            Column("wall_precision", "precision", digits=4),
-            Column("wall_rmse_m", "wall rmse m", digits=4),
-            Column("corners", "corner F1", digits=4),
-            Column("repeated", "repeated"),
-            Column("along_walls", "walls F1, along", digits=4),
-            Column("along_corners", "corner F1, along", digits=4),
-            Column("ahead", "ahead of one, along %", at_least=50.1, digits=0),
-        ],
         _rows,
+        columns(
+            "particles; runs; wall_recall: recall; wall_precision: precision; wall_rmse_m; corners: corner F1; "
+            "repeated; along_walls: walls F1, along; "
+            "along_corners: corner F1, along; ahead >= 50.1: ahead of one, along %"
+        ),
         judged=lambda row: row["particles"] != 1,
         note="Means over runs; along: mean over the run, every 10 s. Ahead: share of runs and figures, a tie is half.",
     )

@@ -18,7 +18,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.filter.recording import record
 from deploy.bench.layouts import path_of, present
-from deploy.bench.tables import Column, Outcomes, Row, Table, by_label, whole
+from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol.messages import Observation
@@ -149,13 +149,8 @@ def stages_table(case: str) -> Table:
     return Table(
         "stages",
         lambda figures: f"A step of one robot, {figures[case]['particles']} particles",
-        [
-            Column("stage", "stage"),
-            Column("median", "median ms", at_most=5.0, digits=2),
-            Column("mean", "mean ms", digits=2),
-            Column("p99", "99 % ms", digits=2),
-        ],
         rows,
+        columns("stage; median <= 5: median ms; mean: mean ms; p99: 99 % ms"),
         judged=lambda row: row["stage"] == "whole step",
         note=lambda figures: (
             f"The whole step has radio and coding, too. Load of the machine {figures[case]['load']:g}."
@@ -165,13 +160,8 @@ def stages_table(case: str) -> Table:
 
 def speed_table(case: str) -> Table:
     """The table of `measure_speed`."""
-    columns = [
-        Column("real_time_factor", "times real time", at_least=30.0, digits=1),
-        Column("step_ms_median", "median step ms", digits=2),
-        Column("ended", "ended"),
-        Column("load", "load", digits=1),
-    ]
-    return Table("speed", "wireswarm run, 3 robots", columns, whole(case))
+    heads = columns("real_time_factor >= 30: times real time; step_ms_median: median step ms; ended; load")
+    return Table("speed", "wireswarm run, 3 robots", whole(case), heads)
 
 
 def _by_vertices(figures: Outcomes) -> list[Row]:
@@ -187,25 +177,14 @@ TABLES = [
     Table(
         "particles",
         "Filter update by particles",
-        [
-            Column("particles", "particles"),
-            Column("median", "median ms", digits=2),
-            Column("p99", "99 % ms", digits=2),
-            Column("bytes", "filter bytes"),
-            Column("load", "load", digits=1),
-        ],
         whole("cost/particles/*"),
+        columns("particles; median: median ms; p99: 99 % ms; bytes: filter bytes; load"),
     ),
     Table(
         "vertices",
         "Filter update by vertices of the map",
-        [
-            Column("world", "world"),
-            Column("particles", "particles"),
-            Column("vertices", f"vertices, from (to {BIN_VERTICES} more)"),
-            Column("median", "median ms", digits=3),
-        ],
         _by_vertices,
+        columns(f"world; particles; vertices: vertices, from (to {BIN_VERTICES} more); median: median ms"),
     ),
     speed_table("cost/speed"),
 ]

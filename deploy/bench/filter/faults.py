@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from agent.mapping.edges import EDGE, OCCLUSION, Edges, new_slot, remove, settle_corner
+from agent.corner_scan import OCCLUSION
+from agent.mapping.edges import EDGE, new_slot, remove, settle_corner
 from deploy.metrics import Truth, distance_to
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Records
 from protocol.wireframe import Label, Wireframe
 
 KINDS = ("false-wall", "missing-wall", "moved-corner", "false-gap")
@@ -67,14 +68,14 @@ class Fault:
     """(2,) towards the side from which it is seen; None from all."""
     samples: Floats
     """(s, 2) points in free space beside all that is judged."""
-    inject: Callable[[Edges, int], int | None]
+    inject: Callable[[Records, int], int | None]
     """Spoil one particle's records (count in use) and return the new count; None where it has no such wall."""
     gone: Callable[[Wireframe], bool]
     """Whether the map agrees with the truth at the place."""
 
 
 def draw(
-    kind: str, edges: Edges, count: int, truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig
+    kind: str, edges: Records, count: int, truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig
 ) -> Fault | None:
     """Draw a fault from the walls of the best particle; None where the dice found no such place.
 
@@ -108,7 +109,7 @@ def _false_wall(truth: Truth, near: Floats, rng: np.random.Generator, config: Fa
     if len(samples) < 0.5 * (ahead + behind) / config.sample_m:
         return None
 
-    def inject(edges: Edges, count: int) -> int | None:
+    def inject(edges: Records, count: int) -> int | None:
         e, count = new_slot(edges, count)
         if e < 0:
             return None
@@ -122,7 +123,7 @@ def _false_wall(truth: Truth, near: Floats, rng: np.random.Generator, config: Fa
 
 
 def _missing_wall(
-    edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
+    edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
 ) -> Fault | None:
     e = _drawn_wall(edges, count, truth, config.wall_m, rng, config)
     if e is None:
@@ -131,7 +132,7 @@ def _missing_wall(
     judged = _middle_part(tail, head, config)
     middle = (tail + head) / 2
 
-    def inject(edges: Edges, count: int) -> int | None:
+    def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle, unit)
         if e is None:
             return None
@@ -151,7 +152,7 @@ def _missing_wall(
     return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
 
 
-def _false_gap(edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
+def _false_gap(edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
     width = rng.uniform(*config.gap_m)
     least = width + 2 * config.gap_beside_m
     e = _drawn_wall(edges, count, truth, (least, 10.0), rng, config)
@@ -164,7 +165,7 @@ def _false_gap(edges: Edges, count: int, truth: Truth, rng: np.random.Generator,
     middle = (begin + end) / 2
     judged = _between(begin, end, config)
 
-    def inject(edges: Edges, count: int) -> int | None:
+    def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle, unit)
         if e is None:
             return None
@@ -194,7 +195,7 @@ def _false_gap(edges: Edges, count: int, truth: Truth, rng: np.random.Generator,
 
 
 def _moved_corner(
-    edges: Edges, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
+    edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
 ) -> Fault | None:
     e = _drawn_wall(edges, count, truth, config.corner_wall_m, rng, config)
     if e is None or edges[e]["link"][1] < 0:
@@ -218,7 +219,7 @@ def _moved_corner(
     false = [(_between(start, moved, config), a / lengths[0]), (_between(moved, finish, config), b / lengths[1])]
     false = [(s[distance_to(s, _repeat(unit, s), truth.outline) > config.away_m], unit) for s, unit in false]
 
-    def inject(edges: Edges, count: int) -> int | None:
+    def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle_e, u)
         if e is None or edges[e]["link"][1] < 0:
             return None
@@ -271,7 +272,7 @@ def _lie_on(wall: np.void, hits: float, along2: float, tail: Floats, head: Float
     wall["tip"][0], wall["tip"][1] = tail, head
 
 
-def _settle(edges: Edges, e: int) -> None:
+def _settle(edges: Records, e: int) -> None:
     if edges[e]["link"][1] >= 0:
         settle_corner(edges, e)
     if edges[e]["link"][0] >= 0:
@@ -310,7 +311,7 @@ def _ends(wall: np.void) -> tuple[Floats, Floats, Floats, Floats]:
     return _tail(wall), _head(wall), unit, np.array([-unit[1], unit[0]])
 
 
-def _same_wall(edges: Edges, count: int, point: Floats, unit: Floats) -> int | None:
+def _same_wall(edges: Records, count: int, point: Floats, unit: Floats) -> int | None:
     """The wall of a particle that runs through a point in a direction."""
     used = edges[:count]
     dx, dy = point[0] - used["x"], point[1] - used["y"]
@@ -323,7 +324,7 @@ def _same_wall(edges: Edges, count: int, point: Floats, unit: Floats) -> int | N
 
 
 def _drawn_wall(
-    edges: Edges,
+    edges: Records,
     count: int,
     truth: Truth,
     lengths: tuple[float, float],

@@ -16,7 +16,7 @@ import shapely
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import Recording, record
 from deploy.bench.layouts import present
-from deploy.bench.tables import Column, Outcomes, Row, Table, by_label
+from deploy.bench.tables import Outcomes, Row, Table, by_label, columns
 from deploy.metrics import Truth, score_walls
 from deploy.occupancy_grid import CELLS_PER_BYTE, Grid, grid_of, two_bits
 from protocol.wireframe import encode_wireframe
@@ -120,20 +120,12 @@ TABLES = [
     Table(
         "storage",
         "Equal storage: occupancy grid against wireframe",
-        [
-            Column("world", "world"),
-            Column("storage", "storage"),
-            Column("bytes", "bytes"),
-            Column("cell_m", "grid's cell m"),
-            Column("ours_rmse_m", "our rmse m", digits=4),
-            Column("grid_rmse_m", "grid's rmse m", digits=4),
-            Column("rmse_ahead_m", "rmse ahead m", at_least=0.0001, digits=4),
-            Column("recall_ahead", "recall ahead", at_least=-0.01, digits=4),
-            Column("precision_ahead", "precision ahead", at_least=-0.01, digits=4),
-            Column("grid_recall", "grid's recall"),
-            Column("grid_precision", "grid's precision"),
-        ],
         _rows,
+        columns(
+            "world; storage; bytes; cell_m: grid's cell m; ours_rmse_m: our rmse m; grid_rmse_m: grid's rmse m; "
+            "rmse_ahead_m >= 0.0001; recall_ahead >= -0.01; precision_ahead >= -0.01; grid_recall: grid's recall; "
+            "grid_precision: grid's precision"
+        ),
         judged=lambda row: row["storage"] in ("codec", "one particle"),
         note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction.",
     )

@@ -21,7 +21,7 @@ from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
 from deploy.bench.filter.recording import Recording, record
-from deploy.bench.tables import Column, Outcomes, Row, Runs, Table, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, columns, runs_of
 
 WORLDS = ["maze-15", "office", "apartment", "symmetric"]
 SCOPES = ("all", "half with the best", "half without the best")
@@ -201,16 +201,11 @@ TABLES = [
     Table(
         "faults",
         "Discrete faults injected in mid-run",
-        [
-            Column("fault", "fault"),
-            Column("scope", "in which particles"),
-            Column("particles", "particles"),
-            Column("trials", "trials"),
-            Column("gone", "gone in 50 scans %", at_least=95.0, digits=0),
-            Column("median", "median scans", digits=0),
-            Column("p90", "90 % scans", digits=0),
-        ],
         _rows,
+        columns(
+            "fault; scope: in which particles; particles; trials; gone >= 95: gone in 50 scans %; "
+            "median: median scans; p90: 90 % scans"
+        ),
         note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50.",
     )
 ]

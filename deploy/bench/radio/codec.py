@@ -6,7 +6,7 @@ from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.layouts import present
-from deploy.bench.tables import Column, Reduce, Runs, Table, total
+from deploy.bench.tables import Reduce, Runs, Table, columns, total
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import Observation
@@ -51,6 +51,9 @@ def _sizes(maps: list[Wireframe]) -> dict[str, int]:
     return {"maps": len(maps), "vertices": vertices, "bytes": bare, "with_likelihoods": with_likelihoods}
 
 
+PARTS = ("full", "partial")
+
+
 def _a_vertex(part: str, key: str) -> Reduce:
     """Bytes of all maps over their vertices."""
 
@@ -66,20 +69,19 @@ def _vertices(part: str) -> Reduce:
     return lambda runs, _: sum(run[part]["vertices"] for run in runs)
 
 
+COLUMNS = columns(
+    "world; full_vertices: vertices of the full map; full_bytes <= 2.5: bytes a vertex; "
+    "full_with_likelihoods: with likelihoods; partial_vertices: vertices of partial maps; "
+    "partial_bytes <= 3.2: bytes a vertex; partial_with_likelihoods: with likelihoods",
+    **{f"{part}_vertices": _vertices(part) for part in PARTS},
+    **{f"{part}_{key}": _a_vertex(part, key) for part in PARTS for key in ("bytes", "with_likelihoods")},
+)
 TABLES = [
     Table(
         "codec",
         "Codec",
-        [
-            Column("world", "world"),
-            Column("full_vertices", "vertices of\nthe full map", _vertices("full")),
-            Column("full_bytes", "bytes a vertex", _a_vertex("full", "bytes"), at_most=2.5),
-            Column("full_with_likelihoods", "with\nlikelihoods", _a_vertex("full", "with_likelihoods")),
-            Column("partial_vertices", "vertices of\npartial maps", _vertices("partial")),
-            Column("partial_bytes", "bytes a vertex", _a_vertex("partial", "bytes"), at_most=3.2),
-            Column("partial_with_likelihoods", "with\nlikelihoods", _a_vertex("partial", "with_likelihoods")),
-        ],
         "codec/{world}",
+        COLUMNS,
         total="all pooled",
         judged=lambda row: row["world"] == "all pooled",
         note="Robots' own maps, quantised to 1 cm, header included.",

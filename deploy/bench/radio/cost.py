@@ -13,7 +13,7 @@ from agent.communication.exchange import Exchange
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.radio.traffic import BAD
-from deploy.bench.tables import Column, Table, whole
+from deploy.bench.tables import Table, columns, whole
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from world.radio import Radio
@@ -99,30 +99,18 @@ TABLES = [
     Table(
         "cost",
         "Share of a run's time",
-        [
-            Column("radio", "radio"),
-            Column("ticks", "ticks"),
-            Column("total_s", "run s", digits=2),
-            Column("gate_s", "gate s"),
-            Column("exchange_s", "exchange s"),
-            Column("share", "share", at_most=0.05, digits=4),
-        ],
         whole("cost/{radio}"),
+        columns("radio; ticks; total_s: run s; gate_s; exchange_s; share <= 0.05"),
         note="Three robots in maze-15, in one process, which is all work.",
     ),
     Table(
         "wire",
         "Bytes on the wires",
-        [
-            Column("run", "run"),
-            Column("messages", "messages"),
-            Column("payload_bytes", "payload"),
-            Column("overhead_bytes", "overhead"),
-            Column("wire_bytes", "on the wire"),
-            Column("unexplained", "unexplained,\nworst link", at_most=0.01, digits=5),
-            Column("real_time_factor", "x real time", digits=1),
-        ],
         whole("wire/{run}"),
+        columns(
+            "run; messages; payload_bytes; overhead_bytes; wire_bytes; unexplained <= 0.01: unexplained, worst link; "
+            "real_time_factor"
+        ),
         note="Of all links and directions.",
     ),
 ]

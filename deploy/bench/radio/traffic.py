@@ -18,20 +18,7 @@ from deploy.bandwidth.representations import measure as measure_run
 from deploy.bench.cases import Case, Figures
 from deploy.bench.errors import errors
 from deploy.bench.explored import explore
-from deploy.bench.tables import (
-    Column,
-    Outcomes,
-    Row,
-    Runs,
-    Table,
-    by_label,
-    count,
-    mean,
-    median,
-    most,
-    runs_of,
-    total,
-)
+from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, median, runs_of, total
 
 BAD = [
     {"kind": "bernoulli", "loss": 0.3},
@@ -123,30 +110,15 @@ def _compared(figures: Outcomes) -> list[Row]:
     return [*rows, {"seed": "all", **averages, **totals}] if rows else []
 
 
-def _beyond(runs: Runs, key: str) -> int:
-    return sum(run["farthest_m"] > run["range_m"] for run in runs)
-
-
 TABLES = [
     Table(
         "traffic",
         "Map traffic",
-        [
-            Column("seed", "seed"),
-            Column("updates", "updates", digits=0),
-            Column("delta", "delta\nbytes", digits=0),
-            Column("full", "delta /\nfull", at_most=1 / 3),
-            Column("viewed", "with view-\npoints"),
-            Column("json", "json", digits=4),
-            Column("grid_raw", "grid_raw", digits=5),
-            Column("grid_zlib", "grid_zlib", at_most=0.1, digits=4),
-            Column("grid_delta_zlib", "grid_delta\n_zlib", at_most=1, digits=4),
-            Column("grid_png", "grid_png", digits=4),
-            Column("scans_raw", "scans_raw", at_most=0.001, digits=5),
-            Column("scans_zlib", "scans_zlib", digits=5),
-            Column("points", "points", digits=5),
-        ],
         _forms,
+        columns(
+            f"seed; updates; delta: delta bytes; full <= {1 / 3}: delta / full; viewed: with viewpoints; json; "
+            "grid_raw; grid_zlib <= 0.1; grid_delta_zlib <= 1; grid_png; scans_raw <= 0.001; scans_zlib; points"
+        ),
         judged=lambda row: row["seed"] == "median",
         note=lambda figures: (
             f"{_run(figures)}: bytes of delta over those of each form. The median of the seeds is judged, for {JUDGED} "
@@ -156,31 +128,22 @@ TABLES = [
     Table(
         "bad",
         "A bad radio against a perfect one",
-        [
-            Column("seed", "seed"),
-            Column("perfect", "recall,\nperfect", digits=4),
-            Column("bad", "recall,\nbad", digits=4),
-            Column("less", "less", at_most=0.02, digits=4),
-            Column("precision", "precision,\nbad", digits=4),
-            Column("merges", "merges,\nbad"),
-            Column("false_merges", "false\nmerges", at_most=0),
-            Column("delta", "delta\nbytes", digits=0),
-            Column("resent", "sent\nagain"),
-        ],
         _compared,
+        columns(
+            "seed; perfect: recall, perfect; bad: recall, bad; less <= 0.02; precision: precision, bad; "
+            "merges: merges, bad; false_merges <= 0; delta: delta bytes; resent: sent again"
+        ),
         note="Bad: 30 % loss, 1 s latency, 5 kB/s. Wall recall, mean of the robots. "
         "`merges` counts accepted proposals.",
     ),
     Table(
         "range",
         "Range",
-        [
-            Column("runs", "runs", count),
-            Column("delivered", "delivered", total),
-            Column("farthest_m", "farthest m", most, digits=4),
-            Column("beyond", "runs with a delivery beyond the range", _beyond, at_most=0),
-        ],
         "(?:perfect|bad)/*",
+        columns(
+            "runs count; delivered total; farthest_m most; beyond <= 0: runs with a delivery beyond the range",
+            beyond=lambda runs, _: sum(run["farthest_m"] > run["range_m"] for run in runs),
+        ),
         note="From trajectories/ and radio.csv; 50 more runs are in tests/world/test_air.py.",
     ),
 ]

@@ -95,13 +95,12 @@ def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
 def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where_it_is_not(
     walk: Walk, whole: Wireframe
 ) -> None:
-    rules = walk.filter.view_rules(0.12)
     turned = compose(np.array([2.0, 2.0, math.pi / 2]), compose(np.array([-2.0, -2.0, 0.0]), T))
     for transform, good in ((T, True), (T + np.array([0.0, -0.6, 0.0]), False), (turned, False)):
         ground = WallEvidence()
         ground.lay(whole)
         for pose in ROOM_TOUR[::10]:
-            ground.look(transform, pose, scan_at(pose, ROOM), rules)
+            ground.look(transform, pose, scan_at(pose, ROOM))
         confirmed, against = ground.said(2)
         if good:
             assert confirmed > 12.0 and against == 0.0
@@ -112,13 +111,12 @@ def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where
 def test_ground_that_an_alignment_used_is_not_fresh_and_what_is_known_of_it_outlives_a_newer_map(
     walk: Walk, whole: Wireframe
 ) -> None:
-    rules = walk.filter.view_rules(0.12)
     ground = WallEvidence()
     pieces, _ = pieces_of(whole)
     ground.lay(whole, np.zeros(len(pieces), np.bool_))
     pose = ROOM_TOUR[0]
     for _ in range(3):
-        ground.look(T, pose, scan_at(pose, ROOM), rules)
+        ground.look(T, pose, scan_at(pose, ROOM))
     assert ground.said(2) == (0.0, 0.0)
     seen = int((ground.on >= 3).sum())
     assert seen > 20
@@ -140,10 +138,9 @@ def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wiref
     )
     ground = WallEvidence()
     ground.lay(phantom)
-    rules = walk.filter.view_rules(0.12)
     pose = (2.5, 0.7, 0.0)
     for _ in range(4):
-        ground.look(T, pose, scan_at(pose, ROOM), rules)
+        ground.look(T, pose, scan_at(pose, ROOM))
     hidden = ground.hidden(3, len(phantom.edges))
     assert hidden.tolist() == [False] * len(whole.edges) + [True]
     assert len(laid(walk, phantom).edges) == 11

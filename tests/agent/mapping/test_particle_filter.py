@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from agent.mapping.config import FilterConfig, MapConfig
-from agent.mapping.edges import FRONTIER, length, new_slot, set_tip
+from agent.corner_scan import FRONTIER
+from agent.mapping.config import FilterConfig
+from agent.mapping.edges import length, new_slot, set_tip
 from agent.mapping.particle_filter import WireframeFilter, systematic
 from agent.perception.config import PerceptionConfig
 from agent.perception.perceive import perceive
 from agent.perception.seen_discs import SeenDiscs
 from protocol.geometry import Pose, seen_from, wrapped
-from protocol.messages import LidarSpec, OdometrySpec
+from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
 from world.lidar import Lidar
 
@@ -52,12 +53,7 @@ class Walk:
         self.rng = np.random.default_rng(seed)
         self.discs = SeenDiscs(PerceptionConfig().disc_memory_scans, 0.044)
         self.filter = WireframeFilter(
-            MapConfig(),
-            FilterConfig(particles=particles),
-            max(spec.noise_m, 0.003),
-            spec.beams,
-            self.odometry,
-            seed,
+            FilterConfig(particles=particles), RobotSpec(lidar=spec, odometry=self.odometry), seed
         )
 
     def see(

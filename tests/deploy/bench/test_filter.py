@@ -17,7 +17,7 @@ from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
 from deploy.bench.filter.recording import HERE, Recording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
-from deploy.bench.tables import Column, Section, count, least, most, row_of
+from deploy.bench.tables import Section, columns, row_of
 from deploy.metrics import score
 from deploy.occupancy_grid import grid_of
 from protocol.messages import LidarSpec
@@ -140,27 +140,26 @@ def test_a_grid_is_as_fine_as_its_bytes_allow(recording: Recording) -> None:
 
 
 def test_bars_judge_and_missing_figures_miss() -> None:
-    columns = [Column("world", "world"), Column("recall", "recall", at_least=0.9), Column("rmse", "rmse", at_most=0.1)]
+    heads = columns("world; recall >= 0.9; rmse <= 0.1")
     rows = [{"world": "a", "recall": 0.9, "rmse": 0.1}, {"world": "b", "recall": 0.8}, {"world": "c", "recall": 0.1}]
-    section = Section("one", "One", columns, rows, frozenset({2}))
+    section = Section("one", "One", heads, rows, frozenset({2}))
     assert [section.missed(k) for k in range(3)] == [[], ["recall", "rmse"], None]
-    assert section.met is False and Section("one", "One", columns, rows[:1]).met is True
-    assert Section("one", "One", columns[:1], rows).met is None
+    assert section.met is False and Section("one", "One", heads, rows[:1]).met is True
+    assert Section("one", "One", heads[:1], rows).met is None
     console = Console(width=100, file=io.StringIO())
     with console.capture() as capture:
         section.print(console)
     text = capture.get()
-    assert ">= 0.9" in text and "0.800 !" in text and "0.100 !" not in text
+    assert ">= 0.9" in text and "0.8 !" in text and "0.1 !" not in text
 
 
 def test_a_row_is_made_of_runs_as_its_columns_say_and_lacks_what_a_run_lacks() -> None:
-    columns = [Column("runs", of=count), Column("wall_recall", of=least), Column("wall_rmse_m", of=most)]
-    columns.append(Column("corner_rmse_m", of=most, at_most=1))
+    heads = columns("runs count; wall_recall least; wall_rmse_m most; corner_rmse_m most <= 1")
     runs = [
         {"ended": "complete", "wall_recall": 0.9, "wall_rmse_m": 0.1, "corner_rmse_m": 0.1},
         {"ended": "time", "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None},
     ]
-    row = row_of(columns, runs, {"world": "a"})
+    row = row_of(heads, runs, {"world": "a"})
     assert row == {"world": "a", "runs": 2, "wall_recall": 0.8, "wall_rmse_m": 0.2, "corner_rmse_m": None}
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from deploy.bench.benchmark import benchmark, report
 from deploy.bench.cases import ROOT
-from deploy.bench.tables import Column, Section, Table, at, grouped, median, share, spread, total
+from deploy.bench.tables import Table, at, columns, grouped, share, spread, total
 from deploy.cli import BENCHMARKS
 
 
@@ -43,14 +43,14 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
         f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
     }
     assert grouped(figures, "runs/{world}/*")[0] == ({"world": "a"}, [figures["runs/a/0"], figures["runs/a/1"]])
-    columns = [
-        Column("world", "world"),
-        Column("t", "median", median, at_most=3),
-        Column("spread", of=at("t", spread)),
-        Column("ok", of=share(lambda run: run["ok"])),
-        Column("sum", of=at("t", total)),
-    ]
-    table = Table("one", "One", columns, "runs/{world}/*", total="all", judged=lambda row: row["world"] != "b")
+    heads = columns(
+        "world; t median <= 3: median t; spread; ok; sum",
+        spread=at("t", spread),
+        ok=share(lambda run: run["ok"]),
+        sum=at("t", total),
+    )
+    assert [column.head for column in heads] == ["world", "median t", "spread", "ok", "sum"]
+    table = Table("one", "One", "runs/{world}/*", heads, total="all", judged=lambda row: row["world"] != "b")
     section = table.section(figures)
     assert section.rows[0] == {"world": "a", "t": 1.5, "spread": "1-2", "ok": 1.0, "sum": 3}
     assert section.rows[2]["world"] == "all" and section.rows[2]["sum"] == 8
@@ -61,6 +61,12 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
 
 
 def test_a_row_of_a_function_may_stand_beside_the_bars() -> None:
-    columns = [Column("x", "x", at_least=1)]
-    section: Section = Table("one", "One", columns, lambda _: [{"x": 0, "judged": False}, {"x": 1}]).section({})
+    table = Table("one", "One", lambda _: [{"x": 0, "judged": False}, {"x": 1}], columns("x >= 1"))
+    section = table.section({})
     assert list(section.rows) == [{"x": 0}, {"x": 1}] and section.met is True
+
+
+def test_columns_that_make_no_sense_are_refused() -> None:
+    for words in ("", "a b c", "a > 3", "a <= "):
+        with pytest.raises(ValueError, match="no column"):
+            columns(words)

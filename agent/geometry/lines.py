@@ -1,0 +1,38 @@
+"""Where a point lies by a straight line, and where two lines meet.
+
+A line is any record with a point x, y on it, its centroid, and a unit direction ux, uy: a piece of a scan or a wall.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from agent.kernels import kernel
+
+Record = Any
+"""One element of a record array inside a kernel; numba reads its fields like attributes."""
+
+MIN_CORNER_SINE = math.sin(math.radians(20.0))
+"""Sine of the angle between two lines below which they form no corner: their intersection is too uncertain."""
+
+
+@kernel
+def along(line: Record, x: float, y: float) -> float:
+    """Coordinate of a point along the line, metres from its centroid."""
+    return (x - line.x) * line.ux + (y - line.y) * line.uy
+
+
+@kernel
+def above(line: Record, x: float, y: float) -> float:
+    """Distance of a point from the line in metres, positive on its left, which is a wall's free side."""
+    return (y - line.y) * line.ux - (x - line.x) * line.uy
+
+
+@kernel
+def meet(a: Record, b: Record) -> tuple[float, float]:
+    """Sine of the turn from a to b, and where they meet, metres along a from its centroid; 0, 0 where parallel."""
+    sine = a.ux * b.uy - a.uy * b.ux
+    if abs(sine) < 1e-6:
+        return 0.0, 0.0
+    return sine, ((b.x - a.x) * b.uy - (b.y - a.y) * b.ux) / sine

@@ -1,0 +1,179 @@
+"""Candidates: hits on one line that lie on no wall yet, and when they are enough to be one (ours).
+
+A few beams over a small step, over a corner or over two faces of a post fit a line, too. Such a smear is no wall.
+"""
+
+from __future__ import annotations
+
+import math
+
+from agent.corner_scan import NOMINAL, OCCLUSION
+from agent.geometry.lines import Record, above, along
+from agent.kernels import kernel
+from agent.mapping.association import Gates, cost, overlap
+from agent.mapping.edges import (
+    CANDIDATE,
+    WALL,
+    add_hits,
+    length,
+    new_slot,
+    piece_scatter,
+    residual,
+    set_tip,
+    spread,
+    tip_at,
+)
+from agent.mapping.ends import END_MARGIN_M
+from protocol.arrays import Records
+
+MAX_DIRECTION_SD = math.radians(5.0)
+"""rad, how well a new wall's direction must be known: 3 of it are 15 degrees. With 10 degrees, smears over steps
+of 5 cm became walls that were as oblique."""
+
+STEADY = 0.5
+"""Share of the scans in view that must have hit a new wall: the faces of posts reach 0.7 to 1, smears over two of them
+0.3."""
+
+SMEAR_M = 0.3
+"""No smear over the faces of a post or over a step is longer: twice the widest that was measured."""
+
+STRAIGHT_SIGMAS = 1.2
+"""Root mean square distance of the hits of a short wall from its line, in standard deviations, at most. Walls show 0.6
+(three beams a scan) to 1.0 (many), smears over two faces of a post of 0.1 m, from 1.5 m away, 1.3 to 1.8."""
+
+WALL_HITS = 12.0
+"""Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
+step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
+
+AXIS_TRUST = 0.8
+"""Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
+
+OFF_AXIS = math.radians(10.0)
+"""rad, angle to the axis from which a new wall is suspect where walls are rectilinear; true walls are within 2 degrees
+of theirs."""
+
+OBLIQUE_SD = math.radians(3.0)
+"""rad, how well a suspect wall's direction must be known, so that 3 of it lie between the wall and the axis. A face of
+a post of 0.1 m needs 44 beams, which are 7 scans from 0.9 m; a smear over a step of 0.05 m needs 180, and the step
+itself is seen before."""
+
+EARLY_WALL = 0.1
+"""Probability that a piece is a wall which shows too few beams or is suspect: 1 of 10 was one in eight layouts."""
+
+
+@kernel
+def main_axis(edges: Records, count: int) -> tuple[float, float]:
+    """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
+    c, s, total = 0.0, 0.0, 1e-9
+    for e in range(count):
+        if edges[e].alive == WALL:
+            angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
+            c += size * math.cos(angle)
+            s += size * math.sin(angle)
+            total += size
+    return 0.25 * math.atan2(s, c), math.hypot(c, s) / total if total > 1.0 else 0.0
+
+
+@kernel
+def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int, int]:
+    """Take a piece that lies on no wall into the candidate on its line, or a new one; its record and the new count.
+
+    The record is -1 if the array is full. A candidate is no part of the map: it links to nothing, and only
+    contradiction and further pieces look at it.
+    """
+    best, e = math.inf, -1
+    for f in range(count):
+        if edges[f].alive == CANDIDATE:
+            chi2 = cost(edges[f], p, gates)
+            if chi2 < best and math.isfinite(overlap(edges[f], p, gates)):
+                best, e = chi2, f
+    xx, xy, yy = piece_scatter(p)
+    if e >= 0:
+        add_hits(edges[e], p.hits, p.x, p.y, xx, xy, yy)
+        t = along(edges[e], p.x, p.y)
+        set_tip(edges[e], 0, min(tip_at(edges[e], 0), t + p.end[0]))
+        set_tip(edges[e], 1, max(tip_at(edges[e], 1), t + p.end[1]))
+        return e, count
+    e, count = new_slot(edges, count)
+    if e >= 0:
+        n = edges[e]
+        n.alive, n.own, n.probation = CANDIDATE, 0, 1
+        n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
+        n.xx, n.xy, n.yy = xx, xy, yy
+        n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
+        for side in range(2):
+            n.label[side], n.slack[side], n.link[side] = OCCLUSION, 0.0, -1
+            n.strength[side], n.conflict[side] = 0.0, 0.0
+            set_tip(n, side, p.end[side])
+    return e, count
+
+
+@kernel
+def wall_probability(c: Record, axis: float, trust: float, noise: float) -> float:
+    """Probability that a candidate is a wall: its direction is known, and it is no smear.
+
+    The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall. Where the
+    walls so far are rectilinear (`main_axis`), a short oblique piece is far likelier a smear than an oblique wall, so
+    its direction must be known well, which it is once the robot has come nearer. Hits on one line count together,
+    whichever scan they come from, and a short piece is not believed for following the axis: else the oblique face of
+    a post would be known by those of its views alone whose noise turns them there.
+    """
+    direction_sd = noise / math.sqrt(spread(c))
+    if is_bent(length(c), c.hits, residual(c), noise) or c.seen < STEADY * c.due or direction_sd > MAX_DIRECTION_SD:
+        return 0.0
+    off = 4 * (math.atan2(c.uy, c.ux) - axis)
+    oblique = trust >= AXIS_TRUST and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > OFF_AXIS
+    return 1.0 if c.hits >= WALL_HITS and (direction_sd <= OBLIQUE_SD or not oblique) else EARLY_WALL
+
+
+@kernel
+def become_wall(wall: Record, p: Record, own: bool) -> None:
+    """Make a candidate a wall that ends as its newest piece p does."""
+    wall.alive, wall.own = WALL, 1 if own else 0
+    wall.misses, wall.through = 0.0, 0.0
+    t = along(wall, p.x, p.y)
+    for side in range(2):
+        wall.slack[side] = p.slack[side]
+        # a corner links two walls, and the other may still be a candidate
+        wall.label[side] = OCCLUSION if p.label[side] == NOMINAL else p.label[side]
+        set_tip(wall, side, t + p.end[side])
+
+
+@kernel
+def is_bent(size: float, hits: float, squares: float, noise: float) -> bool:
+    """Whether hits are a smear by their distance from the line: short, and beside it by more than noise.
+
+    size: m, of the piece; squares: m2, sum of the hits' squared distances from the line.
+    """
+    return size < SMEAR_M and squares > hits * (STRAIGHT_SIGMAS * noise) ** 2
+
+
+@kernel
+def cuts_corner(edges: Records, count: int, p: Record) -> bool:
+    """Whether a piece is of a few beams across a known corner or step, which fit a line, too.
+
+    It begins on one known wall and ends on the next, or, short and oblique, on one beside it that goes the same way.
+    """
+    short = p.end[1] - p.end[0] < SMEAR_M
+    for e in range(count):
+        a = edges[e]
+        if a.alive != WALL or a.ux * p.ux + a.uy * p.uy < 0 or not _ends_on(a, p, 0):
+            continue
+        steps = short and min(abs(a.ux * p.uy - a.uy * p.ux), a.ux * p.ux + a.uy * p.uy) > math.sin(OFF_AXIS)
+        for f in range(count):
+            b = edges[f]
+            if f == e or b.alive != WALL or b.ux * p.ux + b.uy * p.uy < 0:
+                continue
+            beside = steps and b.ux * a.ux + b.uy * a.uy > math.cos(OFF_AXIS)
+            if (f == a.link[1] or beside) and _ends_on(b, p, 1):
+                return True
+    return False
+
+
+@kernel
+def _ends_on(wall: Record, p: Record, side: int) -> bool:
+    """Whether an end of a piece lies on a wall."""
+    x, y = p.x + p.end[side] * p.ux, p.y + p.end[side] * p.uy
+    t = along(wall, x, y)
+    on_line = abs(above(wall, x, y)) < END_MARGIN_M
+    return on_line and tip_at(wall, 0) - END_MARGIN_M < t < tip_at(wall, 1) + END_MARGIN_M

@@ -1,0 +1,208 @@
+"""What is known of the ends of walls: labels, intervals of occlusion ends, and corners that link two walls (ours).
+
+An occlusion end is an interval, from the last hit to where the next ray would have met the wall, intersected over
+scans. What was confirmed often is changed only by as many more views, else distant views undo what near ones closed.
+"""
+
+from __future__ import annotations
+
+import math
+
+from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
+from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
+from agent.kernels import kernel
+from agent.mapping.edges import CONFIRMATIONS, WALL, doubt, join, part, set_tip, settle_corner, tip_at
+from protocol.arrays import Records
+
+END_MARGIN_M = 0.04
+"""Views of one end agree within this: the distance of two beams at 2.3 m, or 4 standard deviations of a range."""
+
+PATIENCE = 3.0
+"""Views that must speak against an end before it changes. One is often a wrong label (6 % of ends), three in a row are
+not."""
+
+PATIENCE_GROWTH = 0.3
+"""Further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views."""
+
+CLOSE_CORNER_M = 0.06
+"""Two open ends this near to where their walls meet form that corner."""
+
+PROLONGED_M = 0.1
+"""A corner is a guess where its wall had no hit nearer to it than this: beams are 6 cm apart at the lidar's range, and
+slots between furniture and wall are wider."""
+
+NEAR_TAIL_M = 0.5
+"""Open ends farther apart than this are not tried as a corner."""
+
+
+@kernel
+def outlasted(e: Record, side: int, patience: float) -> bool:
+    """Count one view against an end; true once such views outnumber what confirmed it.
+
+    patience: the particle's own, as a factor.
+    """
+    e.conflict[side] += 1.0
+    return bool(e.conflict[side] > PATIENCE * patience + PATIENCE_GROWTH * min(e.strength[side], CONFIRMATIONS))
+
+
+@kernel
+def see_end(edges: Records, k: int, side: int, label: int, t: float, slack: float, patience: float) -> None:
+    """Fuse one view of an open end: its label, its coordinate t along wall k and its slack, metres."""
+    if edges[k].label[side] == FRONTIER:
+        _see_frontier_end(edges, k, side, label, t, slack, patience)
+    elif label == FRONTIER:
+        _see_no_end(edges, k, side, t, patience)
+    else:
+        _see_known_end(edges, k, side, t, slack, patience)
+
+
+@kernel
+def _see_frontier_end(edges: Records, k: int, side: int, label: int, t: float, slack: float, patience: float) -> None:
+    """A view of an end that was a frontier so far. Coordinates count outward: a larger one is more wall."""
+    e = edges[k]
+    outward = 1.0 if side == 1 else -1.0
+    seen, known = outward * t, outward * tip_at(e, side)
+    if label == FRONTIER:
+        if seen > known:
+            set_tip(e, side, t)
+    elif known <= seen + slack + END_MARGIN_M:
+        low, high = max(seen, known), max(seen + slack, known)
+        set_tip(e, side, outward * low)
+        e.label[side], e.slack[side] = OCCLUSION, high - low
+        e.strength[side], e.conflict[side] = 1.0, 0.0
+    elif outlasted(e, side, patience):
+        _set_end(edges, k, side, OCCLUSION, t, slack)
+
+
+@kernel
+def _see_no_end(edges: Records, k: int, side: int, t: float, patience: float) -> None:
+    """A view in which a wall with a known end goes on as far as t at least, without an end."""
+    e = edges[k]
+    outward = 1.0 if side == 1 else -1.0
+    seen, known = outward * t, outward * tip_at(e, side)
+    reach = known + (e.slack[side] if e.label[side] == OCCLUSION else 0.0)
+    if seen > reach + END_MARGIN_M:
+        if outlasted(e, side, patience):
+            _set_end(edges, k, side, FRONTIER, t, 0.0)
+    elif e.label[side] == OCCLUSION and seen > known:
+        set_tip(e, side, outward * min(seen, reach))
+        e.slack[side] = max(reach - seen, 0.0)
+
+
+@kernel
+def _see_known_end(edges: Records, k: int, side: int, t: float, slack: float, patience: float) -> None:
+    """A view of an end where one is known: it confirms the end and narrows its interval, or contradicts it."""
+    e = edges[k]
+    outward = 1.0 if side == 1 else -1.0
+    seen, known = outward * t, outward * tip_at(e, side)
+    reach = known + (e.slack[side] if e.label[side] == OCCLUSION else 0.0)
+    if seen > reach + END_MARGIN_M or seen + slack < known - END_MARGIN_M:
+        if outlasted(e, side, patience):
+            _set_end(edges, k, side, OCCLUSION, t, slack)
+        return
+    e.conflict[side] = max(e.conflict[side] - 1.0, 0.0)
+    if e.label[side] == OCCLUSION:
+        low, high = max(known, seen), min(reach, seen + slack)
+        if low > high:
+            low = high = 0.5 * (low + high)
+        set_tip(e, side, outward * low)
+        e.slack[side] = high - low
+        e.strength[side] += 1.0
+
+
+@kernel
+def _set_end(edges: Records, k: int, side: int, label: int, t: float, slack: float) -> None:
+    """Replace an end by what was seen."""
+    part(edges, k, side)
+    edges[k].label[side], edges[k].slack[side] = label, slack
+    edges[k].conflict[side], edges[k].strength[side] = 0.0, 1.0
+    set_tip(edges[k], side, t)
+
+
+@kernel
+def see_corner(edges: Records, e: int, f: int, gap_e: float, gap_f: float, patience: float) -> None:
+    """Fuse one view of the head of e meeting the tail of f; gaps: metres before the corner without a hit.
+
+    A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
+    confirms a corner nor speaks against an end that lies in the gap.
+    """
+    sine, at_e = meet(edges[e], edges[f])
+    if e == f or abs(sine) < MIN_CORNER_SINE:
+        return
+    guess = max(gap_e, gap_f) > PROLONGED_M
+    if edges[e].link[1] == f and edges[f].link[0] == e:
+        if not guess:
+            edges[e].strength[1] += 1.0
+            edges[f].strength[0] += 1.0
+            edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
+        settle_corner(edges, e)
+        return
+    free = True
+    for k, side, at, gap in ((e, 1, at_e, gap_e), (f, 0, meet(edges[f], edges[e])[1], gap_f)):
+        off = _corner_off(edges[k], side, at)
+        if guess and END_MARGIN_M < off <= gap + END_MARGIN_M:
+            return
+        if (edges[k].link[side] >= 0 or abs(off) > END_MARGIN_M) and not outlasted(edges[k], side, patience):
+            free = False
+    if not free:
+        return
+    for k, side in ((e, 1), (f, 0)):
+        former = edges[k].link[side]
+        if former >= 0:
+            part(edges, k, side)
+            doubt(edges[former])
+    join(edges, e, f, 0.0 if guess else 1.0)
+
+
+@kernel
+def _corner_off(e: Record, side: int, corner: float) -> float:
+    """How far beyond the known end of a wall a corner would be, metres along it; 0 where it may well be there."""
+    if e.label[side] != OCCLUSION or e.strength[side] < 1.0:
+        return 0.0
+    beyond = (corner - tip_at(e, side)) * (1.0 if side == 1 else -1.0)
+    return min(beyond, 0.0) + max(beyond - e.slack[side], 0.0)
+
+
+@kernel
+def inner_ends_give_way(edges: Records, e: int, f: int, patience: float) -> bool:
+    """Whether the ends between two walls on one line are open, or have been contradicted for long enough."""
+    first, second = (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
+    give = True
+    if edges[first].label[1] == NOMINAL and not outlasted(edges[first], 1, patience):
+        give = False
+    if edges[second].label[0] == NOMINAL and not outlasted(edges[second], 0, patience):
+        give = False
+    return give
+
+
+@kernel
+def close_open_corners(edges: Records, count: int) -> None:
+    """Link an open head and an open tail whose lines meet where both walls end."""
+    for e in range(count):
+        if edges[e].alive != WALL or edges[e].link[1] >= 0:
+            continue
+        best, winner = CLOSE_CORNER_M, -1
+        for f in range(count):
+            if f == e or edges[f].alive != WALL or edges[f].link[0] >= 0:
+                continue
+            off = _off_corner(edges[e], edges[f])
+            if off < best:
+                best, winner = off, f
+        if winner >= 0:
+            join(edges, e, winner, 0.0)
+
+
+@kernel
+def _off_corner(e: Record, f: Record) -> float:
+    """How far the head of e or the tail of f is from where their lines meet, metres; inf where they form no corner."""
+    if math.hypot(e.tip[1, 0] - f.tip[0, 0], e.tip[1, 1] - f.tip[0, 1]) > NEAR_TAIL_M:
+        return math.inf
+    sine, at_e = meet(e, f)
+    if abs(sine) < MIN_CORNER_SINE:
+        return math.inf
+    beyond_e = at_e - tip_at(e, 1)
+    beyond_f = tip_at(f, 0) - along(f, e.x + at_e * e.ux, e.y + at_e * e.uy)
+    off = 0.0
+    for beyond, slack in ((beyond_e, e.slack[1]), (beyond_f, f.slack[0])):
+        off = max(off, -beyond, beyond - slack)
+    return off

@@ -1,0 +1,135 @@
+"""What one scan saw of a place or of a wall: nothing, free space through it, or a wall on it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from agent.corner_scan import CornerScan, Sight, to_map_frame
+from agent.geometry.lines import Record, above, along
+from agent.kernels import kernel
+from agent.mapping.association import GATE_SIGMAS
+from agent.mapping.edges import length, tip_at
+from protocol.arrays import Floats, Records
+from protocol.geometry import Pose
+
+UNSEEN, THROUGH, ON = 0, 1, 2
+"""What a scan saw at a point: it does not tell, free space, or a wall."""
+
+GRAZING = math.sin(math.radians(8.0))
+"""Sine of the flattest angle at which a wall is expected to be seen: a flatter ray may as well pass beside it."""
+
+STEP_M = 0.08
+"""Distance of the samples at which a wall is compared with a scan: half the thickness of a usual wall."""
+
+MARGIN_M = 0.035
+"""A wall this near to what was seen is what was seen: 3.5 standard deviations of the default lidar."""
+
+END_SKIP_M = 0.05
+"""The ends of a wall are not compared with a scan over this length: their place is known to about a beam."""
+
+
+class View(NamedTuple):
+    """One scan in the frame of the map, for kernels."""
+
+    pose: Pose
+    """Of the robot: m, m, rad."""
+    pieces: Records
+    """(k,) of PIECE, lines in the map's frame."""
+    sight: Sight
+    margin: float
+    """m, distance from a piece within which a place counts as on it."""
+
+
+class Samples(NamedTuple):
+    """Points along a wall at which a scan is asked."""
+
+    number: int
+    first: float
+    """m, coordinate of the first along the wall."""
+    spacing: float
+    """m, from each to the next."""
+
+
+def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:
+    """A scan from a pose, held against walls that are known to this precision in metres."""
+    return View(pose, to_map_frame(scan.pieces, pose), scan.sight, margin_m)
+
+
+@kernel
+def scan_margin(noise: float) -> float:
+    """Margin of a view for walls that own scans have mapped; noise: m, standard deviation of a range."""
+    return max(MARGIN_M, GATE_SIGMAS * noise)
+
+
+@kernel
+def piece_at(view: View, bearing: float) -> int:
+    """Index of the piece that a ray meets well inside its ends, or -1. bearing: robot's frame, [0, 2 pi)."""
+    half_beam = view.sight.half_beam
+    for k in range(len(view.pieces)):
+        for turn in (0.0, 2 * math.pi):
+            if view.pieces[k].bearing[0] + half_beam <= bearing + turn <= view.pieces[k].bearing[1] - half_beam:
+                return k
+    return -1
+
+
+@kernel
+def within(sectors: Floats, bearing: float, margin: float) -> bool:
+    """Whether a bearing in [0, 2 pi) is inside one of the sectors (s, 2) by the margin, radians."""
+    for s in range(len(sectors)):
+        for turn in (-2 * math.pi, 0.0, 2 * math.pi):
+            if sectors[s, 0] + margin <= bearing + turn <= sectors[s, 1] - margin:
+                return True
+    return False
+
+
+@kernel
+def look_at(x: float, y: float, view: View) -> tuple[int, int]:
+    """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1."""
+    dx, dy = x - view.pose[0], y - view.pose[1]
+    sight = view.sight
+    distance = math.hypot(dx, dy)
+    if distance > sight.reach or distance < 1e-6:
+        return UNSEEN, -1
+    bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
+    if within(sight.blind, bearing, -sight.half_beam):
+        return UNSEEN, -1
+    k = piece_at(view, bearing)
+    if k >= 0:
+        off = above(view.pieces[k], x, y)
+        if off > view.margin:
+            return THROUGH, k
+        return (UNSEEN, k) if off < -view.margin else (ON, k)
+    if within(sight.open, bearing, sight.half_beam) and distance < sight.reach - view.margin:
+        return THROUGH, -1
+    return UNSEEN, -1
+
+
+@kernel
+def in_reach(wall: Record, view: View) -> bool:
+    """Whether any point of a wall is near enough to be seen."""
+    x, y = view.pose[0], view.pose[1]
+    t = min(max(along(wall, x, y), tip_at(wall, 0)), tip_at(wall, 1))
+    return math.hypot(wall.x + t * wall.ux - x, wall.y + t * wall.uy - y) <= view.sight.reach
+
+
+@kernel
+def samples_along(wall: Record, step: float) -> Samples:
+    """Evenly spaced samples of a wall, at most `step` metres apart, without its ends."""
+    size = length(wall)
+    skip = min(END_SKIP_M, 0.25 * size)
+    number = max(3, math.ceil((size - 2 * skip) / step))
+    return Samples(number, tip_at(wall, 0) + skip, (size - 2 * skip) / (number - 1))
+
+
+@kernel
+def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
+    """What the scan saw at coordinate t of a wall, the piece met, and whether the robot is on the free side.
+
+    UNSEEN also where the ray is so flat that it may have passed beside the wall.
+    """
+    x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
+    saw, piece = look_at(x, y, view)
+    side = above(wall, view.pose[0], view.pose[1])
+    flat = GRAZING * math.hypot(x - view.pose[0], y - view.pose[1])
+    return UNSEEN if abs(side) < flat else saw, piece, side > flat
