@@ -34,6 +34,7 @@ from protocol.messages import (
     Send,
 )
 from protocol.viewpoints import Looked
+from protocol.walls import lengths
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
@@ -132,9 +133,7 @@ class Robot:
     def _known_walls(self, pose: Pose) -> NDArray[np.float64]:
         """(m, 4) walls of the own map that are too long to be a teammate's front, in the robot's frame."""
         walls = self.own.segments()
-        walls = walls[
-            np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]) >= self.config.perception.known_wall_m
-        ]
+        walls = walls[lengths(walls) >= self.config.perception.known_wall_m]
         return seen_from(pose, walls.reshape(-1, 2)).reshape(-1, 4)
 
     def _read_own(self) -> bool:

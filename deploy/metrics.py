@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
+from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Label, Wireframe
 from world.config import CoverageConfig
 from world.coverage import visible_wall
@@ -165,12 +166,12 @@ def score(wireframe: Wireframe, frame: Pose, truth: Truth, config: ScoreConfig =
 
 def score_walls(segments: Floats, truth: Truth, config: ScoreConfig = DEFAULT) -> WallScore:
     """Score of walls (m, 4) x1, y1, x2, y2 in the world."""
-    points, directions = _samples(segments, config)
-    length = float(np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]).sum())
-    apart = len(_distinct(points, directions, config.sample_m, config)[0])
+    points, ways = _samples(segments, config)
+    length = float(lengths(segments).sum())
+    apart = len(_distinct(points, ways, config.sample_m, config)[0])
     repeated = length / config.sample_m / max(apart, 1) if len(points) else 1.0
-    points, directions = _distinct(points, directions, config.cell_m, config)
-    to_truth = distance_to(points, directions, truth.outline, config)
+    points, ways = _distinct(points, ways, config.cell_m, config)
+    to_truth = distance_to(points, ways, truth.outline, config)
     to_map = distance_to(truth.seen_points, truth.seen_directions, segments, config)
     return WallScore(
         recall=float(truth.seen_lengths[to_map < config.near_m].sum() / max(truth.seen_lengths.sum(), 1e-9)),
@@ -186,42 +187,35 @@ def _rms(distances: Floats) -> float | None:
 
 def _samples(segments: Floats, config: ScoreConfig) -> tuple[Floats, Floats]:
     """Points along walls and the unit direction at each, both (n, 2)."""
-    along = segments[:, 2:] - segments[:, :2]
-    length = np.hypot(along[:, 0], along[:, 1])
-    segments, along, length = segments[length > 1e-9], along[length > 1e-9], length[length > 1e-9]
-    count = np.maximum(1, np.round(length / config.sample_m)).astype(np.intp)
-    wall = np.repeat(np.arange(len(count)), count)
-    nth = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
-    share = (nth + 0.5) / count[wall]
-    return segments[wall, :2] + share[:, None] * along[wall], (along / length[:, None])[wall]
+    segments = segments[lengths(segments) > 1e-9]
+    points, wall = points_along(segments, np.maximum(1, np.round(lengths(segments) / config.sample_m)).astype(np.int64))
+    return points, directions(segments)[wall]
 
 
-def _distinct(points: Floats, directions: Floats, cell_m: float, config: ScoreConfig) -> tuple[Floats, Floats]:
+def _distinct(points: Floats, ways: Floats, cell_m: float, config: ScoreConfig) -> tuple[Floats, Floats]:
     """One sample per cell and direction."""
     sectors = round(180.0 / config.alike_deg)
-    turn = np.arctan2(directions[:, 1], directions[:, 0]) % math.pi / math.radians(config.alike_deg)
+    turn = np.arctan2(ways[:, 1], ways[:, 0]) % math.pi / math.radians(config.alike_deg)
     sector = np.round(turn).astype(int) % sectors
     cells = np.column_stack([np.floor(points / cell_m).astype(int), sector])
     _, first = np.unique(cells, axis=0, return_index=True)
-    return points[first], directions[first]
+    return points[first], ways[first]
 
 
-def distance_to(points: Floats, directions: Floats, segments: Floats, config: ScoreConfig = DEFAULT) -> Floats:
+def distance_to(points: Floats, ways: Floats, segments: Floats, config: ScoreConfig = DEFAULT) -> Floats:
     """(n,) metres from each point to the nearest wall alike in direction; inf where there is none.
 
-    points and unit directions: (n, 2); segments: (m, 4) x1, y1, x2, y2.
+    points and unit directions `ways`: (n, 2); segments: (m, 4) x1, y1, x2, y2.
     """
     out = np.full(len(points), np.inf)
-    along = segments[:, 2:] - segments[:, :2]
-    length = np.hypot(along[:, 0], along[:, 1])
-    segments, along, length = segments[length > 1e-9], along[length > 1e-9], length[length > 1e-9]
-    unit = along / length[:, None]
+    segments = segments[lengths(segments) > 1e-9]
+    length, unit = lengths(segments), directions(segments)
     for low in range(0, len(points), 2000):  # a block of points by all walls stays in the cache
         part = slice(low, low + 2000)
         offset = points[part, None] - segments[:, :2]
         t = np.clip((offset * unit).sum(2), 0, length)
         away = np.linalg.norm(offset - t[..., None] * unit, axis=2)
-        alike = np.abs(directions[part] @ unit.T) > math.cos(math.radians(config.alike_deg))
+        alike = np.abs(ways[part] @ unit.T) > math.cos(math.radians(config.alike_deg))
         out[part] = np.where(alike, away, np.inf).min(1, initial=np.inf)
     return out
 

@@ -12,6 +12,11 @@ def lengths(walls: Floats) -> Floats:
     return np.hypot(walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1])
 
 
+def directions(walls: Floats) -> Floats:
+    """Unit vectors (m, 2) from the start of each wall (m, 4) to its end; zero for a wall without length."""
+    return np.asarray((walls[:, 2:] - walls[:, :2]) / np.maximum(lengths(walls), 1e-9)[:, None], np.float64)
+
+
 def points_along(walls: Floats, counts: Ints) -> tuple[Floats, Ints]:
     """Middles (k, 2) of as many equal pieces of each wall (m, 4) as counts (m,) says, and (k,) the walls' rows."""
     wall = np.repeat(np.arange(len(counts)), counts)

@@ -15,7 +15,7 @@ from agent.alignment.feature import LIKE_COS
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
-from protocol.walls import lengths, points_along
+from protocol.walls import directions, lengths, points_along
 
 SAMPLE_M = 0.1
 """Distance of the samples at which walls are compared."""
@@ -66,7 +66,7 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
     Around such a corner the ground is free on both its walls' sides, and so also beyond the end of each.
     """
     length = lengths(segments)
-    direction = (segments[:, 2:] - segments[:, :2]) / length[:, None]
+    direction = directions(segments)
     step = max(SAMPLE_M, float(length.sum()) / MAX_SAMPLES)
     count = np.ceil(length / step).astype(np.int64)
     places, wall = points_along(segments, count)

@@ -16,6 +16,7 @@ from agent.kernels import kernel
 from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, view_of
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
+from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Wireframe
 
 PIECE_M = 0.1
@@ -93,14 +94,11 @@ class WallEvidence:
 def pieces_of(wireframe: Wireframe) -> tuple[Floats, Ints]:
     """(k, 4) x, y and direction of all pieces of its walls, frame of the map, and (k,) their edges."""
     segments = wireframe.segments()
-    along = segments[:, 2:] - segments[:, :2]
-    length = np.hypot(along[:, 0], along[:, 1])
+    length = lengths(segments)
     step = max(PIECE_M, float(length.sum()) / MAX_PIECES)
     count = np.where(length > 1e-6, np.maximum(1, np.round(length / step)), 0).astype(np.int64)
-    wall = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[wall]
-    places = segments[wall, :2] + share[:, None] * along[wall]
-    return np.column_stack([places, (along / np.maximum(length, 1e-9)[:, None])[wall]]), wall
+    places, wall = points_along(segments, count)
+    return np.column_stack([places, directions(segments)[wall]]), wall
 
 
 def fresh_pieces(theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:

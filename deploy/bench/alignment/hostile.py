@@ -23,6 +23,7 @@ from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
 from protocol.talk import MAX_PARTS, Beacon, Part, in_parts
+from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 
@@ -149,8 +150,7 @@ class _Besieged:
 
 def _travels(wireframe: Wireframe) -> Wireframe:
     """A map without walls that are shorter than the radio tells apart."""
-    segments = wireframe.segments()
-    keep = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]) > 0.05
+    keep = lengths(wireframe.segments()) > 0.05
     kept = {name: getattr(wireframe, name)[keep] for name in ("edges", "likelihood", "own")}
     return replace(wireframe, **kept)
 
