@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from agent.alignment.align import align_prepared, prepare
+from agent.alignment import align_prepared, prepare
 from agent.config import AgentConfig
 from agent.robot import Robot
 from protocol.arrays import Floats

@@ -1,7 +1,7 @@
-"""Do two maps agree wall by wall where a transform puts them? Agreement and conflict in metres of wall (ours).
+"""Agreement and conflict of two maps under a transform, in metres of wall (ours).
 
-Agreement: a wall of one map lies on a wall of the other that faces the same way. Conflict: it runs through the free
-strip before a wall of the other, which has nothing there itself. The opposite face of a thin wall is neither.
+A wall agrees where it lies on a wall of the other map that faces the same way. It is in conflict where it runs through
+the free strip before a wall of the other map. The opposite face of a thin wall does neither.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
     count = np.ceil(length / step).astype(np.int64)
     places, wall = points_along(segments, count)
     samples = np.column_stack([places, direction[wall], (length / count)[wall]])
-    corners = segments.reshape(-1, 2)
+    corners = segments.reshape(-1, 2) if len(segments) else np.zeros((1, 2))
     low, high = corners.min(0) - REACH_M, corners.max(0) + REACH_M
     cell = max(2.0 * REACH_M, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agent.alignment.agreement import Walls, index_walls
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import Corners, corners
-from agent.alignment.meeting import Meeting, Place, place_of
+from agent.alignment.meeting import Meeting
+from agent.alignment.prepared import PreparedMap, prepare
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
 from protocol.arrays import Floats
@@ -52,29 +51,8 @@ class Alignment:
         return {name: getattr(self, name) for name in names}
 
 
-@dataclass(frozen=True)
-class PreparedMap:
-    """A map made ready to be aligned, which is worth its time where it is aligned with several others."""
-
-    corners: Corners
-    walls: Walls | None
-    """None without walls."""
-    place: Place
-    true_corners: int
-    """Vertices that are no frontier."""
-
-
 Method = Callable[[PreparedMap, PreparedMap, AlignmentConfig, np.random.Generator], Alignment]
-"""Judges the best transform between two maps with walls; benchmarks compare others with `by_features`."""
-
-
-def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
-    """A map ready to be aligned; None where it is larger than the configuration allows. Must have passed `check`."""
-    if int(wireframe.own.sum()) > config.max_vertices:
-        return None
-    found = corners(wireframe)
-    walls = index_walls(found.walls, found.juts) if len(found.walls) else None
-    return PreparedMap(found, walls, place_of(found.points, found.child, found.walls), int(found.true.sum()))
+"""Finds and judges the best transform between two maps. Benchmarks compare others with `by_features`."""
 
 
 def align(
@@ -94,14 +72,12 @@ def align(
 
 def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Alignment:
     """The best transform by pairs of like corners, if it is good enough and no other is nearly as good."""
-    found = candidates(mine, theirs, config, rng)
+    found = ranked(mine, theirs, config.drawing, rng)
     if not len(found.transforms):
         return Alignment(None, "unlike")
-    assert mine.walls is not None and theirs.walls is not None
     rival = 0.0
     if config.repetition and found.scores[0] > 0.0:
-        one, two = (mine.corners, mine.walls), (theirs.corners, theirs.walls)
-        rival = rival_score(found.transforms[0], float(found.agreement[0]), one, two, config.drawing, rng)
+        rival = rival_score(found.transforms[0], float(found.agreement[0]), mine, theirs, config.drawing, rng)
     said = described(found, mine, theirs, rival)
     if said.inliers < config.min_inliers or said.score < config.min_score_m:
         return replace(said, reason="weak")
@@ -121,7 +97,7 @@ def align_prepared(
     """As `align`, for maps made ready."""
     if mine is None or theirs is None:
         return Alignment(None, "large")
-    if min(mine.true_corners, theirs.true_corners) < config.min_corners or mine.walls is None or theirs.walls is None:
+    if min(mine.true_corners, theirs.true_corners) < config.min_corners:
         return Alignment(None, "small")
     said = method(mine, theirs, config, rng)
     if said.transform is None or meeting is None:
@@ -130,18 +106,11 @@ def align_prepared(
     return said if possible else replace(said, transform=None, reason="impossible")
 
 
-def candidates(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Candidates:
-    """Distinct transforms by pairs of like corners, best first. Both maps must have walls."""
-    assert mine.walls is not None and theirs.walls is not None
-    return ranked(mine.corners, theirs.corners, mine.walls, theirs.walls, config.drawing, rng)
-
-
 def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: float = 0.0) -> Alignment:
     """The first candidate with its figures, not judged yet: without a transform, for the reason `ambiguous`.
 
     rival: score of the best transform that contradicts it and is not among the candidates; 0 without.
     """
-    assert mine.walls is not None and theirs.walls is not None
     best, score, second = found.transforms[0], float(found.scores[0]), rival
     for other, its in zip(found.transforms[1:], found.scores[1:].tolist(), strict=True):
         if apart(best, other, theirs.corners.centre, DISTINCT_M, DISTINCT_RAD):

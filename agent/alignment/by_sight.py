@@ -90,8 +90,6 @@ def align_by_sight(
     Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`.
     """
     none = Alignment(None, "unlike", best=pose_of(found.transform))
-    if mine.walls is None or theirs.walls is None:
-        return none
     square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
     fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners)
     best = none

@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.agreement import Walls, agreement
+from agent.alignment.agreement import agreement
 from agent.alignment.feature import Corners, like_walls, likeness
+from agent.alignment.prepared import PreparedMap
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
@@ -58,14 +59,12 @@ class Candidates(NamedTuple):
     """(c,) agreement less weighted conflict, metres."""
 
 
-def ranked(
-    mine: Corners, theirs: Corners, my_walls: Walls, their_walls: Walls, drawing: str, rng: np.random.Generator
-) -> Candidates:
+def ranked(mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.Generator) -> Candidates:
     """Transforms from pairs of like corners, refined, with walls held against each other. rng: only if drawn."""
-    first = like_transforms(mine, theirs, drawing, rng)
-    refined = refine(first, mine, theirs)
+    first = like_transforms(mine.corners, theirs.corners, drawing, rng)
+    refined = refine(first, mine.corners, theirs.corners)
     keep = slice(0, MAX_SCORED)
-    walls = np.array([agreement(my_walls, their_walls, t) for t in refined.transforms[keep]]).reshape(-1, 2)
+    walls = np.array([agreement(mine.walls, theirs.walls, t) for t in refined.transforms[keep]]).reshape(-1, 2)
     scores = walls[:, 0] - CONFLICT_WEIGHT * walls[:, 1]
     order = np.lexsort((-refined.inliers[keep], -scores))
     return Candidates(

@@ -73,9 +73,8 @@ class Corners(NamedTuple):
     @property
     def centre(self) -> Floats:
         """(2,) mean of all points on the walls."""
-        length = lengths(self.walls)
-        middle: Floats = ((self.walls[:, 2:] + self.walls[:, :2]) / 2 * length[:, None]).sum(0) / length.sum()
-        return middle
+        length, middles = lengths(self.walls), (self.walls[:, 2:] + self.walls[:, :2]) / 2
+        return np.asarray((middles * length[:, None]).sum(0) / max(length.sum(), 1e-9), np.float64)
 
 
 def corners(wireframe: Wireframe) -> Corners:

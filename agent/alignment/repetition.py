@@ -1,10 +1,10 @@
 """Rivals of a transform that the two maps cannot show: patterns that repeat in one map (ours).
 
-Where rooms are alike, the best transform may lay a room on its twin while the true one, with less overlap, scores
-worse. No second candidate is near then. But if what agrees is found again elsewhere in the same map, it may be found
-again beyond that map's end, too: the transform moved on by the pattern is as good as the share of the matched corners
-that repeats, unless the maps contradict it there. Corners are counted and not walls: along a corridor walls repeat
-at every step, and mean nothing.
+Where rooms are alike, the best transform may lay a room on its twin, while the true transform, with less overlap,
+scores far worse. Then no candidate warns. But corners that match and are found again elsewhere in the same map may
+stand once more beyond that map's end. So the transform moved on by the pattern counts as a rival. Its score is the
+agreement times the share of the matched corners that repeat, less the conflict between the maps under it. Corners are
+counted and not walls, because along a corridor walls repeat at every step.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
-from agent.alignment.agreement import Walls, agreement
+from agent.alignment.agreement import agreement
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, FINE_M, like_transforms, refine
 from agent.alignment.feature import Corners, like_walls
+from agent.alignment.prepared import PreparedMap
 from agent.geometry.transform import apart, compose, inverse, move
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
@@ -38,8 +39,8 @@ def patterns(one: Corners, drawing: str, rng: np.random.Generator) -> Floats:
 def rival_score(
     best: Floats,
     agreed_m: float,
-    mine: tuple[Corners, Walls],
-    theirs: tuple[Corners, Walls],
+    mine: PreparedMap,
+    theirs: PreparedMap,
     drawing: str,
     rng: np.random.Generator,
 ) -> float:
@@ -49,8 +50,8 @@ def rival_score(
     """
     strongest = 0.0
     for which, one, other, there in (
-        ("mine", mine[0], theirs[0], inverse(best)),
-        ("theirs", theirs[0], mine[0], best),
+        ("mine", mine.corners, theirs.corners, inverse(best)),
+        ("theirs", theirs.corners, mine.corners, best),
     ):
         matched = same_corners(one, there, other)
         if not matched.any():
@@ -61,7 +62,7 @@ def rival_score(
             if shares[k] * agreed_m <= strongest:
                 break
             rival = compose(shifts[k], best) if which == "mine" else compose(best, inverse(shifts[k]))
-            conflict = agreement(mine[1], theirs[1], rival)[1]
+            conflict = agreement(mine.walls, theirs.walls, rival)[1]
             strongest = max(strongest, float(shares[k]) * agreed_m - RIVAL_CONFLICT_WEIGHT * conflict)
     return strongest
 

@@ -86,7 +86,7 @@ def update(
     assert newest is not None
     peer.log.map_is_news = False
     peer = replace(peer, updated=tick)
-    if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+    if mine is None or theirs is None or not (len(mine.corners.walls) and len(theirs.corners.walls)):
         return peer, {}
     transform = _refined(peer.transform, mine, theirs, config.min_inliers)
     agreed, conflict = agreement(mine.walls, theirs.walls, transform)

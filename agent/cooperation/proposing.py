@@ -126,7 +126,7 @@ class Aligner:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""
         assert log.map is not None
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
-        if mine is None or theirs is None or mine.walls is None or theirs.walls is None:
+        if mine is None or theirs is None:
             return False
         fit = refine(transform[None], mine.corners, theirs.corners)
         if not len(fit.transforms) or fit.inliers[0] < LEAST_CORNERS:

@@ -46,7 +46,6 @@ def _clouds(mine: PreparedMap, theirs: PreparedMap) -> tuple[Floats, Floats]:
 
 def _by_corners(first: Floats, mine: PreparedMap, theirs: PreparedMap) -> Alignment:
     """Judge transforms (k, 3), most promising first, by their matched corners. Walls are compared for the record."""
-    assert mine.walls is not None and theirs.walls is not None
     found = refine(first, mine.corners, theirs.corners, by_walls=False)
     if not len(found.transforms):
         return Alignment(None, "unlike")

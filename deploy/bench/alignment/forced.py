@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from agent.alignment import prepare
-from agent.alignment.align import candidates, pose_of
+from agent.alignment.align import pose_of
+from agent.alignment.candidates import ranked
 from agent.cooperation.peer import Heard, Merged, Proposed
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
@@ -127,9 +128,9 @@ class ForcedRun:
         if kind == "rival":
             config = robot.config.alignment
             one, two = prepare(robot.own, config), prepare(theirs, config)
-            if one is not None and two is not None and one.walls is not None and two.walls is not None:
+            if one is not None and two is not None:
                 found: Floats
-                for found in candidates(one, two, config, self.rng).transforms:
+                for found in ranked(one, two, config.drawing, self.rng).transforms:
                     off = errors(found.tolist(), mine, self.frames[peer.log.name], theirs.points.mean(0))
                     if not right(*off):
                         return found
