@@ -13,6 +13,7 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from deploy.config import load
 from world.worldfile import bundled, from_document
 
 ROOT = Path(__file__).parents[1]
@@ -86,6 +87,12 @@ def test_the_commands_of_the_readme_exist() -> None:
     for command, used in options.items():
         told = run(str(Path(sys.executable).with_name("wireswarm")), *command, "--help")
         assert used <= set(re.findall(r"--[a-z-]+", told)), command
+
+
+@pytest.mark.parametrize("file", ["README.md", *(f"docs/{file.name}" for file in (ROOT / "docs").glob("*.md"))])
+def test_the_settings_in_the_docs_can_be_set(file: str) -> None:
+    sets = re.findall(r"--set (?:'([^']+)'|([\w.]+=\w+))", (ROOT / file).read_text())
+    load(None, {}, [quoted or plain for quoted, plain in sets])
 
 
 @pytest.mark.parametrize("file", ["README.md", "docs/formats.md"])
