@@ -1,4 +1,4 @@
-"""One robot: what it sees and hears in, where it drives and what it says out. Plain: no clock, no network."""
+"""One robot: takes what it senses and hears, gives what it does and says. Without clock, network or shared state."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
@@ -21,7 +20,7 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import perceive
 from agent.perception.posts import Posts
 from agent.perception.seen_discs import SeenDiscs
-from protocol.geometry import Pose, apply, seen_from
+from protocol.geometry import apply, seen_from
 from protocol.messages import (
     Action,
     Event,
@@ -38,14 +37,14 @@ from protocol.walls import lengths
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
-"""A corner that moved less is where it was: the size of a quantised position on the radio."""
+"""A corner that moved by less has not changed: maps travel on a grid of this size."""
 
 LAY_S = 0.6
 """Merged maps are laid over the own one at most this often; what was just seen is in the scan anyway."""
 
 
 class Step(NamedTuple):
-    """All that a robot puts out in one tick."""
+    """What a robot does and says in a tick."""
 
     action: Action
     sends: list[Send]
@@ -72,8 +71,11 @@ class Robot:
         """The map of own scans alone."""
         self.wireframe = Wireframe()
         """The map: the same with merged ones laid over it."""
-        self._map_bytes = encode_wireframe(self.wireframe)
         self.version = 0
+        """Rises whenever the map changes."""
+        self._map_bytes = encode_wireframe(self.wireframe)
+        self._long_walls = np.zeros((0, 4))
+        """(m, 4) walls of the own map that are too long to be a teammate's front."""
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
         self._errand_ended: ErrandEnd | None = None
@@ -84,12 +86,13 @@ class Robot:
         return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """Take one tick: the paper's Algorithm 1, with mapping before it. C is `exchange.contacts`, Z and T `team`."""
+        """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started = time.perf_counter()
         tick = observation.tick
         seen_before = self.discs.expected(observation.odometry)
         predicted = self.filter.predicted(observation.odometry)
-        known, posts = self._known_walls(predicted), self.posts.seen_from(predicted)
+        known = seen_from(predicted, self._long_walls.reshape(-1, 2)).reshape(-1, 4)
+        posts = self.posts.seen_from(predicted)
         scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known, posts)
         self.discs.see(observation.odometry, scan.discs)
         self.filter.update(scan, observation.odometry)
@@ -130,18 +133,14 @@ class Robot:
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
         )
 
-    def _known_walls(self, pose: Pose) -> NDArray[np.float64]:
-        """(m, 4) walls of the own map that are too long to be a teammate's front, in the robot's frame."""
-        walls = self.own.segments()
-        walls = walls[lengths(walls) >= self.config.perception.known_wall_m]
-        return seen_from(pose, walls.reshape(-1, 2)).reshape(-1, 4)
-
     def _read_own(self) -> bool:
         """Take the filter's best map; true where it differs from the last one."""
         new = self.filter.wireframe()
         if _alike(new, self.own):
             return False
         self.own = new
+        walls = new.segments()
+        self._long_walls = walls[lengths(walls) >= self.config.perception.known_wall_m]
         return True
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:

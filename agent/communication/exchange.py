@@ -9,30 +9,25 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from agent.communication.config import TalkConfig
 from agent.communication.contacts import Contacts
-from agent.communication.hearing import NO_VIEWS, Hearing, News, PeerViews, ReceivedMap
+from agent.communication.hearing import Hearing, News, PeerViews, ReceivedMap
+from agent.communication.receiving import KEPT_MAPS, Known
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
-from protocol.map_codec import decode_map, encode_map
+from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Event, Heard, Send
-from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_BODY, RESEND, Ack, Beacon, Part, in_parts
+from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND, Ack, Beacon, Part, in_parts
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
 NEVER = -(10**9)
 """A tick long ago."""
-KEPT_MAPS = 8
-"""Versions of one peer's map that are kept: one acknowledged, one on its way, and the time-outs in between."""
 MOST_DOUBLINGS = 3
 """The wait for an acknowledgement doubles up to eight times the first one."""
 WHOLE_BYTES = 1.0
 """A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
-KEPT_VIEWS = 6000
-"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
 SLACK_CELLS = 1.5
@@ -71,43 +66,19 @@ class Told:
     current: int = 0
     """Tick until which it has all that was seen."""
 
-
-@dataclass
-class Arriving:
-    """Parts of a map that is not whole yet."""
-
-    version: int
-    base: int
-    count: int
-    last: int
-    """Tick of the newest part."""
-    bodies: dict[int, bytes] = field(default_factory=dict)
-
-    @property
-    def missing(self) -> frozenset[int]:
-        """Parts that are not there."""
-        return frozenset(range(self.count)) - self.bodies.keys()
-
-
-@dataclass
-class Known:
-    """What a peer told of its map."""
-
-    maps: dict[int, GridMap] = field(default_factory=dict)
-    """By version: the newest, and those that it may still tell changes to."""
-    arriving: Arriving | None = None
-    views: PeerViews = NO_VIEWS
-    views_until: int = 0
-    """Tick of its last viewpoint that was told."""
-
-    @property
-    def newest(self) -> int:
-        """Version of its map as known; 0: none."""
-        return max(self.maps, default=0)
-
-    def map(self) -> ReceivedMap | None:
-        """The newest map; None before the first."""
-        return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None
+    def take_ack(self, ack: Ack) -> None:
+        """Note what the peer has, or lacks."""
+        if ack.version not in self.maps:
+            return  # of a former life, or of something long ago
+        if ack.missing is None:  # it has lost what it once had: all of it again
+            self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
+        elif ack.missing:
+            if self.parts and self.parts[0].version == ack.version:  # else another map is on its way by now
+                self.parts = [p for p in self.whole if p.number in ack.missing]  # it may have given up some it had
+        elif ack.version > self.acked:
+            self.acked, self.current, self.tries = ack.version, max(self.current, ack.version), 0
+            self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
+            self.parts = [p for p in self.parts if p.version > ack.version]
 
 
 class Exchange:
@@ -132,8 +103,6 @@ class Exchange:
         self._period_ticks = max(1, round(config.map_period_s * rate_hz))
         self._retry_ticks = max(1, round(config.retry_s * rate_hz))
         self._patience_ticks = max(1, round(REASSEMBLY_S * rate_hz))
-
-    # --- hearing ------------------------------------------------------------------------------------------------
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> Hearing:
         """Take a tick's messages. Events are `contact`, `lost`, `refused` and the last talk's `untold`.
@@ -181,83 +150,31 @@ class Exchange:
         if message.kind in (MAP, DELTA, RESEND):
             return self._take_part(tick, peer, Part.decode(message.payload))
         if message.kind == ACK:
-            self._take_ack(peer, Ack.decode(message.payload))
+            ack = Ack.decode(message.payload)
+            if peer in self._told:
+                self._told[peer].take_ack(ack)
             return None
         if message.kind == VIEWS:
             return self._take_views(peer, decode_views(message.payload))
         raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
 
     def _take_part(self, tick: int, peer: str, part: Part) -> ReceivedMap | None:
-        """Keep a part; the map, once it is whole."""
         known = self._known.setdefault(peer, Known())
-        if part.version in known.maps:
-            self._answer(peer, Ack(part.version), part.parts)
-            return None
-        if part.version < known.newest:
-            return None  # overtaken by a newer one
-        if part.base and part.base not in known.maps:
-            self._answer(peer, Ack(part.version, None), part.parts)
-            return None
-        arriving = known.arriving
-        if arriving is not None and tick - arriving.last > self._patience_ticks:
-            arriving = None
-        if arriving is not None and part.version < arriving.version:
-            return None
-        if arriving is None or part.version > arriving.version:
-            arriving = Arriving(part.version, part.base, part.parts, tick)
-        elif (arriving.base, arriving.count) != (part.base, part.parts):
-            raise ProtocolError("two parts of one map that do not fit each other")
-        bodies = arriving.bodies | {part.number: part.body}
-        if sum(map(len, bodies.values())) > MAX_BODY:
-            raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
-        arriving.bodies, arriving.last = bodies, tick
-        known.arriving = arriving
-        if not arriving.missing:
-            known.arriving = None
-            body = b"".join(arriving.bodies[index] for index in range(arriving.count))
-            whole = decode_map(body, known.maps[part.base] if part.base else None)
-            known.maps = {v: old for v, old in known.maps.items() if v >= part.base}
-            known.maps[part.version] = whole
-            for version in sorted(known.maps)[:-KEPT_MAPS]:
-                del known.maps[version]
-        self._answer(peer, Ack(part.version, arriving.missing), part.parts)
-        return None if arriving.missing else known.map()
+        ack, new = known.take_part(tick, part, self._patience_ticks)
+        if ack is not None:
+            self._answer(peer, ack, part.parts)
+        return new
 
     def _answer(self, peer: str, ack: Ack, count: int) -> None:
         """Acknowledge at this tick's end: one answer a peer and version, the last word."""
         self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
         self._answers.append((peer, ack, count))
 
-    def _take_ack(self, peer: str, ack: Ack) -> None:
-        told = self._told.get(peer)
-        if told is None or ack.version not in told.maps:
-            return  # of a former life, or of something long ago
-        if ack.missing is None:  # it has lost what it once had: all of it again
-            told.maps, told.acked, told.whole, told.parts, told.compared, told.current = {}, 0, [], [], -1, 0
-        elif ack.missing:
-            if told.parts and told.parts[0].version == ack.version:  # else another map is on its way by now
-                told.parts = [p for p in told.whole if p.number in ack.missing]  # it may have given up some it had
-        elif ack.version > told.acked:
-            told.acked, told.current, told.tries = ack.version, max(told.current, ack.version), 0
-            told.maps = {version: one for version, one in told.maps.items() if version >= ack.version}
-            told.parts = [p for p in told.parts if p.version > ack.version]
-
     def _take_views(self, peer: str, views: AskViews | Views) -> PeerViews | None:
-        if isinstance(views, AskViews):
-            self._asks[peer] = views.since
-            return None
-        known = self._known.setdefault(peer, Known())
-        if views.until <= known.views_until or views.since not in (0, known.views_until):
-            return None  # twice, or late; what is missing will be asked for
-        old = known.views if views.since else NO_VIEWS
-        need = np.full(len(views.cells), known.newest)
-        known.views_until = views.until
-        known.views = PeerViews(
-            np.vstack((old.points, views.points))[-KEPT_VIEWS:], np.concatenate((old.need, need))[-KEPT_VIEWS:]
-        )
-        return known.views
-
-    # --- talking ------------------------------------------------------------------------------------------------
+        if isinstance(views, Views):
+            return self._known.setdefault(peer, Known()).take_views(views)
+        self._asks[peer] = views.since
+        return None
 
     def talk(
         self,

@@ -1,0 +1,102 @@
+"""The maps and viewpoints of one peer, from messages that may be lost, late or doubled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from agent.communication.hearing import NO_VIEWS, PeerViews, ReceivedMap
+from protocol.errors import ProtocolError
+from protocol.grid_map import GridMap
+from protocol.map_codec import decode_map
+from protocol.talk import MAX_BODY, Ack, Part
+from protocol.viewpoints import Views
+
+KEPT_MAPS = 8
+"""Versions of one peer's map that are kept: one acknowledged, one on its way, and those of time-outs in between."""
+KEPT_VIEWS = 6000
+"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+
+
+@dataclass
+class Arriving:
+    """Parts of a map that is not whole yet."""
+
+    version: int
+    base: int
+    count: int
+    last: int
+    """Tick of the newest part."""
+    bodies: dict[int, bytes] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> frozenset[int]:
+        """Parts that are not there."""
+        return frozenset(range(self.count)) - self.bodies.keys()
+
+
+@dataclass
+class Known:
+    """What a peer told of its map."""
+
+    maps: dict[int, GridMap] = field(default_factory=dict)
+    """By version: the newest, and those that it may still tell changes to."""
+    arriving: Arriving | None = None
+    views: PeerViews = NO_VIEWS
+    views_until: int = 0
+    """Tick of the last viewpoint that it told."""
+
+    @property
+    def newest(self) -> int:
+        """Version of its map as known; 0: none."""
+        return max(self.maps, default=0)
+
+    def map(self) -> ReceivedMap | None:
+        """The newest map; None before the first."""
+        return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None
+
+    def take_part(self, tick: int, part: Part, patience_ticks: int) -> tuple[Ack | None, ReceivedMap | None]:
+        """Keep a part: the answer that it needs, and the map once it is whole.
+
+        Parts of a map that waited for longer than patience_ticks are given up. Raises ProtocolError for a part that
+        does not fit the others, and for a map that is too large or that cannot be read.
+        """
+        if part.version in self.maps:
+            return Ack(part.version), None
+        if part.version < self.newest:
+            return None, None  # overtaken by a newer one
+        if part.base and part.base not in self.maps:
+            return Ack(part.version, None), None
+        arriving = self.arriving
+        if arriving is not None and tick - arriving.last > patience_ticks:
+            arriving = None
+        if arriving is not None and part.version < arriving.version:
+            return None, None
+        if arriving is None or part.version > arriving.version:
+            arriving = Arriving(part.version, part.base, part.parts, tick)
+        elif (arriving.base, arriving.count) != (part.base, part.parts):
+            raise ProtocolError("two parts of one map that do not fit each other")
+        bodies = arriving.bodies | {part.number: part.body}
+        if sum(map(len, bodies.values())) > MAX_BODY:
+            raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
+        arriving.bodies, arriving.last = bodies, tick
+        self.arriving = arriving
+        if arriving.missing:
+            return Ack(part.version, arriving.missing), None
+        self.arriving = None
+        body = b"".join(bodies[index] for index in range(arriving.count))
+        whole = decode_map(body, self.maps[part.base] if part.base else None)
+        kept = {version: old for version, old in self.maps.items() if version >= part.base} | {part.version: whole}
+        self.maps = {version: kept[version] for version in sorted(kept)[-KEPT_MAPS:]}
+        return Ack(part.version), self.map()
+
+    def take_views(self, views: Views) -> PeerViews | None:
+        """Add viewpoints; all of them, or None where the message came twice or late."""
+        if views.until <= self.views_until or views.since not in (0, self.views_until):
+            return None  # what is missing will be asked for
+        old = self.views if views.since else NO_VIEWS
+        points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
+        need = np.concatenate((old.need, np.full(len(views.cells), self.newest)))[-KEPT_VIEWS:]
+        self.views, self.views_until = PeerViews(points, need), views.until
+        return self.views
