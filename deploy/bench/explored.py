@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
@@ -11,6 +14,8 @@ from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
+from deploy.config import RunConfig
+from deploy.launcher import launch
 from deploy.metrics import Truth, score, truth_of
 from protocol.geometry import Pose
 from protocol.messages import Event, Heard, Observation, RobotSpec
@@ -165,3 +170,21 @@ def measure_run(
     settings = {"world": world, "robots": 1, "seed": seed, "starts": starts, "spec": spec or {}, "max_time_s": limit_s}
     run = explore(settings, agent or {})
     return run.figures() | run.told()
+
+
+@contextmanager
+def launched(
+    settings: Mapping[str, Any], robot_factory: Callable[..., Any] | None = None
+) -> Iterator[tuple[Path, str]]:
+    """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "run"
+        result = launch(RunConfig.model_validate(dict(settings)), out, command_line=[], robot_factory=robot_factory)
+        if result.errors:
+            raise RuntimeError("; ".join(result.errors))
+        yield out, result.ended
+
+
+def read_json(path: Path) -> Any:
+    """A JSON file of a run directory."""
+    return json.loads(path.read_text(encoding="utf-8"))

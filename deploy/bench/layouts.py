@@ -1,17 +1,26 @@
-"""The layouts that benchmarks run in: the bundled worlds, and real ones beside the repository, where they are."""
+"""The layouts that benchmarks run in: bundled worlds, real ones beside the repository, and those that are made."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
 
 from deploy.bench.cases import ROOT
-from world.worldfile import BUNDLED
+from protocol.arrays import Floats
+from protocol.messages import RobotSpec
+from world.episode import generator
+from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"
 """Layouts made by others, which are not part of the project."""
 FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]
 """Those of them with furniture."""
+KEEP = Path(gettempdir()) / "wireswarm-bench"
+"""What is too large for the repository, or only in between; made again where it is missing."""
 
 
 def path_of(name: str) -> str:
@@ -25,3 +34,20 @@ def path_of(name: str) -> str:
 def present(names: Iterable[str]) -> list[str]:
     """The layouts of these that are there."""
     return [name for name in names if any(Path(f, f"{name}.yaml").is_file() for f in (BUNDLED, SHARED))]
+
+
+def written(document: Mapping[str, Any]) -> str:
+    """File of a world that is made, named after its content."""
+    text = to_yaml(document).encode()
+    path = KEEP / "worlds" / f"{document['name']}-{hashlib.sha256(text).hexdigest()[:16]}.yaml"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(f".{os.getpid()}")  # another process may write the same file
+        partial.write_bytes(text)
+        partial.replace(path)
+    return str(path)
+
+
+def drawn_starts(world: str, robots: int, seed: int) -> Floats:
+    """(robots, 3) starts in a layout as a run with `starts=random` draws them from its seed."""
+    return load(path_of(world)).starts(robots, RobotSpec().radius_m, generator(seed, "starts"), drawn=True)

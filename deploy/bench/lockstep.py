@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import sys
-import tempfile
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 from agent.config import AgentConfig
 from agent.robot import Step
 from deploy import inprocess
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
+from deploy.bench.explored import launched, read_json
 from deploy.bench.tables import Table, columns, whole
 from deploy.config import RunConfig
-from deploy.launcher import launch
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
 
@@ -48,12 +45,10 @@ def cases(quick: bool) -> list[Case]:
 def measure(world: str, robots: int, ticks: int) -> Figures:
     """Ticks a second with processes and in one process."""
     spec = RobotSpec()
-    config = RunConfig.model_validate({"world": world, "robots": robots, "until": ticks / spec.lidar.rate_hz})
-    with tempfile.TemporaryDirectory() as folder:
-        alone = _one_process(config)
-        out = Path(folder) / "run"
-        launch(config, out, command_line=[], robot_factory=Thoughtless)
-        factor = json.loads((out / "summary.json").read_text(encoding="utf-8"))["real_time_factor"]
+    settings = {"world": world, "robots": robots, "until": ticks / spec.lidar.rate_hz}
+    alone = _one_process(RunConfig.model_validate(settings))
+    with launched(settings, Thoughtless) as (folder, _):
+        factor = read_json(folder / "summary.json")["real_time_factor"]
     shells = factor * spec.lidar.rate_hz
     return {
         "robots": robots,

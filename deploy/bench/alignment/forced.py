@@ -17,13 +17,12 @@ from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right, true_transform
 from deploy.bench.explored import explore
-from deploy.bench.layouts import path_of
+from deploy.bench.layouts import drawn_starts, path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, runs_of
 from protocol.arrays import Floats
 from protocol.geometry import apply
-from protocol.messages import Observation, RobotSpec
+from protocol.messages import Observation
 from protocol.wireframe import Wireframe
-from world.episode import generator
 from world.worldfile import load
 
 KINDS = ("twin", "near", "turned", "rival")
@@ -69,9 +68,8 @@ class ForcedRun:
     """A run of three robots whose proposals are all forced, and nearly all of them wrong."""
 
     def __init__(self, world: str, seed: int, limit_s: float, evidence: Mapping[str, Any] | None = None) -> None:
-        place, spec = load(path_of(world)), RobotSpec()
-        starts = place.starts(3, spec.radius_m, generator(seed, "starts"), drawn=True)
-        self.frames = {f"r{k + 1}": start for k, start in enumerate(starts)}
+        place = load(path_of(world))
+        self.frames = {f"r{k + 1}": start for k, start in enumerate(drawn_starts(world, 3, seed))}
         low, high = place.segments.reshape(-1, 2).min(0), place.segments.reshape(-1, 2).max(0)
         self.centre = 0.5 * (low + high)
         self.rng = np.random.default_rng(seed)

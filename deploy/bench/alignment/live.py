@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.robot import Robot, Step
-from deploy.bench.alignment.recordings import KEEP, mapped
+from deploy.bench.alignment.recordings import mapped
 from deploy.bench.alignment.trials import wilson
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import Explored, explore
-from deploy.bench.layouts import path_of
+from deploy.bench.layouts import drawn_starts, path_of, written
 from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, at, columns, grouped, most, row_of, runs_of
 from deploy.bench.tables import median as middle
 from deploy.metrics import Truth, truth_of
 from protocol.arrays import Floats
 from protocol.messages import Observation, RobotSpec
-from world.episode import Episode, generator
-from world.worldfile import load, to_yaml
+from world.episode import Episode
+from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
 SEEDS = 20
@@ -87,9 +87,11 @@ def measure(
     until: str | None = None,
 ) -> Figures:
     """One run, until `team` or `each` robot has 99 %, until all is `merged`, or to its own end (None)."""
-    if start is not None:
-        world, robots = alone_from(world, seed, start), 1
-    starts = load(path_of(world)).starts(robots, RobotSpec().radius_m, generator(seed, "starts"), drawn=start is None)
+    if start is None:
+        starts = drawn_starts(world, robots, seed)
+    else:
+        starts = drawn_starts(world, 3, seed)[start : start + 1]
+        world, robots = alone_from(world, starts[0]), 1
     watched = Watched(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
     settings = {
         "world": world,
@@ -115,14 +117,9 @@ def _each(episode: Episode) -> bool:
     return min(episode.coverage.values()) >= FULL
 
 
-def alone_from(world: str, seed: int, start: int) -> str:
-    """File of a world with one spawn: where the robot of that number begins in a run of three."""
-    place = load(path_of(world))
-    starts = place.starts(3, RobotSpec().radius_m, generator(seed, "starts"), drawn=True)
-    path = KEEP / "worlds" / f"{Path(world).stem}-{seed}-{start}.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(to_yaml({**place.document, "spawns": [starts[start].tolist()]}), encoding="utf-8")
-    return str(path)
+def alone_from(world: str, start: Floats) -> str:
+    """File of a world with one spawn."""
+    return written({**load(path_of(world)).document, "spawns": [start.tolist()]})
 
 
 class Watched:

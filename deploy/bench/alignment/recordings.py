@@ -9,8 +9,6 @@ import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,7 @@ import numpy as np
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
-from deploy.bench.layouts import path_of, present
+from deploy.bench.layouts import path_of, present, written
 from deploy.metrics import Truth, distance_to, truth_of
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply
@@ -26,10 +24,8 @@ from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
 from world.config import CoverageConfig
 from world.maze import generate
-from world.worldfile import load, to_yaml
+from world.worldfile import load
 
-KEEP = Path(gettempdir()) / "wireswarm-bench-alignment"
-"""Recordings are too large for the repository, and made again where they are missing."""
 LOOK_S = 2.0
 """Simulated time between two looks at the growing map."""
 GROWTH = 4
@@ -161,17 +157,12 @@ def corners_of(wireframe: Wireframe) -> int:
 
 
 def file_of(world: str) -> str:
-    """File of a layout's name; that of a generated maze is written first."""
+    """File of a layout's name, which may be that of a generated maze."""
     if not world.startswith("generated-"):
         return path_of(world)
     size, seed = world.split("-")[1:]
     width, height = map(float, size.split("x"))
-    path = KEEP / "worlds" / f"{world}.yaml"
-    text = to_yaml(generate(width, height, np.random.default_rng(int(seed))))
-    if not path.is_file() or path.read_text(encoding="utf-8") != text:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    return str(path)
+    return written(generate(width, height, np.random.default_rng(int(seed))))
 
 
 def whole_map(world: str) -> Wireframe:

@@ -16,6 +16,7 @@ from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
 from deploy.bench.cases import Case, Figures, measure_all
+from deploy.bench.layouts import KEEP
 from deploy.bench.tables import Outcomes, Row, Table, columns, runs_of
 from protocol.messages import RobotSpec
 
@@ -49,7 +50,8 @@ def cases(quick: bool) -> list[Case]:
 
 def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
     """Recordings by world, made before where they are missing."""
-    outcome = measure_all(recordings.cases(quick), recordings.KEEP / ("quick" if quick else "full"), 1, quiet=True)
+    folder = KEEP / "recordings" / ("quick" if quick else "full")
+    outcome = measure_all(recordings.cases(quick), folder, 1, quiet=True)
     by_world: dict[str, list[recordings.Recording]] = {}
     for _, figures in sorted(outcome.figures.items()):
         by_world.setdefault(figures["world"], []).append(recordings.recording_of(figures))

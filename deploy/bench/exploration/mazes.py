@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import measure_run
+from deploy.bench.layouts import written
 from deploy.bench.tables import Outcomes, Row, Table, columns, grouped, row_of, share
 from world.maze import MAX_SIDE_M, MIN_SIDE_M, generate
 
@@ -23,10 +20,7 @@ def measure_maze(seed: int) -> Figures:
     rng = np.random.default_rng(seed)
     width, height = rng.uniform(MIN_SIDE_M, MAX_SIDE_M, 2).tolist()
     ceiling = CEILING_S_M2 * width * height
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "maze.yaml"
-        path.write_text(json.dumps(generate(width, height, rng)), encoding="utf-8")
-        found = measure_run(str(path), seed, ceiling, "random")
+    found = measure_run(written(generate(width, height, rng)), seed, ceiling, "random")
     return found | {"width_m": width, "height_m": height, "ceiling_s": ceiling}
 
 

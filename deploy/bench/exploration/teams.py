@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
-import tempfile
 from collections.abc import Mapping
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +12,7 @@ import numpy as np
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S
 from deploy.bench.explored import explore
+from deploy.bench.layouts import written
 from deploy.bench.tables import Table, columns, whole
 
 CORRIDOR = [
@@ -42,10 +40,8 @@ def measure_team(seed: int) -> Figures:
 
 def measure_meeting(seed: int) -> Figures:
     """Two robots that start head-on in the corridor."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "corridor.yaml"
-        path.write_text(json.dumps(corridor(seed)), encoding="utf-8")
-        return _figures(explore({"world": str(path), "robots": 2, "seed": seed, "max_time_s": 1000.0}, {}).summary)
+    world = written(corridor(seed))
+    return _figures(explore({"world": world, "robots": 2, "seed": seed, "max_time_s": 1000.0}, {}).summary)
 
 
 def _figures(summary: Mapping[str, Any]) -> Figures:

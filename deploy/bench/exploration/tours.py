@@ -30,13 +30,12 @@ from agent.geometry.visibility import visible_ring
 from agent.kernels import kernel
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import seeds, worlds
-from deploy.bench.layouts import path_of
+from deploy.bench.layouts import drawn_starts, path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns
 from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 from world.coverage import visible_wall
-from world.episode import generator
 from world.worldfile import World, load
 
 LATTICE_M = 0.1
@@ -229,7 +228,7 @@ def measure_bound(world: str, seeds: list[int]) -> Figures:
     """Lower bounds in metres for the starts of these seeds, of a robot alone."""
     true, config = load(path_of(world)), WorldConfig()
     spec = config.spec
-    starts = np.vstack([true.starts(1, spec.radius_m, generator(seed, "starts"), drawn=True)[:, :2] for seed in seeds])
+    starts = np.vstack([drawn_starts(world, 1, seed)[:, :2] for seed in seeds])
     sets = _Sets(true, starts[0], spec.radius_m, spec.lidar.range_max_m, config)
     cost = sets.distances(starts, sets.hardest())
     s = len(starts)

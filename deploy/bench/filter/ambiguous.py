@@ -6,19 +6,17 @@ driven. A map is judged all along the run, not only at its end, where one hypoth
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import HERE, Recording, record
+from deploy.bench.layouts import written
 from deploy.bench.tables import Outcomes, Row, Table, columns, mean, runs_of
 from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
-from world.worldfile import to_yaml
 
 NOISE_M = 0.03
 EVERY_TICKS = 50
@@ -54,10 +52,7 @@ def double_walls() -> dict[str, Any]:
 
 def measure_ambiguous(seed: int, particles: Sequence[int], limit_s: float) -> Figures:
     """Figures by size of the filter."""
-    with tempfile.TemporaryDirectory() as folder:
-        world = Path(folder) / "double-walls.yaml"
-        world.write_text(to_yaml(double_walls()), encoding="utf-8")
-        run = record(str(world), seed, NOISE_M, limit_s)
+    run = record(written(double_walls()), seed, NOISE_M, limit_s)
     return {str(n): _replay(run, n) for n in particles}
 
 

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import os
-import tempfile
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.explored import explore
+from deploy.bench.clock import Clock, load
+from deploy.bench.explored import explore, launched, read_json
 from deploy.bench.filter.recording import record
 from deploy.bench.layouts import path_of, present
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, whole
-from deploy.config import RunConfig
-from deploy.launcher import launch
 from protocol.messages import Observation
 
 PARTICLES = (1, 5, 10, 30, 100)
@@ -32,39 +25,26 @@ BIN_VERTICES = 25
 
 def measure_stages(world: str, limit_s: float) -> Figures:
     """Milliseconds of a step by stage, in a whole run of one robot with default settings."""
+    clock = Clock()
     spent: dict[str, list[float]] = {"step": [], "perception": [], "filter": [], "planning": []}
 
-    def timed(stage: str, call: Callable[..., Any], joins: bool = False) -> Callable[..., Any]:
-        """The call, timed; joins: its time belongs to that of the stage's last call."""
-
-        def run(*arguments: Any) -> Any:
-            begin = time.perf_counter()
-            out = call(*arguments)
-            took_ms = 1e3 * (time.perf_counter() - begin)
-            if joins:
-                spent[stage][-1] += took_ms
-            else:
-                spent[stage].append(took_ms)
-            return out
-
-        return run
-
     def watch(robot: Robot, observation: Observation, step: Step) -> None:
-        if not spent["step"]:  # from the second step on
-            robot.filter.update = timed("filter", robot.filter.update)  # type: ignore[method-assign]
-            for part in ("look", "drive_forward", "place_of_contact", "frontier", "default_state", "drive"):
-                setattr(robot.explorer, part, timed("planning", getattr(robot.explorer, part), joins=part != "look"))
-        spent["step"].append(step.action.step_ms)
         # perception has no state: once more, for the clock
-        timed("perception", perceive)(observation.scan(), robot.spec.lidar, robot.config.perception)
+        clock.timed("perception", perceive)(observation.scan(), robot.spec.lidar, robot.config.perception)
+        clock.seconds["step"] = 1e-3 * step.action.step_ms
+        for stage, times in spent.items():
+            times.append(1e3 * clock.seconds.pop(stage, 0.0))
+        if len(spent["step"]) == 1:  # from the second step on
+            robot.filter.update = clock.timed("filter", robot.filter.update)  # type: ignore[method-assign]
+            for part in ("look", "drive_forward", "place_of_contact", "frontier", "default_state", "drive"):
+                setattr(robot.explorer, part, clock.timed("planning", getattr(robot.explorer, part)))
 
     run = explore({"world": world, "robots": 1, "max_time_s": limit_s}, {}, watch)
-    stages = {stage: np.array(times[WARM:]) for stage, times in spent.items()}
-    figures: Figures = {
-        stage: {"median": float(np.median(times)), "mean": float(times.mean()), "p99": float(np.percentile(times, 99))}
-        for stage, times in stages.items()
-    }
-    return figures | {"particles": len(run.robots["r1"].filter.edges), "ticks": len(spent["step"]), "load": _load()}
+    figures: Figures = {}
+    for stage, all_times in spent.items():
+        times = np.array(all_times[WARM:])
+        figures[stage] = {"median": np.median(times), "mean": times.mean(), "p99": np.percentile(times, 99)}
+    return figures | {"particles": len(run.robots["r1"].filter.edges), "ticks": len(spent["step"]), "load": load()}
 
 
 def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures:
@@ -86,30 +66,22 @@ def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures
         "p99": float(np.percentile(times, 99)),
         "by_vertices": by_size,
         "bytes": mind.nbytes,
-        "load": _load(),
+        "load": load(),
     }
 
 
 def measure_speed(world: str, robots: int, until: float | str) -> Figures:
     """Simulated seconds per second of `wireswarm run`: one process each, and Zenoh between them."""
-    config = RunConfig.model_validate({"world": path_of(world), "robots": robots, "until": until})
-    with tempfile.TemporaryDirectory() as folder:
-        result = launch(config, Path(folder) / "run", command_line=[])
-        if result.errors:
-            raise RuntimeError("; ".join(result.errors))
-        summary = json.loads((Path(folder) / "run" / "summary.json").read_text(encoding="utf-8"))
+    config = {"world": path_of(world), "robots": robots, "until": until}
+    with launched(config) as (folder, ended):
+        summary = read_json(folder / "summary.json")
     steps = [robot["step_ms_median"] for robot in summary["robots"].values()]
     return {
         "real_time_factor": summary["real_time_factor"],
         "step_ms_median": max(steps),
-        "ended": result.ended,
-        "load": _load(),
+        "ended": ended,
+        "load": load(),
     }
-
-
-def _load() -> float:
-    """Processes that wanted a core in the last minute: above the number of cores, times are too long."""
-    return round(os.getloadavg()[0], 2)
 
 
 def speed_cases(stages: str, run: str, quick: bool) -> list[Case]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from agent.corner_scan import OCCLUSION
 from agent.mapping.edges import EDGE, new_slot, remove, settle_corner
@@ -20,42 +19,34 @@ from deploy.metrics import Truth, distance_to
 from protocol.arrays import Floats, Records
 from protocol.wireframe import Label, Wireframe
 
-KINDS = ("false-wall", "missing-wall", "moved-corner", "false-gap")
-
-
-class FaultConfig(BaseModel):
-    """Sizes of faults, in metres, and what an established wall looks like."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    near_m: float = Field(0.05, gt=0)
-    """A wall is mapped, and a mapped wall is true, within this: the scorer's."""
-    away_m: float = Field(0.12, gt=0)
-    """A false wall is judged only where it is farther than this from any true wall alike."""
-    sample_m: float = Field(0.04, gt=0)
-    """Between the samples at which a place is judged: no sliver that a filter keeps falls through (map.min_length)."""
-    false_wall_m: tuple[float, float] = (0.8, 3.0)
-    """Length of a wall across a room; corridors are 1 to 2 m wide, and more than the lidar's range is no room."""
-    wall_m: tuple[float, float] = (0.5, 2.5)
-    """Length of a wall that goes missing: can be in view whole."""
-    corner_wall_m: tuple[float, float] = (0.7, 3.5)
-    """Length of the walls of a corner that moves: longer than the shift."""
-    shift_m: float = Field(0.5, gt=0)
-    """How far a corner moves: the issue's."""
-    corner_near_m: float = Field(0.10, gt=0)
-    """A vertex this near to a true corner is that corner: the scorer's."""
-    gap_m: tuple[float, float] = (0.2, 0.5)
-    """Width of a false gap: less than a door, more than a map's gates would bridge."""
-    gap_beside_m: float = Field(0.3, gt=0)
-    """Wall left on each side of a gap."""
-    judged_share: float = Field(0.8, gt=0, le=1)
-    """Middle part of a wall that is judged: its ends may hide behind its neighbours."""
-    hits: float = Field(60.0, gt=0)
-    """Beams on a false wall; true walls have some hundred in mid-run."""
-    seen: float = Field(20.0, gt=0)
-    """Scans that hit a false wall: past any probation."""
-    strength: float = Field(5.0, gt=0)
-    """Times that an invented end was confirmed."""
+NEAR_M = 0.05
+"""A wall is mapped, and a mapped wall is true, within this: the scorer's."""
+AWAY_M = 0.12
+"""A false wall is judged only where it is farther than this from any true wall alike."""
+SAMPLE_M = 0.04
+"""Between the samples at which a place is judged: less than the shortest wall that a filter keeps."""
+FALSE_WALL_M = (0.8, 3.0)
+"""Length of a wall across a room; corridors are 1 to 2 m wide, and more than the lidar's range is no room."""
+WALL_M = (0.5, 2.5)
+"""Length of a wall that goes missing: can be in view whole."""
+CORNER_WALL_M = (0.7, 3.5)
+"""Length of the walls of a corner that moves: longer than the shift."""
+SHIFT_M = 0.5
+"""How far a corner moves: the issue's."""
+CORNER_NEAR_M = 0.10
+"""A vertex this near to a true corner is that corner: the scorer's."""
+GAP_M = (0.2, 0.5)
+"""Width of a false gap: less than a door, more than a map's gates would bridge."""
+GAP_BESIDE_M = 0.3
+"""Wall left on each side of a gap."""
+JUDGED_SHARE = 0.8
+"""Middle part of a wall that is judged: its ends may hide behind its neighbours."""
+HITS = 60.0
+"""Beams on a false wall; true walls have some hundred in mid-run."""
+SEEN = 20.0
+"""Scans that hit a false wall: past any probation."""
+STRENGTH = 5.0
+"""Times that an invented end was confirmed."""
 
 
 @dataclass(frozen=True)
@@ -74,62 +65,49 @@ class Fault:
     """Whether the map agrees with the truth at the place."""
 
 
-def draw(
-    kind: str, edges: Records, count: int, truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig
-) -> Fault | None:
-    """Draw a fault from the walls of the best particle; None where the dice found no such place.
+def draw(kind: str, edges: Records, count: int, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
+    """Draw a fault of one of KINDS from the walls of the best particle; None where the dice found no such place.
 
     near: (2,) the robot, for a wall across a room.
     """
-    match kind:
-        case "false-wall":
-            return _false_wall(truth, near, rng, config)
-        case "missing-wall":
-            return _missing_wall(edges, count, truth, rng, config)
-        case "moved-corner":
-            return _moved_corner(edges, count, truth, rng, config)
-        case "false-gap":
-            return _false_gap(edges, count, truth, rng, config)
-    raise ValueError(f"{kind} is no fault; there are {', '.join(KINDS)}")
+    return KINDS[kind](edges[:count], truth, near, rng)
 
 
 # --- kinds ------------------------------------------------------------------------------------------------------------
 
 
-def _false_wall(truth: Truth, near: Floats, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
+def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
     middle = near + rng.uniform(-2.0, 2.0, 2)
     axis = truth.seen_directions[rng.integers(len(truth.seen_directions))]
     unit = np.array([-axis[1], axis[0]])  # across: square to some wall
     ahead, behind = _free(middle, unit, truth), _free(middle, -unit, truth)
-    if not config.false_wall_m[0] <= ahead + behind <= config.false_wall_m[1] or min(ahead, behind) < 0.1:
+    if not FALSE_WALL_M[0] <= ahead + behind <= FALSE_WALL_M[1] or min(ahead, behind) < 0.1:
         return None
     tail, head = middle - behind * unit, middle + ahead * unit
-    samples = _between(tail, head, config)
-    samples = samples[distance_to(samples, _repeat(unit, samples), truth.outline) > config.away_m]
-    if len(samples) < 0.5 * (ahead + behind) / config.sample_m:
+    samples = _between(tail, head)
+    samples = samples[_away(samples, unit, truth.outline) > AWAY_M]
+    if len(samples) < 0.5 * (ahead + behind) / SAMPLE_M:
         return None
 
     def inject(edges: Records, count: int) -> int | None:
         e, count = new_slot(edges, count)
         if e < 0:
             return None
-        edges[e] = _wall(tail, head, config)
+        edges[e] = _wall(tail, head)
         return count
 
     def gone(wireframe: Wireframe) -> bool:
-        return not _covered(samples, unit, wireframe, config).any()
+        return not _covered(samples, unit, wireframe).any()
 
     return Fault((tail + head) / 2, None, samples, inject, gone)
 
 
-def _missing_wall(
-    edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
-) -> Fault | None:
-    e = _drawn_wall(edges, count, truth, config.wall_m, rng, config)
+def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
+    e = _drawn_wall(edges, truth, WALL_M, rng)
     if e is None:
         return None
     tail, head, unit, normal = _ends(edges[e])
-    judged = _middle_part(tail, head, config)
+    judged = _middle_part(tail, head)
     middle = (tail + head) / 2
 
     def inject(edges: Records, count: int) -> int | None:
@@ -141,29 +119,29 @@ def _missing_wall(
         remove(edges, e)
         for k, side in ends:  # as if it had never been seen: its neighbours just end there
             if k >= 0:
-                edges[k]["label"][side], edges[k]["strength"][side] = OCCLUSION, config.strength
+                edges[k]["label"][side], edges[k]["strength"][side] = OCCLUSION, STRENGTH
         for k, probation in kept:
             edges[k]["probation"] = probation
         return count
 
     def gone(wireframe: Wireframe) -> bool:
-        return bool(_covered(judged, unit, wireframe, config).all())
+        return bool(_covered(judged, unit, wireframe).all())
 
     return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
 
 
-def _false_gap(edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig) -> Fault | None:
-    width = rng.uniform(*config.gap_m)
-    least = width + 2 * config.gap_beside_m
-    e = _drawn_wall(edges, count, truth, (least, 10.0), rng, config)
+def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
+    width = rng.uniform(*GAP_M)
+    least = width + 2 * GAP_BESIDE_M
+    e = _drawn_wall(edges, truth, (least, 10.0), rng)
     if e is None:
         return None
     tail, head, unit, normal = _ends(edges[e])
     size = float((head - tail) @ unit)
-    low = rng.uniform(config.gap_beside_m, size - config.gap_beside_m - width)
+    low = rng.uniform(GAP_BESIDE_M, size - GAP_BESIDE_M - width)
     begin, end = tail + low * unit, tail + (low + width) * unit
     middle = (begin + end) / 2
-    judged = _between(begin, end, config)
+    judged = _between(begin, end)
 
     def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle, unit)
@@ -182,49 +160,47 @@ def _false_gap(edges: Records, count: int, truth: Truth, rng: np.random.Generato
             share = float((b - a) @ unit) / _length(whole)
             _lie_on(w, whole["hits"] * share, _spread(whole) * share**3, a, b)
             w["label"][side], w["link"][side] = OCCLUSION, -1
-            w["strength"][side], w["conflict"][side], w["slack"][side] = config.strength, 0.0, 0.0
+            w["strength"][side], w["conflict"][side], w["slack"][side] = STRENGTH, 0.0, 0.0
         for k in (e, f):  # outer corners stay where the lines meet
             _settle(edges, k)
         return count
 
     def gone(wireframe: Wireframe) -> bool:
         across = np.stack([begin - 0.05 * unit, end + 0.05 * unit])
-        return _on_one_edge(across, unit, wireframe, config)
+        return _on_one_edge(across, unit, wireframe)
 
     return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
 
 
-def _moved_corner(
-    edges: Records, count: int, truth: Truth, rng: np.random.Generator, config: FaultConfig
-) -> Fault | None:
-    e = _drawn_wall(edges, count, truth, config.corner_wall_m, rng, config)
+def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
+    e = _drawn_wall(edges, truth, CORNER_WALL_M, rng)
     if e is None or edges[e]["link"][1] < 0:
         return None
     f = int(edges[e]["link"][1])
-    if not _is_true(edges[f], truth, config.corner_wall_m, config):
+    if not _is_true(edges[f], truth, CORNER_WALL_M):
         return None
     (start, corner, u, normal_e), (_, finish, v, normal_f) = _ends(edges[e]), _ends(edges[f])
-    if np.hypot(*(truth.corners - corner).T).min() > config.near_m:
+    if np.hypot(*(truth.corners - corner).T).min() > NEAR_M:
         return None
     angle = rng.uniform(0, 2 * math.pi)
-    moved = corner + config.shift_m * np.array([math.cos(angle), math.sin(angle)])
+    moved = corner + SHIFT_M * np.array([math.cos(angle), math.sin(angle)])
     a, b = moved - start, finish - moved
     lengths = np.hypot(*a), np.hypot(*b)
     if min(lengths) < 0.3 or abs(a[0] * b[1] - a[1] * b[0]) < 0.5 * lengths[0] * lengths[1]:
         return None  # nearly straight: no corner
     middle_e = (start + corner) / 2
     reach = 1.0
-    before = _between(corner - min(reach, config.judged_share * _length(edges[e])) * u, corner, config)
-    after = _between(corner, corner + min(reach, config.judged_share * _length(edges[f])) * v, config)
-    false = [(_between(start, moved, config), a / lengths[0]), (_between(moved, finish, config), b / lengths[1])]
-    false = [(s[distance_to(s, _repeat(unit, s), truth.outline) > config.away_m], unit) for s, unit in false]
+    before = _between(corner - min(reach, JUDGED_SHARE * _length(edges[e])) * u, corner)
+    after = _between(corner, corner + min(reach, JUDGED_SHARE * _length(edges[f])) * v)
+    false = [(_between(start, moved), a / lengths[0]), (_between(moved, finish), b / lengths[1])]
+    false = [(s[_away(s, unit, truth.outline) > AWAY_M], unit) for s, unit in false]
 
     def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle_e, u)
         if e is None or edges[e]["link"][1] < 0:
             return None
         f = int(edges[e]["link"][1])
-        if np.hypot(*(_head(edges[e]) - corner)) > 2 * config.near_m:
+        if np.hypot(*(_head(edges[e]) - corner)) > 2 * NEAR_M:
             return None
         for k, ends in ((e, (_tail(edges[e]), moved)), (f, (moved, _head(edges[f])))):
             scale = float(np.hypot(*(ends[1] - ends[0]))) / _length(edges[k])
@@ -237,10 +213,10 @@ def _moved_corner(
         nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
         return (
             bool(len(nominal))
-            and float(np.hypot(*(nominal - corner).T).min()) < config.corner_near_m
-            and bool(_covered(before, u, wireframe, config).all())
-            and bool(_covered(after, v, wireframe, config).all())
-            and not any(_covered(samples, unit, wireframe, config).any() for samples, unit in false)
+            and float(np.hypot(*(nominal - corner).T).min()) < CORNER_NEAR_M
+            and bool(_covered(before, u, wireframe).all())
+            and bool(_covered(after, v, wireframe).all())
+            and not any(_covered(samples, unit, wireframe).any() for samples, unit in false)
         )
 
     inward = (normal_e + normal_f) / np.hypot(*(normal_e + normal_f))
@@ -248,17 +224,25 @@ def _moved_corner(
     return Fault(corner + 5e-3 * inward, None, samples, inject, gone)
 
 
+KINDS = {
+    "false-wall": _false_wall,
+    "missing-wall": _missing_wall,
+    "moved-corner": _moved_corner,
+    "false-gap": _false_gap,
+}
+
+
 # --- records ----------------------------------------------------------------------------------------------------------
 
 
-def _wall(tail: Floats, head: Floats, config: FaultConfig) -> np.void:
+def _wall(tail: Floats, head: Floats) -> np.void:
     """A record of a wall that was well seen from end to end."""
     size = float(np.hypot(*(head - tail)))
     wall: np.void = np.zeros(1, EDGE)[0]
-    _lie_on(wall, config.hits, config.hits * size**2 / 12, tail, head)
+    _lie_on(wall, HITS, HITS * size**2 / 12, tail, head)
     wall["alive"], wall["own"] = 1, 1
-    wall["label"], wall["link"], wall["strength"] = OCCLUSION, -1, config.strength
-    wall["seen"] = wall["due"] = config.seen
+    wall["label"], wall["link"], wall["strength"] = OCCLUSION, -1, STRENGTH
+    wall["seen"] = wall["due"] = SEEN
     return wall
 
 
@@ -323,25 +307,18 @@ def _same_wall(edges: Records, count: int, point: Floats, unit: Floats) -> int |
     return int(np.flatnonzero(fits)[np.argmin(off[fits])]) if fits.any() else None
 
 
-def _drawn_wall(
-    edges: Records,
-    count: int,
-    truth: Truth,
-    lengths: tuple[float, float],
-    rng: np.random.Generator,
-    config: FaultConfig,
-) -> int | None:
+def _drawn_wall(edges: Records, truth: Truth, lengths: tuple[float, float], rng: np.random.Generator) -> int | None:
     """One of the true walls of a particle."""
-    e = int(rng.integers(count))
-    return e if _is_true(edges[e], truth, lengths, config) else None
+    e = int(rng.integers(len(edges)))
+    return e if _is_true(edges[e], truth, lengths) else None
 
 
-def _is_true(wall: np.void, truth: Truth, lengths: tuple[float, float], config: FaultConfig) -> bool:
-    if wall["alive"] != 1 or wall["seen"] < config.strength or not lengths[0] <= _length(wall) <= lengths[1]:
+def _is_true(wall: np.void, truth: Truth, lengths: tuple[float, float]) -> bool:
+    if wall["alive"] != 1 or wall["seen"] < STRENGTH or not lengths[0] <= _length(wall) <= lengths[1]:
         return False
     tail, head, unit, _ = _ends(wall)
-    samples = _between(tail, head, config)
-    return bool((distance_to(samples, _repeat(unit, samples), truth.outline) < 0.5 * config.near_m).all())
+    samples = _between(tail, head)
+    return bool((_away(samples, unit, truth.outline) < 0.5 * NEAR_M).all())
 
 
 # --- geometry ---------------------------------------------------------------------------------------------------------
@@ -358,27 +335,28 @@ def _free(point: Floats, unit: Floats, truth: Truth) -> float:
     return float(away[hit].min(initial=np.inf))
 
 
-def _between(a: Floats, b: Floats, config: FaultConfig) -> Floats:
+def _between(a: Floats, b: Floats) -> Floats:
     """(s, 2) samples from a to b, a half step from either."""
-    n = max(2, math.ceil(float(np.hypot(*(b - a))) / config.sample_m))
+    n = max(2, math.ceil(float(np.hypot(*(b - a))) / SAMPLE_M))
     return a + ((np.arange(n) + 0.5) / n)[:, None] * (b - a)
 
 
-def _middle_part(tail: Floats, head: Floats, config: FaultConfig) -> Floats:
-    cut = 0.5 * (1 - config.judged_share) * (head - tail)
-    return _between(tail + cut, head - cut, config)
+def _middle_part(tail: Floats, head: Floats) -> Floats:
+    cut = 0.5 * (1 - JUDGED_SHARE) * (head - tail)
+    return _between(tail + cut, head - cut)
 
 
-def _repeat(unit: Floats, samples: Floats) -> Floats:
-    return np.repeat(unit[None], len(samples), 0)
+def _away(samples: Floats, unit: Floats, walls: Floats) -> Floats:
+    """(s,) metres from samples (s, 2) along a direction to the nearest wall (m, 4) alike."""
+    return distance_to(samples, np.repeat(unit[None], len(samples), 0), walls)
 
 
-def _covered(samples: Floats, unit: Floats, wireframe: Wireframe, config: FaultConfig) -> NDArray[np.bool_]:
+def _covered(samples: Floats, unit: Floats, wireframe: Wireframe) -> NDArray[np.bool_]:
     """Which samples have a mapped wall alike near."""
-    return distance_to(samples, _repeat(unit, samples), wireframe.segments()) < config.near_m
+    return _away(samples, unit, wireframe.segments()) < NEAR_M
 
 
-def _on_one_edge(points: Floats, unit: Floats, wireframe: Wireframe, config: FaultConfig) -> bool:
+def _on_one_edge(points: Floats, unit: Floats, wireframe: Wireframe) -> bool:
     """Whether one mapped wall alike runs near all of the points."""
-    near = [distance_to(points, _repeat(unit, points), wall[None]) < config.near_m for wall in wireframe.segments()]
+    near = [_away(points, unit, wall[None]) < NEAR_M for wall in wireframe.segments()]
     return any(bool(one.all()) for one in near)

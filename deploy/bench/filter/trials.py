@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from agent.geometry.visibility import all_seen
 from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
-from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
+from deploy.bench.filter.faults import KINDS, Fault, draw
 from deploy.bench.filter.recording import Recording, record
 from deploy.bench.tables import Outcomes, Row, Runs, Table, columns, runs_of
 
@@ -67,13 +67,12 @@ def _draw_seen(
     kind: str, mind: WireframeFilter, run: Recording, tick: int, rng: np.random.Generator
 ) -> tuple[Fault, NDArray[np.bool_]] | None:
     """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
-    config = FaultConfig()
     right = mind.wireframe()
     edges, count = mind.edges[mind.best], int(mind.counts[mind.best])
     ahead = np.arange(tick, tick + SOON) % len(run.scans)
     for _ in range(DRAWS):
         near = np.array(run.poses[int(rng.choice(ahead))][:2])
-        fault = draw(kind, edges, count, run.truth, near, rng, config)
+        fault = draw(kind, edges, count, run.truth, near, rng)
         if fault is None or not fault.gone(right):
             continue
         views = _sees(fault.place, fault.normal, run)

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import json
-import tempfile
-import time
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import Any
+from unittest.mock import patch
 
 from agent.communication.exchange import Exchange
 from deploy.bench.cases import Case, Figures
-from deploy.bench.explored import explore
+from deploy.bench.clock import Clock
+from deploy.bench.explored import explore, launched, read_json
 from deploy.bench.radio.traffic import BAD
 from deploy.bench.tables import Table, columns, whole
-from deploy.config import RunConfig
-from deploy.launcher import launch
 from world.radio import Radio
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 MODELS = [
     {"kind": "line_of_sight"},
@@ -29,6 +23,8 @@ MODELS = [
     *BAD,
 ]
 """About all that there is."""
+GATE, EXCHANGE = ("offer", "deliver", "check"), ("hear", "talk")
+"""Methods that are timed."""
 
 
 def cases(quick: bool) -> list[Case]:
@@ -44,50 +40,25 @@ def cases(quick: bool) -> list[Case]:
 
 def measure_share(world: Mapping[str, Any]) -> Figures:
     """Seconds of a run in one process, and those of them in the gate and in the robots' exchanges."""
-    spent = {"gate_s": 0.0, "exchange_s": 0.0}
-
-    def timed(function: Callable[P, R], name: str) -> Callable[P, R]:
-        def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            begin = time.perf_counter()
-            try:
-                return function(*args, **kwargs)
-            finally:
-                spent[name] += time.perf_counter() - begin
-
-        return call
-
+    clock = Clock()
     explore({**world, "until": 2.0}, {})  # kernels are loaded
-    methods: list[tuple[type, str, str]] = [
-        (Radio, "offer", "gate_s"),
-        (Radio, "deliver", "gate_s"),
-        (Radio, "check", "gate_s"),
-        (Exchange, "hear", "exchange_s"),
-        (Exchange, "talk", "exchange_s"),
-    ]
-    before = [getattr(kind, method) for kind, method, _ in methods]
-    try:
-        for kind, method, name in methods:
-            setattr(kind, method, timed(getattr(kind, method), name))
-        begin = time.perf_counter()
-        run = explore(world, {})
-        total = time.perf_counter() - begin
-    finally:
-        for (kind, method, _), function in zip(methods, before, strict=True):
-            setattr(kind, method, function)
-    ticks = run.episode.tick
-    return {"ticks": ticks, "total_s": total, **spent, "share": sum(spent.values()) / total}
+    with ExitStack() as stack:
+        for name, kind, methods in (("gate_s", Radio, GATE), ("exchange_s", Exchange, EXCHANGE)):
+            for method in methods:
+                stack.enter_context(patch.object(kind, method, clock.timed(name, getattr(kind, method))))
+        run = clock.timed("total_s", explore)(world, {})
+    spent = dict(clock.seconds)
+    share = (spent["gate_s"] + spent["exchange_s"]) / spent["total_s"]
+    return {"ticks": run.episode.tick, **spent, "share": share}
 
 
 def measure_wire(world: Mapping[str, Any]) -> Figures:
     """Wire, payload and overhead bytes of a run with processes. Raises RuntimeError where it did not end as asked."""
-    config = RunConfig.model_validate(dict(world))
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
-        result = launch(config, out, command_line=[])
-        if result.errors or result.ended != "time":
-            raise RuntimeError(f"the run ended as {result.ended}: {'; '.join(result.errors) or 'no reason given'}")
-        wire = json.loads((out / "bandwidth.json").read_text(encoding="utf-8")).get("wire", {})
-        factor = json.loads((out / "summary.json").read_text(encoding="utf-8"))["real_time_factor"]
+    with launched(world) as (folder, ended):
+        if ended != "time":
+            raise RuntimeError(f"the run ended as {ended}")
+        wire = read_json(folder / "bandwidth.json").get("wire", {})
+        factor = read_json(folder / "summary.json")["real_time_factor"]
     flows = [flow for robot in wire.values() for flow in robot.values()]
     keys = ("messages", "payload_bytes", "overhead_bytes", "wire_bytes")
     sums = {key: sum(flow[key] for flow in flows) for key in keys}

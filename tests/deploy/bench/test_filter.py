@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from deploy.bench.filter.ambiguous import double_walls
-from deploy.bench.filter.faults import KINDS, Fault, FaultConfig, draw
+from deploy.bench.filter.faults import KINDS, Fault, draw
 from deploy.bench.filter.recording import HERE, Recording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
@@ -44,11 +44,11 @@ def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: Recordin
     mind = recording.new_filter(2)
     for scan, pose in zip(recording.scans, recording.poses, strict=True):
         mind.update(scan, pose)
-    rng, config = np.random.default_rng(0), FaultConfig()
+    rng = np.random.default_rng(0)
     made = 0
     for _ in range(5000):
         near = np.array(recording.poses[int(rng.integers(len(recording.poses)))][:2])
-        fault = draw(kind, mind.edges[mind.best], int(mind.counts[mind.best]), recording.truth, near, rng, config)
+        fault = draw(kind, mind.edges[mind.best], int(mind.counts[mind.best]), recording.truth, near, rng)
         if fault is None or not fault.gone(mind.wireframe()):
             continue
         spoiled = copy.deepcopy(mind)
