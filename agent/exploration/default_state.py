@@ -10,9 +10,9 @@ import shapely
 
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
-from agent.exploration.frontiers import stands_at_edges
+from agent.exploration.frontiers import chains, stands_at_edges
 from agent.exploration.goal_memory import GoalMemory
-from agent.exploration.planning import Roads, chains
+from agent.exploration.planning import Roads
 from agent.exploration.surroundings import View
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.exploration.planning import tips_of
 from protocol.arrays import Floats, Ints
 from protocol.wireframe import Label, Wireframe
 
@@ -75,13 +74,26 @@ class Stands(NamedTuple):
     """(s,): which goal it serves."""
 
 
+def chains(wireframe: Wireframe) -> tuple[Ints, Ints]:
+    """Per vertex (n,) the one before and the one after it along the wall, -1 where there is none."""
+    n = len(wireframe.points)
+    into, out_of = np.full(n, -1), np.full(n, -1)
+    into[wireframe.edges[:, 1]] = wireframe.edges[:, 0]
+    out_of[wireframe.edges[:, 0]] = wireframe.edges[:, 1]
+    return into, out_of
+
+
 def open_ends(wireframe: Wireframe) -> Ends:
     """The frontier and occlusion ends of the chains of a map; nominal ends ask for nothing."""
-    ends, inner, heads = tips_of(wireframe, wireframe.labels != Label.NOMINAL)
+    into, out_of = chains(wireframe)
+    unsure = wireframe.labels != Label.NOMINAL
+    head = np.flatnonzero(unsure & (into >= 0) & (out_of < 0))
+    tail = np.flatnonzero(unsure & (into < 0) & (out_of >= 0))
+    ends = np.concatenate((head, tail))
     points = wireframe.points[ends]
-    along = points - wireframe.points[inner]
+    along = points - wireframe.points[np.concatenate((into[head], out_of[tail]))]
     along = along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-    sign = np.where(np.arange(len(ends)) < heads, 1.0, -1.0)[:, None]
+    sign = np.where(np.arange(len(ends)) < len(head), 1.0, -1.0)[:, None]
     free = sign * np.stack((-along[:, 1], along[:, 0]), 1)
     return Ends(points, along, free, wireframe.labels[ends] == Label.FRONTIER)
 

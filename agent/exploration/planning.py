@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.exploration.frontiers import Ends, chains, open_ends
 from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
-from protocol.wireframe import Label, Wireframe
+from protocol.wireframe import Wireframe
 
 NODE_OFFSET_M = 0.01
 """Corners are passed this much wider than the clearance, so that walls may move a little with the next scans."""
@@ -33,6 +34,7 @@ FRONTIER_TOLL_M = 3.0
 _WAYPOINT_M = 0.03
 """A waypoint this near is passed."""
 
+_NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
 _UNASKED, _BARRED = -2, -1
 """Of a motion between two points, where otherwise the number of hurdles stands that it crosses."""
 _FROM_START, _NO_WAY = -1, -2
@@ -238,41 +240,10 @@ def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> 
     return which, best, last
 
 
-def chains(wireframe: Wireframe) -> tuple[Ints, Ints]:
-    """Per vertex (n,) the one before and the one after it along the wall, -1 where there is none."""
-    n = len(wireframe.points)
-    into, out_of = np.full(n, -1), np.full(n, -1)
-    into[wireframe.edges[:, 1]] = wireframe.edges[:, 0]
-    out_of[wireframe.edges[:, 0]] = wireframe.edges[:, 1]
-    return into, out_of
-
-
-class Tips(NamedTuple):
-    """Ends of chains, as rows of a map's vertices."""
-
-    ends: Ints
-    """(t,) the ends: first those that edges lead to, then those that edges leave."""
-    inner: Ints
-    """(t,) the other vertex of the edge there."""
-    heads: int
-    """How many edges lead to."""
-
-
-def tips_of(wireframe: Wireframe, among: Bools) -> Tips:
-    """The ends of chains among some vertices (n,)."""
-    into, out_of = chains(wireframe)
-    head = np.flatnonzero(among & (into >= 0) & (out_of < 0))
-    tail = np.flatnonzero(among & (into < 0) & (out_of >= 0))
-    return Tips(np.concatenate((head, tail)), np.concatenate((into[head], out_of[tail])), len(head))
-
-
-def hurdles_of(wireframe: Wireframe, reach_m: float) -> Floats:
+def hurdles_of(ends: Ends) -> Floats:
     """Stretches (h, 4) where walls probably go on beyond their frontier ends."""
-    ends, inner, _ = tips_of(wireframe, wireframe.labels == Label.FRONTIER)
-    p = wireframe.points[ends]
-    along = p - wireframe.points[inner]
-    along *= reach_m / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-    return np.hstack((p, p + along))
+    p = ends.points[ends.frontier]
+    return np.hstack((p, p + FRONTIER_REACH_M * ends.along[ends.frontier]))
 
 
 class Route(NamedTuple):
@@ -294,43 +265,24 @@ class Roads:
         wireframe: Wireframe,
         start: Floats,
         clearance_m: float,
-        more_walls: Floats | None = None,
-        more_nodes: Floats | None = None,
+        more_walls: Floats = _NO_WALLS,
+        more_nodes: Floats = _NO_NODES,
         node_offset_m: float = NODE_OFFSET_M,
     ) -> None:
         """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map."""
-        walls = wireframe.segments()
-        if more_walls is not None and len(more_walls):
-            walls = np.vstack((walls, more_walls))
-        walls = np.ascontiguousarray(walls)
-        into, out_of = chains(wireframe)
-        nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
-        if more_nodes is not None and len(more_nodes):
-            nodes = np.vstack((nodes, more_nodes))
-        nodes = nodes[distances_to_walls(nodes, walls) >= clearance_m]
-        joins = np.full((len(nodes),) * 2, _UNASKED)
-        self.terrain = Terrain(walls, hurdles_of(wireframe, FRONTIER_REACH_M), clearance_m, nodes, joins)
+        self.clearance = clearance_m
+        self.walls = np.ascontiguousarray(np.vstack((wireframe.segments(), more_walls)))
+        nodes = _corner_nodes(wireframe.points, *chains(wireframe), clearance_m + node_offset_m)
+        nodes = np.vstack((nodes, more_nodes))
+        self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
+        joins = np.full((len(self.nodes),) * 2, _UNASKED)
+        self.terrain = Terrain(self.walls, hurdles_of(open_ends(wireframe)), clearance_m, self.nodes, joins)
         self.origin = self._from(start)
 
     def _from(self, start: Floats) -> Origin:
         start = np.ascontiguousarray(start, np.float64)
         clearance = _first_clearance(start, self.walls, self.clearance)
         return Origin(start, clearance, *_shortest(start, clearance, self.terrain))
-
-    @property
-    def walls(self) -> Floats:
-        """(m, 4) all walls that the ways lead around, metres."""
-        return self.terrain.walls
-
-    @property
-    def clearance(self) -> float:
-        """Distance in metres that the ways keep from walls."""
-        return self.terrain.clearance
-
-    @property
-    def nodes(self) -> Floats:
-        """(k, 2) places where ways may bend, metres."""
-        return self.terrain.nodes
 
     def standable(self, points: Floats) -> Bools:
         """Whether each of points (n, 2) keeps the clearance."""

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.exploration.config import DrivingConfig
-from agent.exploration.planning import Roads, chains, hurdles_of, still_clear
+from agent.exploration.frontiers import chains, open_ends
+from agent.exploration.planning import Roads, hurdles_of, still_clear
 from agent.exploration.sweep import LEAST_SAMPLES, Sweep, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.messages import LidarSpec, RobotSpec
@@ -133,7 +134,7 @@ def test_beyond_a_frontier_end_the_way_costs_a_toll():
     straight = math.hypot(1, 0.5) * 2
     cost, _ = go(roads, 1.0, 0.8)
     assert cost > straight + 0.5
-    assert len(hurdles_of(wall, 0.5)) == 2
+    assert len(hurdles_of(open_ends(wall))) == 2
     nominal = Roads(chain([(0.0, -1.0), (0.0, 1.0)]), np.array((-1.0, 0.8)), ROOMY_M)
     assert go(nominal, 1.0, 0.8)[0] < straight
 
