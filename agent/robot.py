@@ -17,10 +17,7 @@ from agent.errand import ErrandEnd
 from agent.exploration.explorer import Command, Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
-from agent.perception.perceive import perceive
-from agent.perception.posts import Posts
-from agent.perception.seen_discs import SeenDiscs
-from protocol.geometry import apply, seen_from
+from agent.perception.perception import Perception
 from protocol.messages import (
     Action,
     Event,
@@ -33,7 +30,6 @@ from protocol.messages import (
     Send,
 )
 from protocol.viewpoints import Looked
-from protocol.walls import lengths
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01
@@ -61,11 +57,10 @@ class Robot:
         self.robot = robot
         self.spec = spec
         self.config = config
+        self.perception = Perception(config.perception, spec)
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
-        self.discs = SeenDiscs(config.perception.disc_memory_scans, spec.max_speed_mps / spec.lidar.rate_hz)
-        self.posts = Posts(config.perception, spec.lidar.range_max_m, spec.lidar.rate_hz)
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
         self.own = Wireframe()
         """The map of own scans alone."""
@@ -74,8 +69,6 @@ class Robot:
         self.version = 0
         """Rises whenever the map changes."""
         self._map_bytes = encode_wireframe(self.wireframe)
-        self._long_walls = np.zeros((0, 4))
-        """(m, 4) walls of the own map that are too long to be a teammate's front."""
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
         self._errand_ended: ErrandEnd | None = None
@@ -89,15 +82,10 @@ class Robot:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started = time.perf_counter()
         tick = observation.tick
-        seen_before = self.discs.expected(observation.odometry)
-        predicted = self.filter.predicted(observation.odometry)
-        known = seen_from(predicted, self._long_walls.reshape(-1, 2)).reshape(-1, 4)
-        posts = self.posts.seen_from(predicted)
-        scan = perceive(observation.scan(), self.spec.lidar, self.config.perception, seen_before, known, posts)
-        self.discs.see(observation.odometry, scan.discs)
+        scan = self.perception.see(observation, self.filter.predicted(observation.odometry), self.own)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
-        self.posts.look(tick, pose, apply(pose, scan.discs), len(heard) > 0)
+        self.perception.remember(tick, pose, scan, len(heard) > 0)
         own_changed = self._read_own()
         hearing = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
@@ -139,8 +127,6 @@ class Robot:
         if _alike(new, self.own):
             return False
         self.own = new
-        walls = new.segments()
-        self._long_walls = walls[lengths(walls) >= self.config.perception.known_wall_m]
         return True
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:

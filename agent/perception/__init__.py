@@ -1,1 +1,1 @@
-"""From ranges to corners and walls; nothing beyond it reads a range (paper I)."""
+"""From ranges to corners and walls; nothing else reads a range (paper I)."""

@@ -1,170 +1,274 @@
-"""Teammates in a scan: discs of known radius, whose beams tell nothing about walls (ours, facts/mapping.md rule 11)."""
+"""Teammates in a scan: discs of known radius, whose beams tell nothing about walls (ours)."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.kernels import kernel
-from agent.perception.segmentation import beam_sums, fit
-from protocol.arrays import Floats
+from agent.perception.segmentation import RANGE_SIGMAS, beam_sums, fit
+from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 
 FEW_BEAMS = 3
-"""Any circle fits so many beams, and so does any line; beyond, what fits better decides (ours)."""
+"""Fewer beams show no disc. Any circle fits so many, and so does any line; of more, what fits better decides."""
+
+MAX_CHI2 = 4.0
+"""Mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn."""
+
+INNER = 0.9
+"""Share of a disc's width whose beams are surely on it, also where its place is not yet fitted."""
+
+ROUNDS = 3
+"""Gauss-Newton steps from the first guess, which is off by half a radius at most."""
+
+
+class Turn(NamedTuple):
+    """A full turn of ranges in which discs are looked for."""
+
+    ranges: Floats
+    """(n,) m, inf where nothing came back."""
+    rays: Floats
+    """(n, 2) cosine and sine of each beam's bearing."""
+    step: float
+    """rad, from each beam to the next."""
+    radius: float
+    """m, of the discs."""
+    noise: float
+    """m, standard deviation of a range."""
+    near: float
+    """m, by which a range may differ from a disc's and still be of it."""
+
+
+class Disc(NamedTuple):
+    """Where the centre of a disc is."""
+
+    distance: float
+    """m."""
+    bearing: float
+    """rad."""
+
+
+class Fit(NamedTuple):
+    """How the beams well inside a disc fit it."""
+
+    beams: int
+    """All of them."""
+    on: int
+    """Those that end on it."""
+    squares: float
+    """m2, sum of the squared residuals of the latter."""
+    first: int
+    """The first and the last of the latter, which may exceed a turn."""
+    last: int
 
 
 @kernel
-def _off(r: float, c: float, s: float, distance: float, radius: float) -> float:
-    """By how much a range exceeds that of a disc whose centre lies off the beam by an angle of cosine c and sine s."""
-    side = distance * s
-    if c < 0 or abs(side) >= radius:
-        return -math.inf
-    return r - distance * c + math.sqrt(radius * radius - side * side)
-
-
-@kernel
-def _span(distance: float, bearing: float, radius: float, step: float) -> tuple[int, int]:
-    """First and last beam well inside a disc."""
-    half = 0.9 * math.asin(min(radius / distance, 1.0))
-    return math.ceil((bearing - half) / step), math.floor((bearing + half) / step)
-
-
-@kernel
-def _residuals(
-    ranges: Floats, beams: Floats, distance: float, bearing: float, radius: float, near: float
-) -> tuple[int, int, float, int, int]:
-    """Over the beams well inside a disc: all, those on it, their squared residuals, the first and the last of them.
-
-    beams: (n, 2) cosine and sine of each beam's bearing.
-    """
-    n = len(ranges)
-    low, high = _span(distance, bearing, radius, 2 * math.pi / n)
-    cb, sb = math.cos(bearing), math.sin(bearing)
-    on, total, first, last = 0, 0.0, high + 1, low - 1
-    for k in range(low, high + 1):
-        i = k % n
-        c, s = beams[i, 0] * cb + beams[i, 1] * sb, beams[i, 1] * cb - beams[i, 0] * sb
-        off = _off(ranges[i], c, s, distance, radius)
-        if abs(off) < near:
-            on += 1
-            total += off * off
-            first, last = min(first, k), max(last, k)
-    return high - low + 1, on, total, first, last
-
-
-@kernel
-def find_discs(ranges: Floats, radius: float, noise: float, max_chi2: float, sigmas: float) -> Floats:
+def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
     """Discs in a full turn of ranges (inf: nothing): (d, 2) metres, centres in the robot's frame.
 
     A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
     another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
     """
+    turn = _turn_of(ranges, radius, noise)
+    found = np.empty((len(ranges), 3))  # distance, bearing, mean squared residual
+    count = 0
+    for i in range(len(ranges)):
+        if not math.isfinite(ranges[i]) or _goes_on_beside(turn, i):
+            continue
+        disc = Disc(ranges[i] + radius, i * turn.step)
+        if not _may_be(_fit_of(turn, disc)):
+            continue
+        for _ in range(ROUNDS):
+            disc = _better(turn, disc)
+        fitted = _fit_of(turn, disc)
+        if _may_be(fitted) and fitted.squares / noise**2 <= MAX_CHI2 * fitted.on and not _is_line(turn, disc, fitted):
+            count = _keep_best(found, count, disc, fitted.squares / fitted.on, radius)
+    return _bounded(turn, found, count)
+
+
+@kernel
+def _turn_of(ranges: Floats, radius: float, noise: float) -> Turn:
     n = len(ranges)
     step = 2 * math.pi / n
-    near = sigmas * noise + 0.1 * radius
-    beams = np.empty((n, 2))
+    rays = np.empty((n, 2))
     for k in range(n):
-        beams[k, 0], beams[k, 1] = math.cos(k * step), math.sin(k * step)
-    found = np.empty((n, 3))
-    count = 0
-    for i in range(n):
-        if not math.isfinite(ranges[i]):
+        rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
+    return Turn(ranges, rays, step, radius, noise, RANGE_SIGMAS * noise + 0.1 * radius)
+
+
+@kernel
+def _half_width(distance: float, radius: float) -> float:
+    """Half the angle, radians, under which a disc is seen."""
+    return math.asin(min(radius / distance, 1.0))
+
+
+@kernel
+def _goes_on_beside(turn: Turn, i: int) -> bool:
+    """Whether the beams beside a disc that beam i would meet end about as far: most beams end on walls, which go on."""
+    r, n = turn.ranges[i], len(turn.ranges)
+    beside = math.ceil(math.asin(turn.radius / (r + turn.radius)) / turn.step) + 1
+    before, after = turn.ranges[(i - beside) % n], turn.ranges[(i + beside) % n]
+    far, near = r + 0.5 * turn.radius, r - turn.near
+    return near <= before <= far or near <= after <= far
+
+
+@kernel
+def _span(turn: Turn, disc: Disc) -> tuple[int, int]:
+    """First and last beam well inside a disc; they may lie outside of a turn."""
+    half = INNER * _half_width(disc.distance, turn.radius)
+    return math.ceil((disc.bearing - half) / turn.step), math.floor((disc.bearing + half) / turn.step)
+
+
+@kernel
+def _from_centre(turn: Turn, k: int, cb: float, sb: float) -> tuple[float, float]:
+    """Cosine and sine of the angle from a bearing (cosine cb, sine sb) to beam k."""
+    x, y = turn.rays[k % len(turn.rays), 0], turn.rays[k % len(turn.rays), 1]
+    return x * cb + y * sb, y * cb - x * sb
+
+
+@kernel
+def _off(turn: Turn, k: int, distance: float, c: float, s: float) -> float:
+    """By how much the range of beam k exceeds that of a disc whose centre lies off it by the angle (cos c, sin s)."""
+    side, radius = distance * s, turn.radius
+    if c < 0 or abs(side) >= radius:
+        return -math.inf
+    return turn.ranges[k % len(turn.ranges)] - distance * c + math.sqrt(radius * radius - side * side)
+
+
+@kernel
+def _fit_of(turn: Turn, disc: Disc) -> Fit:
+    """How the beams well inside a disc fit it."""
+    low, high = _span(turn, disc)
+    cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
+    on, squares, first, last = 0, 0.0, high + 1, low - 1
+    for k in range(low, high + 1):
+        c, s = _from_centre(turn, k, cb, sb)
+        off = _off(turn, k, disc.distance, c, s)
+        if abs(off) < turn.near:
+            on += 1
+            squares += off * off
+            first, last = min(first, k), max(last, k)
+    return Fit(high - low + 1, on, squares, first, last)
+
+
+@kernel
+def _may_be(fitted: Fit) -> bool:
+    """Whether enough beams end on a disc, and at least half of those inside it."""
+    return fitted.on >= FEW_BEAMS and 2 * fitted.on >= fitted.beams
+
+
+@kernel
+def _better(turn: Turn, disc: Disc) -> Disc:
+    """One Gauss-Newton step on distance and bearing, with the two exact derivatives of the range."""
+    distance, bearing = disc
+    radius = turn.radius
+    a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
+    cb, sb = math.cos(bearing), math.sin(bearing)
+    low, high = _span(turn, disc)
+    for k in range(low, high + 1):
+        c, s = _from_centre(turn, k, cb, sb)
+        off = _off(turn, k, distance, c, s)
+        if abs(off) > turn.near:
             continue
-        distance, bearing = ranges[i] + radius, i * step
-        beside = math.ceil(math.asin(radius / distance) / step) + 1
-        # most beams end on walls, which go on beside: no need to look closer
-        before, after = ranges[(i - beside) % n], ranges[(i + beside) % n]
-        far, near_by = ranges[i] + 0.5 * radius, ranges[i] - near
-        if near_by <= before <= far or near_by <= after <= far:
-            continue
-        inside, on, total, first, last = _residuals(ranges, beams, distance, bearing, radius, near)
-        if on < 3 or 2 * on < inside:
-            continue
-        for _ in range(3):  # Gauss-Newton with the two exact derivatives of the range
-            a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
-            cb, sb = math.cos(bearing), math.sin(bearing)
-            low, high = _span(distance, bearing, radius, step)
-            for k in range(low, high + 1):
-                c, s = beams[k % n, 0] * cb + beams[k % n, 1] * sb, beams[k % n, 1] * cb - beams[k % n, 0] * sb
-                off = _off(ranges[k % n], c, s, distance, radius)
-                if abs(off) > near:
-                    continue
-                side = distance * s
-                root = math.sqrt(radius * radius - side * side)
-                by_distance = c + side * s / root
-                by_bearing = side - side * distance * c / root
-                a11 += by_distance**2
-                a12 += by_distance * by_bearing
-                a22 += by_bearing**2
-                b1 += by_distance * off
-                b2 += by_bearing * off
-            det = a11 * a22 - a12 * a12
-            if det > 1e-9 * a11 * a22:
-                d_distance, d_bearing = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
-            else:
-                d_distance, d_bearing = b1 / a11, 0.0
-            distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
-            bearing += max(-step, min(step, d_bearing))
-        inside, on, total, first, last = _residuals(ranges, beams, distance, bearing, radius, near)
-        if on < 3 or 2 * on < inside or total / noise**2 > max_chi2 * on:
-            continue
-        run = np.empty(last - first + 1)
-        angle = np.empty(last - first + 1)
-        m = 0
-        cb, sb = math.cos(bearing), math.sin(bearing)
-        for k in range(first, last + 1):
-            c, s = beams[k % n, 0] * cb + beams[k % n, 1] * sb, beams[k % n, 1] * cb - beams[k % n, 0] * sb
-            if abs(_off(ranges[k % n], c, s, distance, radius)) < near:
-                run[m], angle[m] = ranges[k % n], k * step
-                m += 1
-        line = fit(beam_sums(run[:m], angle[:m], noise)[m])[2]
-        if m > FEW_BEAMS and line < total / noise**2:
-            continue
-        better = True
-        for c in range(count):  # of those on the same spot, the first that fits best stays
-            apart = math.hypot(
-                found[c, 0] * math.cos(found[c, 1]) - distance * math.cos(bearing),
-                found[c, 0] * math.sin(found[c, 1]) - distance * math.sin(bearing),
-            )
-            if apart < radius:
-                if total / on < found[c, 2]:
-                    found[c, 0], found[c, 1], found[c, 2] = distance, bearing, total / on
-                better = False
-                break
-        if better:
-            found[count, 0], found[count, 1], found[count, 2] = distance, bearing, total / on
-            count += 1
+        side = distance * s
+        root = math.sqrt(radius * radius - side * side)
+        by_distance = c + side * s / root
+        by_bearing = side - side * distance * c / root
+        a11 += by_distance**2
+        a12 += by_distance * by_bearing
+        a22 += by_bearing**2
+        b1 += by_distance * off
+        b2 += by_bearing * off
+    det = a11 * a22 - a12 * a12
+    if det > 1e-9 * a11 * a22:
+        d_distance, d_bearing = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
+    else:
+        d_distance, d_bearing = b1 / a11, 0.0
+    distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
+    return Disc(distance, bearing + max(-turn.step, min(turn.step, d_bearing)))
+
+
+@kernel
+def _is_line(turn: Turn, disc: Disc, fitted: Fit) -> bool:
+    """Whether the beams on a disc, unless they are few, fit a line better."""
+    run, angle = np.empty(fitted.last - fitted.first + 1), np.empty(fitted.last - fitted.first + 1)
+    m = 0
+    cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
+    for k in range(fitted.first, fitted.last + 1):
+        c, s = _from_centre(turn, k, cb, sb)
+        if abs(_off(turn, k, disc.distance, c, s)) < turn.near:
+            run[m], angle[m] = turn.ranges[k % len(turn.ranges)], k * turn.step
+            m += 1
+    return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], turn.noise)[m])[2] < fitted.squares / turn.noise**2
+
+
+@kernel
+def _keep_best(found: Floats, count: int, disc: Disc, residual: float, radius: float) -> int:
+    """Note a disc, unless one on the same spot fits better; returns the count."""
+    at = count
+    for c in range(count):
+        apart = math.hypot(
+            found[c, 0] * math.cos(found[c, 1]) - disc.distance * math.cos(disc.bearing),
+            found[c, 0] * math.sin(found[c, 1]) - disc.distance * math.sin(disc.bearing),
+        )
+        if apart < radius:
+            at = c
+            break
+    if at == count or residual < found[at, 2]:
+        found[at, 0], found[at, 1], found[at, 2] = disc.distance, disc.bearing, residual
+    return max(count, at + 1)
+
+
+@kernel
+def _bounded(turn: Turn, found: Floats, count: int) -> Floats:
+    """(d, 2) metres, centres of those discs that end at a jump on one side, and at a jump or another disc on the other.
+
+    A row of discs is a wall, so a disc with both ends hidden by others does not count, nor does it end another.
+    """
     jump = np.zeros((count, 2), np.bool_)
     for c in range(count):
-        half = math.asin(min(radius / found[c, 0], 1.0))
         for side in range(2):
-            r = ranges[round((found[c, 1] + (2 * side - 1) * (half + step)) / step) % n]
-            jump[c, side] = r > found[c, 0] + 0.3 * radius or r < found[c, 0] - radius - near
+            jump[c, side] = _jumps(turn, found[c, 0], found[c, 1], 2 * side - 1)
     kept = np.empty((count, 2))
     n_kept = 0
     for c in range(count):
         distance, bearing = found[c, 0], found[c, 1]
-        half = math.asin(min(radius / distance, 1.0))
-        bounded = True
+        edge = _half_width(distance, turn.radius) + turn.step
+        bounded = jump[c, 0] or jump[c, 1]
         for side in range(2):
-            beside = jump[c, side]
-            for other in range(count):  # a row of them is a wall, so one with both ends hidden does not count
-                if other != c and (jump[other, 0] or jump[other, 1]) and not beside:
-                    gap = wrapped(bearing + (2 * side - 1) * (half + step) - found[other, 1])
-                    beside = abs(gap) <= math.asin(min(radius / found[other, 0], 1.0)) + step
-            bounded = bounded and beside
-        if bounded and (jump[c, 0] or jump[c, 1]):
+            if bounded and not jump[c, side]:
+                bounded = _on_another(turn, found, count, jump, c, bearing + (2 * side - 1) * edge)
+        if bounded:
             kept[n_kept, 0], kept[n_kept, 1] = distance * math.cos(bearing), distance * math.sin(bearing)
             n_kept += 1
     return kept[:n_kept].copy()
 
 
 @kernel
-def hidden_beams(n: int, discs: Floats, radius: float) -> NDArray[np.bool_]:
-    """(n,) which beams of a full turn meet one of the discs, or pass within one beam of it."""
+def _jumps(turn: Turn, distance: float, bearing: float, side: int) -> bool:
+    """Whether the beam beside a disc (side 1: left, -1: right) is clearly farther or nearer than the disc."""
+    half = _half_width(distance, turn.radius)
+    r = turn.ranges[round((bearing + side * (half + turn.step)) / turn.step) % len(turn.ranges)]
+    return r > distance + 0.3 * turn.radius or r < distance - turn.radius - turn.near
+
+
+@kernel
+def _on_another(turn: Turn, found: Floats, count: int, jump: Bools, c: int, bearing: float) -> bool:
+    """Whether a bearing beside disc c meets another disc that ends at a jump itself."""
+    for other in range(count):
+        if other != c and (jump[other, 0] or jump[other, 1]):
+            half = _half_width(found[other, 0], turn.radius)
+            if abs(wrapped(bearing - found[other, 1])) <= half + turn.step:
+                return True
+    return False
+
+
+@kernel
+def hidden_beams(n: int, discs: Floats, radius: float) -> Bools:
+    """(n,) which beams of a full turn meet one of the discs (d, 2), or pass within one beam of it."""
     out = np.zeros(n, np.bool_)
     step = 2 * math.pi / n
     for d in range(len(discs)):
@@ -177,13 +281,16 @@ def hidden_beams(n: int, discs: Floats, radius: float) -> NDArray[np.bool_]:
 
 
 @kernel
-def beams_on(ranges: Floats, expected: Floats, radius: float) -> NDArray[np.bool_]:
-    """(n,) which beams of a full turn end on a disc expected at (k, 3) centre and slack, metres, robot's frame."""
+def beams_on(ranges: Floats, expected: Floats, radius: float, margin: float) -> Bools:
+    """(n,) which beams of a full turn end on a disc expected at (k, 3) centre and slack, metres, robot's frame.
+
+    margin: m, added to every slack.
+    """
     n = len(ranges)
     out = np.zeros(n, np.bool_)
     step = 2 * math.pi / n
     for d in range(len(expected)):
-        reach = radius + expected[d, 2]
+        reach = radius + (expected[d, 2] + margin)
         distance = math.hypot(expected[d, 0], expected[d, 1])
         bearing = math.atan2(expected[d, 1], expected[d, 0])
         half = math.asin(min(reach / max(distance, 1e-9), 1.0))

@@ -1,4 +1,4 @@
-"""A scan cut into straight pieces: an optimal piecewise fit in 1/r (ours), and split and merge (paper II, ref. 17).
+"""Lines through beams, and a scan cut into straight pieces by an optimal piecewise fit in 1/r (ours).
 
 A straight wall a x + b y = 1 is linear in the beam's direction when written in u = 1/r: u = a cos + b sin.
 With weights r^4 / sigma^2, prefix sums give fit and chi-square of any interval of beams in O(1), and dynamic
@@ -13,6 +13,20 @@ import numpy as np
 
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
+
+MIN_HITS = 3
+"""Beams of a line, at least: two fit any line, and the third tells whether there is one."""
+
+LINE_COST = 18.0
+"""Chi-square that one more line must save. Noise alone saves as much in 1 of 1000 cuts of a straight wall: two
+parameters of the line and the place of the cut."""
+
+STRAY_COST = 10.0
+"""Chi-square of a beam that belongs to no wall: a hit 3.2 standard deviations off its line is rather a stray."""
+
+RANGE_SIGMAS = 3.5
+"""Standard deviations by which a range must differ from its prediction to count as nearer or farther: 0.9995 of the
+noise."""
 
 
 @kernel
@@ -33,7 +47,7 @@ def beam_sums(ranges: Floats, bearings: Floats, noise: float) -> Floats:
 
 
 @kernel
-def _sums_of_two_turns(ranges: Floats, bearings: Floats, noise: float) -> Floats:
+def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: float) -> Floats:
     """(2 m + 1, 6) prefix sums over the turn and the same turn once more, so that a piece may wrap around."""
     m = len(ranges)
     once = beam_sums(ranges, bearings, noise)
@@ -55,7 +69,7 @@ def fit(sums: Floats) -> tuple[float, float, float]:
 
 
 @kernel
-def _chi2(sums: Floats, i: int, j: int) -> float:
+def chi2_of(sums: Floats, i: int, j: int) -> float:
     """Chi-square of the line through beams [i, j); as `fit`, without temporary arrays."""
     cc, cs, ss = sums[j, 0] - sums[i, 0], sums[j, 1] - sums[i, 1], sums[j, 2] - sums[i, 2]
     det = cc * ss - cs * cs
@@ -66,7 +80,7 @@ def _chi2(sums: Floats, i: int, j: int) -> float:
 
 
 @kernel
-def _cheapest_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> Ints:
+def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
     """Cut beams first..last into lines and strays: (n,) start of the piece that ends at each beam, -1 for strays.
 
     Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
@@ -78,20 +92,20 @@ def _cheapest_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost:
     live = np.empty(n + 1, np.int64)
     n_live = 0
     for j in range(1, n + 1):
-        best, best_start = cost[j - 1] + stray_cost, -1
+        best, best_start = cost[j - 1] + STRAY_COST, -1
         live[n_live] = j - 1
         n_live += 1
         kept = 0
         for c in range(n_live):
             i = live[c]
-            if j - i < min_hits:
+            if j - i < MIN_HITS:
                 live[kept] = i
                 kept += 1
                 continue
-            chi2 = _chi2(sums, first + i, first + j)
-            if cost[i] + chi2 + line_cost < best:
-                best, best_start = cost[i] + chi2 + line_cost, i
-            if cost[i] + chi2 < best + line_cost:
+            chi2 = chi2_of(sums, first + i, first + j)
+            if cost[i] + chi2 + LINE_COST < best:
+                best, best_start = cost[i] + chi2 + LINE_COST, i
+            if cost[i] + chi2 < best + LINE_COST:
                 live[kept] = i
                 kept += 1
         n_live = kept
@@ -115,87 +129,31 @@ def _pieces_of_cut(start: Ints, offset: int) -> Ints:
 
 
 @kernel
-def piecewise(
-    ranges: Floats, bearings: Floats, noise: float, min_hits: int, line_cost: float, stray_cost: float
-) -> tuple[Ints, Floats]:
+def piecewise(ranges: Floats, bearings: Floats, noise: float) -> tuple[Ints, Floats]:
     """Cut a full turn of finite beams optimally.
 
-    ranges, bearings: (m,) metres and rising radians. Returns (k, 2) intervals [first, end) into the doubled
-    turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix sums of the doubled turn.
+    ranges, bearings: (m,) metres and rising radians; noise: m, standard deviation of a range. Returns (k, 2)
+    intervals [first, end) into the doubled turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix
+    sums of the doubled turn.
     """
     m = len(ranges)
-    sums = _sums_of_two_turns(ranges, bearings, noise)
-    turn = _true_cut(sums, m // 4, m - m // 4, min_hits, line_cost, stray_cost)
+    sums = sums_of_two_turns(ranges, bearings, noise)
+    turn = _true_cut(sums, m // 4, m - m // 4)
     if turn < 0:
-        turn = max(_true_cut(sums, 0, m, min_hits, line_cost, stray_cost), 0)
-    return _pieces_of_cut(_cheapest_cut(sums, turn, turn + m, min_hits, line_cost, stray_cost), turn), sums
+        turn = max(_true_cut(sums, 0, m), 0)
+    return _pieces_of_cut(_cheapest_cut(sums, turn, turn + m), turn), sums
 
 
 @kernel
-def _true_cut(sums: Floats, first: int, last: int, min_hits: int, line_cost: float, stray_cost: float) -> int:
-    """A beam between first and last at which a line begins, far enough from both to be no work of theirs; or -1."""
-    lines = _pieces_of_cut(_cheapest_cut(sums, first, last, min_hits, line_cost, stray_cost), first)
+def _true_cut(sums: Floats, first: int, last: int) -> int:
+    """A beam at which a line begins in any cut of the turn, or -1.
+
+    Beams first..last are cut, and the line that begins nearest to their middle is taken: where the cut begins and ends
+    has no influence there.
+    """
+    lines = _pieces_of_cut(_cheapest_cut(sums, first, last), first)
     middle, best, turn = (first + last) // 2, (last - first) // 4, -1
     for k in range(len(lines)):
         if abs(lines[k, 0] - middle) <= best:
             turn, best = lines[k, 0], abs(lines[k, 0] - middle)
     return turn
-
-
-@kernel
-def split_and_merge(
-    ranges: Floats, bearings: Floats, noise: float, min_hits: int, line_cost: float, stray_cost: float
-) -> tuple[Ints, Floats]:
-    """Split and merge on the circular scan (paper ref. 17); same arguments and result as `piecewise`.
-
-    Splits at the beam farthest from the chord, then merges neighbours whose common fit costs less than a line.
-    """
-    m = len(ranges)
-    doubled_ranges = np.concatenate((ranges, ranges))
-    doubled_bearings = np.concatenate((bearings, bearings + 2 * math.pi))
-    sums = _sums_of_two_turns(ranges, bearings, noise)
-    x, y = doubled_ranges * np.cos(doubled_bearings), doubled_ranges * np.sin(doubled_bearings)
-    turn, widest = 0, -1.0
-    for k in range(m):  # the widest step between neighbours is a cut in any case
-        step = math.hypot(x[k + 1] - x[k], y[k + 1] - y[k])
-        if step > widest:
-            turn, widest = k + 1, step
-    stack = np.empty((2 * m + 2, 2), np.int64)
-    stack[0, 0], stack[0, 1] = turn, turn + m
-    depth, k = 1, 0
-    out = np.empty((m, 2), np.int64)
-    while depth > 0:
-        depth -= 1
-        i, j = stack[depth, 0], stack[depth, 1]
-        if j - i < min_hits:
-            continue
-        dx, dy = x[j - 1] - x[i], y[j - 1] - y[i]
-        length = max(math.hypot(dx, dy), 1e-9)
-        worst, at = 0.0, -1
-        for b in range(i + 1, j - 1):
-            off = abs((x[b] - x[i]) * dy - (y[b] - y[i]) * dx) / length
-            if off > worst:
-                worst, at = off, b
-        step_at, step = -1, 0.0
-        for b in range(i + 1, j):
-            s = math.hypot(x[b] - x[b - 1], y[b] - y[b - 1])
-            if s > step:
-                step_at, step = b, s
-        if _chi2(sums, i, j) > line_cost + 2.0 * (j - i) and at >= 0:
-            cut = step_at if step > 4 * worst else at
-            stack[depth, 0], stack[depth, 1] = cut, j  # right half below the left one, so that output rises
-            stack[depth + 1, 0], stack[depth + 1, 1] = i, cut
-            depth += 2
-        else:
-            out[k, 0], out[k, 1] = i, j
-            k += 1
-    merged = 0
-    for p in range(1, k):
-        i, mid, j = out[merged, 0], out[merged, 1], out[p, 1]
-        apart = _chi2(sums, i, mid) + _chi2(sums, out[p, 0], j)
-        if out[p, 0] == mid and _chi2(sums, i, j) < apart + line_cost:
-            out[merged, 1] = j
-        else:
-            merged += 1
-            out[merged, 0], out[merged, 1] = out[p, 0], j
-    return out[: min(k, merged + 1)].copy(), sums

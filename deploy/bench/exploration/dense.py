@@ -233,7 +233,7 @@ class DenseRobot:
         self.grid.add(_heard(ranges, BLIND_M)[None], np.array(pose)[None])
         if not self.complete and observation.tick % REPLAN_TICKS == 0:
             self._plan(pose)
-        scan = perceive(ranges, self.spec.lidar, self.config.perception).wireframe()
+        scan = perceive(ranges, self.spec, self.config.perception.method).wireframe()
         walls = np.ascontiguousarray(apply(pose, scan.points)[scan.edges].reshape(-1, 4))
         speed = turn = 0.0
         if self.path is not None:

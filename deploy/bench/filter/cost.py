@@ -30,7 +30,7 @@ def measure_stages(world: str, limit_s: float) -> Figures:
 
     def watch(robot: Robot, observation: Observation, step: Step) -> None:
         # perception has no state: once more, for the clock
-        clock.timed("perception", perceive)(observation.scan(), robot.spec.lidar, robot.config.perception)
+        clock.timed("perception", perceive)(observation.scan(), robot.spec, robot.config.perception.method)
         clock.seconds["step"] = 1e-3 * step.action.step_ms
         for stage, times in spent.items():
             times.append(1e3 * clock.seconds.pop(stage, 0.0))

@@ -55,8 +55,8 @@ def record(world: str, seed: int, noise_m: float | None = None, limit_s: float =
     lidar = {} if noise_m is None else {"noise_m": noise_m}
     settings = {"world": world, "robots": 1, "seed": seed, "spec": {"lidar": lidar}, "max_time_s": limit_s}
     run = explore(settings, {}, watch)
-    spec, config = run.episode.config.spec, AgentConfig()
-    scans = [perceive(row, spec.lidar, config.perception) for row in ranges]
+    spec = run.episode.config.spec
+    scans = [perceive(row, spec) for row in ranges]
     return Recording(spec, seed, np.stack(ranges), poses, scans, _moved(run.truth(), run.frame()))
 
 

@@ -10,7 +10,6 @@ import pytest
 from agent.cooperation.evidence import WallEvidence, pieces_of
 from agent.geometry.transform import compose, inverse
 from agent.mapping.layers import layer_of
-from agent.perception.config import PerceptionConfig
 from agent.perception.perceive import perceive
 from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
@@ -89,7 +88,7 @@ def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) ->
 def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
     walk = Walk(walls, LidarSpec())
     ranges = walk.lidar.measured(walk.lidar.cast(np.array([pose])), [np.random.default_rng(3)])[0]
-    return perceive(np.asarray(ranges, np.float64), walk.spec, PerceptionConfig(), np.zeros((0, 3)))
+    return perceive(np.asarray(ranges, np.float64), walk.spec)
 
 
 def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where_it_is_not(

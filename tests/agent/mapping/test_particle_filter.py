@@ -11,9 +11,8 @@ from agent.corner_scan import FRONTIER
 from agent.mapping.config import FilterConfig
 from agent.mapping.edges import length, new_slot, set_tip
 from agent.mapping.particle_filter import WireframeFilter, systematic
-from agent.perception.config import PerceptionConfig
+from agent.perception.disc_memory import SeenDiscs
 from agent.perception.perceive import perceive
-from agent.perception.seen_discs import SeenDiscs
 from protocol.geometry import Pose, seen_from, wrapped
 from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
@@ -48,13 +47,11 @@ class Walk:
         odometry: OdometrySpec | None = None,
         seed: int = 0,
     ) -> None:
-        self.spec, self.odometry = spec, odometry or OdometrySpec()
+        self.spec = RobotSpec(lidar=spec, odometry=odometry or OdometrySpec())
         self.lidar = Lidar(np.array(segments, np.float64), spec)
         self.rng = np.random.default_rng(seed)
-        self.discs = SeenDiscs(PerceptionConfig().disc_memory_scans, 0.044)
-        self.filter = WireframeFilter(
-            FilterConfig(particles=particles), RobotSpec(lidar=spec, odometry=self.odometry), seed
-        )
+        self.discs = SeenDiscs(self.spec)
+        self.filter = WireframeFilter(FilterConfig(particles=particles), self.spec, seed)
 
     def see(
         self, pose: Pose, odometry: Pose | None = None, discs: np.ndarray | None = None, post: Place | None = None
@@ -64,8 +61,8 @@ class Walk:
         measured = np.asarray(self.lidar.measured(ranges, [self.rng])[0], np.float64)
         odometry = odometry or pose
         posts = None if post is None else seen_from(pose, np.array([post]))
-        scan = perceive(measured, self.spec, PerceptionConfig(), self.discs.expected(odometry), posts=posts)
-        self.discs.see(odometry, scan.discs)
+        scan = perceive(measured, self.spec, expected=self.discs.expected(odometry), posts=posts)
+        self.discs.add(odometry, scan.discs)
         self.filter.update(scan, odometry)
 
 

@@ -10,9 +10,9 @@ import pytest
 import shapely
 
 from agent.corner_scan import CornerScan
-from agent.perception.config import PerceptionConfig
+from agent.perception.config import Method
 from agent.perception.perceive import perceive
-from protocol.messages import LidarSpec
+from protocol.messages import LidarSpec, RobotSpec
 from protocol.wireframe import Label
 from world.lidar import Lidar
 from world.worldfile import World, load
@@ -46,7 +46,7 @@ def wall_ends_before(segment: np.ndarray, pose: np.ndarray, beam: int) -> bool:
     return t > 0 and not 0 <= u <= 1
 
 
-def judge(world: World, count: int, seed: int, method: str = "piecewise") -> tuple[np.ndarray, int, int]:
+def judge(world: World, count: int, seed: int, method: Method = "piecewise") -> tuple[np.ndarray, int, int]:
     """Errors of nominal corners, and how many chain ends are labelled wrongly of how many."""
     lidar = Lidar(world.segments, SPEC)
     poses = poses_in(world, count, seed)
@@ -54,9 +54,8 @@ def judge(world: World, count: int, seed: int, method: str = "piecewise") -> tup
     measured = lidar.measured(ranges, [np.random.default_rng([seed, k]) for k in range(count)])
     corners = np.unique(world.segments.reshape(-1, 2).round(6), axis=0)
     errors, wrong, ends = [], 0, 0
-    config = PerceptionConfig(method=method)  # type: ignore[arg-type]
     for pose, scan_ranges, walls in zip(poses, measured, met, strict=True):
-        scan = perceive(np.asarray(scan_ranges, np.float64), SPEC, config)
+        scan = perceive(np.asarray(scan_ranges, np.float64), RobotSpec(), method)
         c, s = math.cos(pose[2]), math.sin(pose[2])
         for piece in scan.pieces:
             for side in (0, 1):
@@ -112,7 +111,7 @@ def view(
     ranges = lidar.cast(np.zeros((1, 3)), extra.get("discs"))
     if noise:
         ranges = lidar.measured(ranges, [np.random.default_rng(4)])
-    return perceive(np.asarray(ranges[0], np.float64), spec, PerceptionConfig())
+    return perceive(np.asarray(ranges[0], np.float64), RobotSpec(lidar=spec))
 
 
 def test_one_view_gives_all_three_labels() -> None:
@@ -162,7 +161,7 @@ def test_two_teammates_side_by_side_are_two_discs() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 0.0, 1e9])
 def test_nonsense_ranges_are_silence(value: float) -> None:
-    scan = perceive(np.full(360, value), SPEC, PerceptionConfig())
+    scan = perceive(np.full(360, value), RobotSpec())
     assert len(scan.pieces) == 0
     assert len(scan.wireframe().points) == 0
 
@@ -170,7 +169,7 @@ def test_nonsense_ranges_are_silence(value: float) -> None:
 def test_dropouts_do_not_open_walls() -> None:
     ranges = Lidar(np.array([(-10.0, 1, 10, 1)]), SPEC).cast(np.zeros((1, 3)))[0].astype(np.float64)
     ranges[np.random.default_rng(5).random(len(ranges)) < 0.05] = np.inf
-    scan = perceive(ranges, LidarSpec(dropout=0.05), PerceptionConfig())
+    scan = perceive(ranges, RobotSpec(lidar=LidarSpec(dropout=0.05)))
     assert (np.abs(scan.pieces["y"] - 1) < 1e-6).all()
     assert (scan.pieces["label"] == Label.FRONTIER).all()
 
@@ -187,14 +186,14 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
         pose = np.array([[-0.3, 0.05 * (seed % 3 - 1), 0.0]])
         ranges = np.asarray(lidar.measured(lidar.cast(pose), [rng])[0], np.float64)
         known = sides - np.tile(pose[0, :2], 2)
-        hidden_without += len(perceive(ranges, spec, PerceptionConfig()).discs)
-        scan = perceive(ranges, spec, PerceptionConfig(), None, known)
+        hidden_without += len(perceive(ranges, RobotSpec()).discs)
+        scan = perceive(ranges, RobotSpec(), known=known)
         assert len(scan.discs) == 0
         seen_with += len(scan.pieces) > 0
         beside = np.array([[2.0, 0.075 + 0.2, 0.105]])
         pose = np.array([[1.2, 0.9, 0.0]])
         ranges = np.asarray(lidar.measured(lidar.cast(pose, beside), [rng])[0], np.float64)
-        scan = perceive(ranges, spec, PerceptionConfig(), None, sides - np.tile(pose[0, :2], 2))
+        scan = perceive(ranges, RobotSpec(), known=sides - np.tile(pose[0, :2], 2))
         assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
     assert hidden_without > 0
     assert seen_with == 20

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from agent.perception.config import PerceptionConfig
+from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.perceive import perceive
-from agent.perception.posts import Posts
-from protocol.messages import LidarSpec
+from protocol.messages import LidarSpec, RobotSpec
 
 NOBODY = np.zeros((0, 2))
 STANDING = np.array([[2.0, 0.5]])
@@ -15,15 +15,15 @@ HERE = (0.0, 0.0, 0.0)
 
 
 def posts() -> Posts:
-    return Posts(PerceptionConfig(), 3.5, 5.0)
+    return Posts(RobotSpec())
 
 
 def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard() -> None:
     one = posts()
     for tick in range(15):
-        one.look(tick, HERE, STANDING + 0.01 * (tick % 3), heard=False)
+        one.add(tick, HERE, STANDING + 0.01 * (tick % 3), heard=False)
     assert not len(one.places)
-    one.look(15, HERE, STANDING, heard=False)
+    one.add(15, HERE, STANDING, heard=False)
     assert np.allclose(one.places, STANDING, atol=0.03)
     assert np.allclose(one.seen_from((2.0, 0.0, np.pi / 2)), [[0.5, 0.0]], atol=0.03)
     assert not len(one.seen_from((20.0, 0.0, 0.0)))
@@ -32,20 +32,20 @@ def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard() -> None:
 def test_a_disc_that_moves_is_none_and_neither_is_one_while_somebody_is_heard() -> None:
     one = posts()
     for tick in range(200):
-        one.look(tick, HERE, STANDING + np.array((0.0, 0.02 * tick)), heard=False)
+        one.add(tick, HERE, STANDING + np.array((0.0, 0.02 * tick)), heard=False)
     assert not len(one.places)
     for tick in range(200, 600):
-        one.look(tick, HERE, STANDING, heard=tick % 100 == 0)  # of four beacons three are lost
+        one.add(tick, HERE, STANDING, heard=tick % 100 == 0)  # of four beacons three are lost
     assert not len(one.places)
 
 
 def test_who_is_heard_may_be_what_was_taken_for_a_post_here_but_not_elsewhere() -> None:
     one = posts()
     for tick in range(30):
-        one.look(tick, HERE, STANDING, heard=False)
-    one.look(30, (9.0, 0.0, 0.0), NOBODY, heard=True)
+        one.add(tick, HERE, STANDING, heard=False)
+    one.add(30, (9.0, 0.0, 0.0), NOBODY, heard=True)
     assert len(one.places) == 1
-    one.look(31, HERE, STANDING, heard=True)
+    one.add(31, HERE, STANDING, heard=True)
     assert not len(one.places)
 
 
@@ -57,10 +57,23 @@ def test_beams_on_a_post_tell_of_walls() -> None:
         side = 0.8 * np.sin(np.radians(k))
         if abs(side) < 0.105:
             ranges[k] = 0.8 * np.cos(np.radians(k)) - np.sqrt(0.105**2 - side**2)
-    plain = perceive(ranges, LidarSpec(), PerceptionConfig())
+    plain = perceive(ranges, RobotSpec())
     assert len(plain.discs) == 1
-    told = perceive(ranges, LidarSpec(), PerceptionConfig(), posts=plain.discs)
+    told = perceive(ranges, RobotSpec(), posts=plain.discs)
     assert not len(told.discs)
     assert len(told.pieces) > len(plain.pieces)
     assert np.hypot(told.pieces["x"], told.pieces["y"]).min() < 0.8
     assert np.hypot(plain.pieces["x"], plain.pieces["y"]).min() > 2.9
+
+
+@pytest.mark.parametrize("rate_hz", [5.0, 10.0, 20.0])
+def test_a_disc_is_remembered_for_less_than_a_second_at_any_rate(rate_hz: float) -> None:
+    one = SeenDiscs(RobotSpec(lidar=LidarSpec(rate_hz=rate_hz)))
+    one.add(HERE, STANDING)
+    for _ in range(round(0.8 * rate_hz) - 1):
+        assert len(one.expected(HERE)) == 1
+        one.add(HERE, NOBODY)
+    slack = float(one.expected(HERE)[0, 2])
+    assert slack == pytest.approx(0.8 * 0.22)  # what a teammate drives since
+    one.add(HERE, NOBODY)
+    assert not len(one.expected(HERE))

@@ -1,0 +1,94 @@
+"""What is remembered of discs in scans: teammates seen a moment ago, and posts that only look like teammates (ours)."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from protocol.arrays import Floats
+from protocol.geometry import Pose, apply, seen_from
+from protocol.messages import RobotSpec
+
+SEEN_S = 0.8
+"""A disc is remembered for so long: one scan of ten misses it, and four in a row almost never do."""
+
+STILL_S = 3.0
+"""A disc that has not moved for so long while nobody is heard is a post; exploring robots stand for 0.8 s at a time."""
+
+STILL_M = 0.06
+"""... nor by more than this: the spread of a disc's place from scan to scan; a teammate drives it in 0.3 s."""
+
+SILENCE_S = 21.0
+"""Nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120."""
+
+MAX_POSTS = 200
+"""Posts kept, the newest (16 bytes each): a hall has a dozen."""
+
+REACH_MARGIN_M = 1.0
+"""Posts are asked for this far beyond the lidar's range."""
+
+
+class SeenDiscs:
+    """Teammates of the last few scans, in the frame of the odometry: a scan that misses one hides its beams as well."""
+
+    def __init__(self, spec: RobotSpec) -> None:
+        self._step_m = spec.max_speed_mps / spec.lidar.rate_hz
+        self._scans: deque[Floats] = deque(maxlen=max(1, round(SEEN_S * spec.lidar.rate_hz)))
+
+    def expected(self, pose: Pose) -> Floats:
+        """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
+        newest = len(self._scans)
+        seen = [(d, self._step_m * (newest - k)) for k, d in enumerate(self._scans) if len(d)]
+        if not seen:
+            return np.zeros((0, 3))
+        discs = np.vstack([np.column_stack((d, np.full(len(d), slack))) for d, slack in seen])
+        return np.column_stack((seen_from(pose, discs[:, :2]), discs[:, 2]))
+
+    def add(self, pose: Pose, discs: Floats) -> None:
+        """Remember the discs (k, 2) of a scan, given in the robot's frame."""
+        self._scans.append(apply(pose, discs))
+
+
+class Posts:
+    """Discs that have stood still for a while in which nobody was heard, in the frame of the map.
+
+    They are no teammates: a teammate within the lidar's range is within the radio's, and sends beacons.
+    """
+
+    def __init__(self, spec: RobotSpec) -> None:
+        self._reach_m = spec.lidar.range_max_m
+        self._still = round(STILL_S * spec.lidar.rate_hz)
+        self._silence = round(SILENCE_S * spec.lidar.rate_hz)
+        self._heard = -self._silence
+        self._standing = np.zeros((0, 4))
+        """(k, 4) x, y, and the ticks of the first and last sighting."""
+        self.places = np.zeros((0, 2))
+        """(k, 2) metres."""
+
+    def add(self, tick: int, here: Pose, discs: Floats, heard: bool) -> None:
+        """Take in a scan's discs (k, 2), frame of the map, seen from here; heard: any message at this tick.
+
+        Where somebody is heard, no post around here is sure any more.
+        """
+        if heard:
+            self._heard = tick
+            self.places = self.places[np.hypot(*(self.places - here[:2]).T) > self._reach_m]
+        if tick - self._heard < self._silence:
+            self._standing = self._standing[:0]
+            return
+        for x, y in discs.tolist():
+            away = np.hypot(self._standing[:, 0] - x, self._standing[:, 1] - y)
+            if len(away) and away.min() <= STILL_M:
+                self._standing[int(away.argmin()), 3] = tick
+            else:
+                self._standing = np.vstack((self._standing, (x, y, tick, tick)))
+        stood = self._standing[:, 3] - self._standing[:, 2] >= self._still
+        if stood.any():
+            self.places = np.vstack((self.places, self._standing[stood, :2]))[-MAX_POSTS:]
+        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= self._still)]
+
+    def seen_from(self, pose: Pose) -> Floats:
+        """(k, 2) those in reach of a pose, in its frame."""
+        near = np.hypot(*(self.places - pose[:2]).T) <= self._reach_m + REACH_MARGIN_M
+        return seen_from(pose, self.places[near])
