@@ -22,7 +22,7 @@ $(INSTALLED): requirements.lock pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	$(BIN)/python -m deploy.warm
+	$(BIN)/python -m agent.warmup
 	@touch $@
 
 run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--seed 1")

@@ -1,59 +1,159 @@
-"""A robot's first steps in a made-up room, so that none of its real ones waits for kernels to be loaded (ours).
+"""Kernels compiled at installation, and loaded before a robot's first step (ours).
 
-Loading what numba keeps compiled takes half a second, which is two scans missed in real time.
+    python -m agent.warmup
+
+Two robots explore a made-up building, with no world and no network: they map, meet, align, verify and merge, which
+calls every kernel with the types that real runs call it with.
 """
 
 from __future__ import annotations
 
+import gc
 import math
+import multiprocessing
+import os
+import sys
+import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from agent.alignment import align_prepared, prepare
 from agent.config import AgentConfig
+from agent.exploration.explorer import Configs, Explorer, Situation
 from agent.robot import Robot
 from protocol.arrays import Floats
-from protocol.messages import Observation, RobotSpec
+from protocol.geometry import Pose, compose
+from protocol.messages import Heard, Observation, RobotSpec
+from protocol.wireframe import Wireframe
 
-TICKS = 40
-"""Enough to map some walls, choose a frontier, plan and drive."""
+TICKS_TO_LOAD = 40
+"""Enough for one robot to map some walls, choose a frontier, plan and drive."""
 
-_ROOM = np.array(
-    [(-1, -1, 5, -1), (5, -1, 5, 2), (5, 2, 2, 2), (2, 2, 2, 1), (2, 1, 1.8, 1), (1.8, 1, 1.8, 2), (1.8, 2, -1, 2),
-     (-1, 2, -1, -1)], np.float64,
-)  # fmt: skip
+TICKS_TO_COMPILE = 300
+"""Enough for two robots to merge their maps and to explore what is left."""
+
+_OUTLINE = [
+    (0, 0), (3, 0), (3, 2), (3.2, 2), (3.2, 0), (6.5, 0), (6.5, 2), (8, 2), (8, 5), (4, 5), (4, 3.2), (3.8, 3.2),
+    (3.8, 5), (0.5, 5), (0.5, 3), (0, 3),
+]  # fmt: skip
+_PILLAR = [(5.5, 3.8), (5.5, 4.2), (5.9, 4.2), (5.9, 3.8)]
+_STARTS: list[Pose] = [(1.0, 1.0, 0.0), (5.0, 1.0, math.pi / 2)]
+_NOISE_M = 0.003
 
 _rehearsed = False
 
 
 def rehearse() -> None:
-    """Let a robot map, drive and align once in this process; later calls, and those in its forks, do nothing."""
+    """Load all kernels that a robot's first minutes call; later calls, and those in its forks, do nothing."""
     global _rehearsed
-    if _rehearsed:
-        return
-    _rehearsed = True
+    if not _rehearsed:
+        _rehearsed = True
+        _explore(_STARTS[:1], TICKS_TO_LOAD)
+        _align()
+
+
+def compile_kernels() -> None:
+    """Compile all kernels, in two processes where there are two cores, which then meet in the cache."""
+    gc.disable()  # numba makes millions of objects that live on
+    other = None
+    if len(os.sched_getaffinity(0)) > 1:
+        other = multiprocessing.get_context("fork").Process(target=_align_and_plan)
+        other.start()
+    _explore(_STARTS, TICKS_TO_COMPILE)
+    _align()
+    if other is not None:
+        other.join()
+
+
+def _align_and_plan() -> None:
+    """Call the half of the kernels that a robot calls last."""
+    _align()
     spec, config = RobotSpec(), AgentConfig()
-    robot = Robot("r1", spec, config, 0)
-    x = y = theta = 0.0
-    for tick in range(TICKS):
-        ranges = _ranges(x, y, theta, spec).astype("<f4").tobytes()
-        action = robot.step(Observation(tick=tick, ranges=ranges, odometry=(x, y, theta)), []).action
-        ahead, turn = action.speed_mps / spec.lidar.rate_hz, action.turn_rps / spec.lidar.rate_hz
-        x, y, theta = x + ahead * math.cos(theta), y + ahead * math.sin(theta), theta + turn
-    mine = prepare(robot.own, config.alignment)
-    align_prepared(mine, mine, config.alignment, np.random.default_rng(0))
+    explorer = Explorer(Configs(config.exploration, config.planning, config.driving), spec, np.random.default_rng(0))
+    building = _building()
+    explorer.look(Situation(0, building, 1, _STARTS[0], building, np.zeros((0, 2))))
+    if target := explorer.frontier():
+        explorer.drive(target)
+    explorer.drive(explorer.default_state())
 
 
-def _ranges(x: float, y: float, theta: float, spec: RobotSpec) -> Floats:
-    """(beams,) metres to the room's walls, inf beyond the lidar's range."""
-    angles = theta + np.arange(spec.lidar.beams) * (2 * math.pi / spec.lidar.beams)
+def _align() -> None:
+    config = AgentConfig().alignment
+    building = prepare(_building(), config)
+    align_prepared(building, building, config, np.random.default_rng(0))
+
+
+def _explore(starts: Sequence[Pose], ticks: int) -> None:
+    """Let robots explore from their starts and hear each other."""
+    spec, config, walls, rng = RobotSpec(), AgentConfig(), _walls(), np.random.default_rng(0)
+    robots = [Robot(f"r{k + 1}", spec, config, k) for k in range(len(starts))]
+    moved: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)
+    heard: list[list[Heard]] = [[] for _ in starts]
+    for tick in range(ticks):
+        poses = [compose(start, by) for start, by in zip(starts, moved, strict=True)]
+        said: list[list[Heard]] = [[] for _ in starts]
+        for k, robot in enumerate(robots):
+            others = np.array([pose[:2] for n, pose in enumerate(poses) if n != k]).reshape(-1, 2)
+            ranges = _ranges(poses[k], walls, others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
+            seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved[k])
+            step = robot.step(seen, heard[k])
+            ahead = step.action.speed_mps / spec.lidar.rate_hz
+            moved[k] = compose(moved[k], (ahead, 0.0, step.action.turn_rps / spec.lidar.rate_hz))
+            for send in step.sends:
+                for n in range(len(robots)):
+                    if n != k and send.to in ("*", robots[n].robot):
+                        said[n].append(Heard(tick=tick, sender=robot.robot, kind=send.kind, payload=send.payload))
+        heard = said
+
+
+def _building() -> Wireframe:
+    rings = [_OUTLINE, _PILLAR]
+    points = np.array([corner for ring in rings for corner in ring], np.float64)
+    begin = np.cumsum([0, *map(len, rings)])
+    edges = [(begin[n] + k, begin[n] + (k + 1) % len(ring)) for n, ring in enumerate(rings) for k in range(len(ring))]
+    n = len(points)
+    return Wireframe(
+        points, np.zeros(n, np.uint8), np.array(edges, np.int32), np.ones(n, np.float32), np.ones(n, np.bool_)
+    )
+
+
+def _walls() -> Floats:
+    """(m, 4) ends of the building's walls."""
+    building = _building()
+    return building.points[building.edges].reshape(-1, 4)
+
+
+def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Floats:
+    """(beams,) metres to the walls and to other robots, inf beyond the lidar's range."""
+    angles = pose[2] + np.arange(spec.lidar.beams) * (2 * math.pi / spec.lidar.beams)
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    from_x, from_y = _ROOM[:, 0] - x, _ROOM[:, 1] - y
-    along_x, along_y = _ROOM[:, 2] - _ROOM[:, 0], _ROOM[:, 3] - _ROOM[:, 1]
+    from_x, from_y = walls[:, 0] - pose[0], walls[:, 1] - pose[1]
+    along_x, along_y = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
         cross = c * along_y - s * along_x
         distance = (from_x * along_y - from_y * along_x) / cross
         share = (from_x * s - from_y * c) / cross
-    met = (distance > 0) & (share >= 0) & (share <= 1)
-    nearest = np.where(met, distance, np.inf).min(1)
+        met = (distance > 0) & (share >= 0) & (share <= 1)
+        nearest = np.where(met, distance, np.inf).min(1)
+        x, y = others[:, 0] - pose[0], others[:, 1] - pose[1]
+        ahead, aside = x * c + y * s, y * c - x * s
+        front = ahead - np.sqrt(spec.radius_m**2 - aside**2)
+    nearest = np.minimum(nearest, np.where((ahead > 0) & (front > 0), front, np.inf).min(1, initial=np.inf))
     return np.where(nearest <= spec.lidar.range_max_m, nearest, np.inf)
+
+
+def main() -> None:
+    """Compile, and say how long it took. A failure is told and ends nothing: a run compiles what it needs."""
+    begin = time.perf_counter()
+    print("compiling kernels, about half a minute", flush=True)
+    try:
+        compile_kernels()
+    except Exception as error:
+        print(f"kernels are not compiled yet: {type(error).__name__}: {error}", file=sys.stderr)
+    else:
+        print(f"kernels compiled in {time.perf_counter() - begin:.1f} s")
+
+
+if __name__ == "__main__":
+    main()
