@@ -20,7 +20,8 @@ import numpy as np
 
 from agent.alignment import align_prepared, prepare
 from agent.config import AgentConfig
-from agent.exploration.explorer import Configs, Explorer, Situation
+from agent.exploration.explorer import Explorer
+from agent.exploration.surroundings import Situation
 from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
@@ -70,12 +71,10 @@ def _align_and_plan() -> None:
     """Call the half of the kernels that a robot calls last."""
     _align()
     spec, config = RobotSpec(), AgentConfig()
-    explorer = Explorer(Configs(config.exploration, config.planning, config.driving), spec, np.random.default_rng(0))
+    explorer = Explorer(config.exploration, config.driving, spec, np.random.default_rng(0))
     building = _building()
-    explorer.look(Situation(0, building, 1, _STARTS[0], building, np.zeros((0, 2))))
-    if target := explorer.frontier():
-        explorer.drive(target)
-    explorer.drive(explorer.default_state())
+    view = explorer.look(Situation(0, building, 1, _STARTS[0], building, np.zeros((0, 2))))
+    explorer.drive(view, explorer.frontier(view) or explorer.default_state(view))
 
 
 def _align() -> None:
