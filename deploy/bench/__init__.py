@@ -1,3 +1,5 @@
-"""Repeatable measurements: each returns rows, which are printed as a table and as JSON."""
+"""Benchmarks: `benchmark.py` measures the cases and fills the tables that the parts of each benchmark declare.
 
-from __future__ import annotations
+A part is a module with `cases(quick)` and `TABLES`. A case is a function of plain arguments that returns figures; a
+table says which cases make a row, what is made of their figures, and which bars the values must meet.
+"""

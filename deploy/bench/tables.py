@@ -237,7 +237,8 @@ def row_of(columns: Sequence[Column], runs: Runs, labels: Row) -> Row:
 def grouped(figures: Outcomes, pattern: str) -> list[tuple[Row, list[Figures]]]:
     """Groups of the cases whose names fit: {KEY} labels a group, * is any one word between slashes.
 
-    So `runs/{world}/*` puts the seeds of a world together. Groups and runs are in the order of the cases.
+    So `runs/{world}/*` puts the seeds of a world together; (?:a|b) is either word. Groups and
+    runs are in the order of the cases.
     """
     fits = re.compile(re.sub(r"\{(\w+)\}", r"(?P<\1>.+)", pattern.replace("*", "[^/]+")))
     groups: dict[tuple[str, ...], tuple[Row, list[Figures]]] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -62,9 +62,7 @@ class Pair:
 
 def moved(wireframe: Wireframe, by: Floats) -> Wireframe:
     """A map in another frame: by (3,) takes the old into the new."""
-    return Wireframe(
-        apply(by, wireframe.points), wireframe.labels, wireframe.edges, wireframe.likelihood, wireframe.own
-    )
+    return replace(wireframe, points=apply(by, wireframe.points))
 
 
 def random_pose(rng: np.random.Generator) -> Floats:

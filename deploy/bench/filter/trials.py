@@ -150,21 +150,19 @@ SOME = 10
 
 def cases(quick: bool) -> list[Case]:
     """The default filter, one hypothesis alone, and some particles."""
-    every, alone = list(SCOPES), list(SCOPES[:1])
-    if quick:
-        return [
-            Case("faults/apartment/default", measure_faults, _arguments("apartment", 3, None, every, 120.0)),
-            Case("faults/apartment/some", measure_faults, _arguments("apartment", 2, SOME, every, 120.0)),
-        ]
+    worlds, limit_s = (["apartment"], 120.0) if quick else (WORLDS, 1200.0)
+    default = {"particles": None, "scopes": list(SCOPES), "limit_s": limit_s}
+    filters: dict[str, tuple[int, dict[str, Any]]] = {
+        "default": (3 if quick else 25, {}),
+        "some": (2 if quick else 25, {"particles": SOME}),
+    }
+    if not quick:
+        filters["one"] = 25, {"particles": 1, "scopes": list(SCOPES[:1])}
     return [
-        Case(f"faults/{world}/{which}", measure_faults, _arguments(world, 25, particles, scopes, 1200.0))
-        for world in WORLDS
-        for which, particles, scopes in (("default", None, every), ("one", 1, alone), ("some", SOME, every))
+        Case(f"faults/{world}/{which}", measure_faults, {**default, **own, "world": world, "trials": trials})
+        for world in worlds
+        for which, (trials, own) in filters.items()
     ]
-
-
-def _arguments(world: str, trials: int, particles: int | None, scopes: list[str], limit_s: float) -> dict[str, Any]:
-    return {"world": world, "trials": trials, "particles": particles, "scopes": scopes, "limit_s": limit_s}
 
 
 def counts_of(runs: Runs, kinds: Iterable[str], scope: str) -> list[int | None]:
