@@ -209,9 +209,10 @@ def explore(
     config: ExplorationConfig | None = None,
     starts: np.ndarray | None = None,
     until_complete: bool = True,
+    spec: RobotSpec | None = None,
 ) -> list[Trial]:
     """Robots that explore the world each on its own, until all are complete or time is up."""
-    spec = RobotSpec()
+    spec = spec or RobotSpec()
     rng = np.random.default_rng(seed)
     poses = world.starts(robots, spec.radius_m, rng) if starts is None else np.array(starts, float)
     origins = poses.copy()

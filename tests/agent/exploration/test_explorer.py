@@ -131,6 +131,32 @@ def test_two_robots_that_meet_in_a_narrow_corridor_both_get_on():
             assert_well_explored(trial)
 
 
+@pytest.mark.parametrize("rate_hz", [5.0, 20.0])
+@pytest.mark.parametrize("speed", [0.1, 0.6])
+def test_any_rate_of_the_lidar_and_any_speed_will_do(rate_hz, speed):
+    spec = RobotSpec(max_speed_mps=speed, lidar=SPEC.lidar.model_copy(update={"rate_hz": rate_hz}))
+    trial = explore(CORRIDOR_WORLD, 40 + 30 / speed, starts=np.array([[-3.5, 0.0, 0.0]]), spec=spec)[0]
+    assert_well_explored(trial)
+    assert trial.stuck == 0
+
+
+def test_durations_are_the_same_at_any_rate():
+    robots = [explorer_at(rate_hz) for rate_hz in (5.0, 20.0)]
+    assert [robot.goals.refresh_ticks for robot in robots] == [3, 12]
+    for robot, ticks in zip(robots, (50, 200), strict=True):
+        mates = robot.surroundings.teammates
+        mates.update(0, np.array([[1.0, 0.0]]), np.zeros((0, 4)))
+        mates.avoid(mates.known[0], 0)
+        assert mates.in_the_way(ticks - 1)
+        mates.update(ticks, NOBODY, np.zeros((0, 4)))
+        assert not mates.in_the_way(ticks)
+
+
+def explorer_at(rate_hz: float) -> Explorer:
+    spec = RobotSpec(lidar=SPEC.lidar.model_copy(update={"rate_hz": rate_hz}))
+    return Explorer(ExplorationConfig(), DrivingConfig(), spec, np.random.default_rng(0))
+
+
 def test_the_same_seed_gives_the_same_run():
     one, two = (explore(MAZE, 60, robots=2, seed=3, starts=np.array([[1, 1, 0], [3, 4, 0.0]])) for _ in range(2))
     for a, b in zip(one, two, strict=True):
