@@ -97,15 +97,15 @@ class Robot:
         errand = None if self.team.drive is None else self.team.drive.goal
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
         situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
-        view = explorer.look(situation)
+        scene = explorer.look(situation)
         if not len(self.wireframe.edges):
-            command = explorer.drive_forward(view)
-        elif contact := explorer.place_of_contact(view):
-            command = explorer.drive(view, contact)
-        elif frontier := explorer.frontier(view):
-            command = explorer.drive(view, frontier)
+            command = explorer.drive_forward(scene)
+        elif contact := explorer.place_of_contact(scene):
+            command = explorer.drive(scene, contact)
+        elif frontier := explorer.frontier(scene):
+            command = explorer.drive(scene, frontier)
         else:
-            command = explorer.drive(view, explorer.default_state(view))
+            command = explorer.drive(scene, explorer.default_state(scene))
         self._errand_ended = command.ended
         looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
         ask = () if command.complete else self.team.shares_work_with

@@ -192,11 +192,11 @@ class Trial:
 
 def step(explorer: Explorer, situation: Situation) -> Command:
     """One tick, by the branches of `Robot.step`."""
-    view = explorer.look(situation)
+    scene = explorer.look(situation)
     if not len(situation.wireframe.edges):
-        return explorer.drive_forward(view)
+        return explorer.drive_forward(scene)
     return explorer.drive(
-        view, explorer.place_of_contact(view) or explorer.frontier(view) or explorer.default_state(view)
+        scene, explorer.place_of_contact(scene) or explorer.frontier(scene) or explorer.default_state(scene)
     )
 
 

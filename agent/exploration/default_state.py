@@ -13,7 +13,7 @@ from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import chains, stands_at_edges
 from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
-from agent.exploration.surroundings import View
+from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
@@ -43,21 +43,21 @@ class DefaultStates:
         self._vertices = 0
         self._vertex_version = -1
 
-    def next(self, view: View, roads: Roads, eyes: Floats) -> Task | None:
+    def next(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
         """The next task, or None if the state has come to its end.
 
         eyes: (k, 2) places from where was looked, the robot's own and its teammates'.
         """
         state = self.config.default_state
         if state == "ours":
-            return self._sweep(view, roads, eyes) or self._least_likely(view.wireframe, roads)
+            return self._sweep(scene, roads, eyes) or self._least_likely(scene.wireframe, roads)
         if state == "interior-sweep":
-            return self._sweep(view, roads, eyes)
+            return self._sweep(scene, roads, eyes)
         if state == "least-likely":
-            return self._least_likely(view.wireframe, roads)
+            return self._least_likely(scene.wireframe, roads)
         if state == "perimeter":
-            return self._perimeter(view.wireframe, roads)
-        return self._random_vertex(view, roads)
+            return self._perimeter(scene.wireframe, roads)
+        return self._random_vertex(scene, roads)
 
     def ended(self) -> str:
         """Why there is nothing left to do."""
@@ -78,17 +78,17 @@ class DefaultStates:
         elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def pockets(self, view: View, roads: Roads, eyes: Floats, begun: Task | None) -> list[Task]:
+    def pockets(self, scene: Scene, roads: Roads, eyes: Floats, begun: Task | None) -> list[Task]:
         """Sweeps, while there are frontiers, of what was seen from too far; begun: the task under way."""
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
-        samples = self.sweep.passed_by(view.wireframe, eyes, view.here, POCKET_REACH_M)
+        samples = self.sweep.passed_by(scene.wireframe, eyes, scene.here, POCKET_REACH_M)
         return self.sweep.tasks(samples, roads, begun.stand if begun is not None and begun.kind == "sweep" else None)
 
-    def _sweep(self, view: View, roads: Roads, eyes: Floats) -> Task | None:
+    def _sweep(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
-        tasks = self.sweep.tasks(self.sweep.unseen(view.wireframe, eyes), roads)
-        tasks = not_nearer_to(view.rivals, tasks, roads) or tasks  # nobody idles
+        tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, eyes), roads)
+        tasks = not_nearer_to(scene.rivals, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
@@ -107,13 +107,13 @@ class DefaultStates:
                 return Task("edge", middle, stands.points[good][route.goal], along)
         return None
 
-    def _random_vertex(self, view: View, roads: Roads) -> Task | None:
+    def _random_vertex(self, scene: Scene, roads: Roads) -> Task | None:
         """Vertices at random [paper], until so many in a row changed nothing."""
-        if view.version != self._vertex_version:
-            self._vertex_version, self._vertices = view.version, 0
+        if scene.version != self._vertex_version:
+            self._vertex_version, self._vertices = scene.version, 0
         while self._vertices < VERTEX_VISITS:
             self._vertices += 1
-            points = view.wireframe.points
+            points = scene.wireframe.points
             point = points[int(self.rng.integers(len(points)))]
             angles = np.arange(12) * (math.pi / 6)
             around = point + _VERTEX_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)

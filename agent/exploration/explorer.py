@@ -18,9 +18,9 @@ from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion
 from agent.exploration.goals import TEAMMATE, WAITS, Goals, rounded, told
+from agent.exploration.headway import Headway, Pace
 from agent.exploration.planning import GIVE_M, Roads, ahead_of, length_of, still_clear
-from agent.exploration.progress import Pace, Progress
-from agent.exploration.surroundings import Situation, Surroundings, View
+from agent.exploration.surroundings import Scene, Situation, Surroundings
 from agent.exploration.sweep import Sweep
 from agent.exploration.viewpoints import Viewpoints
 from agent.geometry.clearance import distances_to_walls
@@ -77,7 +77,7 @@ class Explorer:
         self.goals = Goals(config.attempts, spec)
         self.sweep = Sweep(config.smallest_object_m, spec.lidar)
         self.states = DefaultStates(config, self.sweep, rng)
-        self.progress = Progress(rng, spec.lidar.rate_hz)
+        self.headway = Headway(rng, spec.lidar.rate_hz)
         self.complete = False
         self.target: Target | None = None
         self._put_back: Target | None = None
@@ -98,58 +98,58 @@ class Explorer:
         """Bytes of what is kept of the places seen and tried."""
         return self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.goals.memory.nbytes
 
-    def look(self, situation: Situation) -> View:
+    def look(self, situation: Situation) -> Scene:
         """Take in the situation. A target that is resolved, in vain or to be compared anew is under way no longer."""
-        view = self.surroundings.look(situation)
+        scene = self.surroundings.look(situation)
         self._events, self._ended, self._put_back = [], None, None
-        self._take_errand(view.errand)
-        moved_on = self.viewpoints.keep(view.tick, view.here)
-        self._take_viewpoints(view, situation.viewpoints)
-        if not len(view.wireframe.edges):
-            return view
-        read_ticks = self.goals.read(view)
-        self._wake(view, read_ticks)
-        self._judge(view, moved_on)
-        if self.target is None or (read_ticks and self._reconsiders(view, self.target)):
-            self._decided_tick, self._decided_version = view.tick, view.version
+        self._take_errand(scene.errand)
+        moved_on = self.viewpoints.keep(scene.tick, scene.here)
+        self._take_viewpoints(scene, situation.viewpoints)
+        if not len(scene.wireframe.edges):
+            return scene
+        read_ticks = self.goals.read(scene)
+        self._wake(scene, read_ticks)
+        self._judge(scene, moved_on)
+        if self.target is None or (read_ticks and self._reconsiders(scene, self.target)):
+            self._decided_tick, self._decided_version = scene.tick, scene.version
             self._put_back, self.target = self.target, None
-        return view
+        return scene
 
     # the branches of Algorithm 1
 
-    def drive_forward(self, view: View) -> Command:
+    def drive_forward(self, scene: Scene) -> Command:
         """Straight ahead while nothing is mapped; around what only the scan shows."""
-        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, view.pose, view.near)
+        motion = self.driver.safely(self.spec.max_speed_mps, 0.0, scene.pose, scene.near)
         if motion.speed_mps <= 0:
             motion = Motion(0.0, 0.5 * self.spec.max_turn_rps, True)
         return self._command(motion, "drive until a wall is seen")
 
-    def place_of_contact(self, view: View) -> Target | None:
+    def place_of_contact(self, scene: Scene) -> Target | None:
         """The way to where a proposal is verified; None without proposal, or if its drive has ended or there is no way.
 
         While something else is under way (making room for a teammate), that goes on.
         """
-        if view.errand is None:
+        if scene.errand is None:
             return None
         if self.target is None and self._ended is None:
-            self._choose_place_of_contact(view, view.errand)
+            self._choose_place_of_contact(scene, scene.errand)
         return self.target
 
-    def frontier(self, view: View) -> Target | None:
+    def frontier(self, scene: Scene) -> Target | None:
         """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
         if self.complete or (self.target is not None and not is_end(self.target.task)):
             return None
         if self.target is None:
-            self._choose_frontier(view, self._put_back)
+            self._choose_frontier(scene, self._put_back)
         return self.target
 
-    def default_state(self, view: View) -> Target:
+    def default_state(self, scene: Scene) -> Target:
         """What else is under way, or the default state's next task, or the place to park."""
-        return self.target or self._choose_default(view, self._put_back)
+        return self.target or self._choose_default(scene, self._put_back)
 
-    def drive(self, view: View, target: Target) -> Command:
+    def drive(self, scene: Scene, target: Target) -> Command:
         """Drive towards the target, or away from where the robot is stuck."""
-        motion = self._drive(view, target)
+        motion = self._drive(scene, target)
         return self._command(motion, (self.target or target).reason)
 
     # what is new
@@ -163,15 +163,15 @@ class Explorer:
         elif last is None or (errand != last).any():
             self.target = None
 
-    def _take_viewpoints(self, view: View, viewpoints: Floats) -> None:
+    def _take_viewpoints(self, scene: Scene, viewpoints: Floats) -> None:
         """What teammates saw need not be swept; what is taken back with a merge must."""
         more = self.viewpoints.hear(viewpoints)
         if more and self.target is not None and self.target.task.samples is not None:
             self.target = None
         if more < 0 and self.complete:
-            self._resume(view.here, "what a teammate saw was taken back")
+            self._resume(scene.here, "what a teammate saw was taken back")
 
-    def _wake(self, view: View, read_ticks: int) -> None:
+    def _wake(self, scene: Scene, read_ticks: int) -> None:
         """A new frontier that lasts ends `complete`; read_ticks: ticks for which this reading of ends stands."""
         if not read_ticks or not self.complete:
             return
@@ -187,7 +187,7 @@ class Explorer:
 
     # what became of the target
 
-    def _judge(self, view: View, moved_on: bool) -> None:
+    def _judge(self, scene: Scene, moved_on: bool) -> None:
         """Drop the target where it is resolved, in vain, or overdue; moved_on: whether a viewpoint was just kept."""
         target = self.target
         if target is None or target.task.kind == "park":
@@ -199,41 +199,41 @@ class Explorer:
                 return
             target.task = task
         elif target.task.samples is not None:
-            left, swept = self.sweep.left(target.task.samples, view.here, view.walls)
+            left, swept = self.sweep.left(target.task.samples, scene.here, scene.walls)
             if swept:
-                self.viewpoints.keep(view.tick, view.here, 0.0)
+                self.viewpoints.keep(scene.tick, scene.here, 0.0)
                 self.target = None
                 return
             if moved_on:
                 target.task = target.task._replace(samples=left)
-        if view.tick > target.deadline:
+        if scene.tick > target.deadline:
             self._give_up("it took too long")
-        elif math.hypot(*(target.task.stand - view.here)) <= ARRIVED_M:
+        elif math.hypot(*(target.task.stand - scene.here)) <= ARRIVED_M:
             target.looks += 1
             if target.looks >= target.looks_due:
-                self._arrived(view, target)
+                self._arrived(scene, target)
 
-    def _arrived(self, view: View, target: Target) -> None:
+    def _arrived(self, scene: Scene, target: Target) -> None:
         """The robot has looked long enough from the standing point."""
         if is_end(target.task):
-            self._looked(view, target)
+            self._looked(scene, target)
             return
         if target.task.kind == "sweep":
-            self.viewpoints.keep(view.tick, view.here, 0.0)
+            self.viewpoints.keep(scene.tick, scene.here, 0.0)
         if target.task.kind == "errand":
             self._ended = ErrandEnd.ARRIVED
         self.states.done(target.task)
         self.target = None
 
-    def _looked(self, view: View, target: Target) -> None:
+    def _looked(self, scene: Scene, target: Target) -> None:
         """An end is still open: try another standing point, or give up."""
         tried = self.goals.looked(target.task)
         if target.stands < STANDING_POINTS:
-            for roads in self.surroundings.ways(view):
+            for roads in self.surroundings.ways(scene):
                 tasks = self.goals.tasks(np.array([self.goals.end_of(target.task)]), roads)
                 if tasks:
-                    new = self._pursue(view, tasks[0], roads, target)
-                    new.stands, new.deadline = target.stands + 1, self._deadline(view, new.path)
+                    new = self._pursue(scene, tasks[0], roads, target)
+                    new.stands, new.deadline = target.stands + 1, self._deadline(scene, new.path)
                     return
         self._give_up(f"still open seen from {tried} standing points")
 
@@ -248,193 +248,193 @@ class Explorer:
         else:
             self.states.done(target.task)
 
-    def _reconsiders(self, view: View, target: Target) -> bool:
+    def _reconsiders(self, scene: Scene, target: Target) -> bool:
         """Whether the target is to be compared with other tasks, or its path is no longer good."""
-        walls = self.surroundings.lasting_walls(view)
+        walls = self.surroundings.lasting_walls(scene)
         if not still_clear(target.path, walls, target.clearance - GIVE_M):
             return True
         if target.task.kind in ("errand", "retreat", "wait", "park") or target.looks > 0 or not len(self.goals.fresh()):
             return False
         if not is_end(target.task) and not self.config.pockets:
             return True
-        due = view.tick - self._decided_tick >= self._ticks(RECONSIDER_S)
-        return due and view.version != self._decided_version
+        due = scene.tick - self._decided_tick >= self._ticks(RECONSIDER_S)
+        return due and scene.version != self._decided_version
 
     # what to do next
 
-    def _choose_place_of_contact(self, view: View, place: Floats) -> None:
+    def _choose_place_of_contact(self, scene: Scene, place: Floats) -> None:
         """Go where the robot is sent, or as near as it can stand; the errand has failed if there is no way."""
-        for roads in self.surroundings.ways(view):
+        for roads in self.surroundings.ways(scene):
             route = standing.near(place, roads)
             if route is not None:
-                self._pursue(view, Task("errand", place, route.path[-1]), roads, None)
+                self._pursue(scene, Task("errand", place, route.path[-1]), roads, None)
                 return
         self._ended = ErrandEnd.FAILED
 
-    def _choose_frontier(self, view: View, old: Target | None) -> None:
+    def _choose_frontier(self, scene: Scene, old: Target | None) -> None:
         """The first task of a tour through fresh ends, or else through those to be tried again."""
         begun = None if old is None else old.task
         # into slots from close by, once, where no fresh end can be seen on at ease
         for ends, views in ((self.goals.fresh(), (False, True)), (self.goals.again(), (False,))):
             for close, roads in (
-                (close, roads) for close in views if len(ends) for roads in self.surroundings.ways(view)
+                (close, roads) for close in views if len(ends) for roads in self.surroundings.ways(scene)
             ):
                 tasks = self.goals.tasks(ends, roads, begun, close)
                 if tasks:
-                    self._pursue(view, self._first(view, tasks, roads, begun), roads, old)
+                    self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
                     return
             for end in ends:
-                in_the_way = self.surroundings.teammates.in_the_way(view.tick)
+                in_the_way = self.surroundings.teammates.in_the_way(scene.tick)
                 reason = TEAMMATE if in_the_way else "no way to a standing point"
                 place, along = self.goals.ends.points[end], self.goals.ends.along[end]
                 self._events.append(self.goals.abandon(place, along, reason))
 
-    def _first(self, view: View, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
+    def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
-        mine = not_nearer_to(view.rivals, tasks, roads)
-        pockets = self.states.pockets(view, roads, self.viewpoints.all(), begun)
-        mine += not_nearer_to(view.rivals, pockets, roads)
-        detour_m = self.config.team_detour_m if len(view.rivals) else self.config.pocket_detour_m
+        mine = not_nearer_to(scene.rivals, tasks, roads)
+        pockets = self.states.pockets(scene, roads, self.viewpoints.all(), begun)
+        mine += not_nearer_to(scene.rivals, pockets, roads)
+        detour_m = self.config.team_detour_m if len(scene.rivals) else self.config.pocket_detour_m
         # a robot sweeps rather than follow a teammate
         return first_of_tour(mine or tasks, roads, detour_m, self.config.haste)
 
-    def _choose_default(self, view: View, old: Target | None) -> Target:
+    def _choose_default(self, scene: Scene, old: Target | None) -> Target:
         """The next task of the default state, or wait for teammates that bar all there is, or complete and park."""
         if self.complete:
-            return self._park(view, old)
-        for roads in self.surroundings.ways(view):
+            return self._park(scene, old)
+        for roads in self.surroundings.ways(scene):
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
-                return self._pursue(view, old.task, roads, old)
-            task = self.states.next(view, roads, self.viewpoints.all())
+                return self._pursue(scene, old.task, roads, old)
+            task = self.states.next(scene, roads, self.viewpoints.all())
             if task is not None:
-                return self._pursue(view, task, roads, None)
-        if self.surroundings.teammates.in_the_way(view.tick) and self._waits < WAITS and self._barred(view):
-            return self._wait(view)
+                return self._pursue(scene, task, roads, None)
+        if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
+            return self._wait(scene)
         self.complete = True
         self._events.append(told("complete", reason=self.states.ended(), unreachable=self.goals.given_up))
-        return self._park(view, None)
+        return self._park(scene, None)
 
-    def _pursue(self, view: View, task: Task, roads: Roads, old: Target | None) -> Target:
+    def _pursue(self, scene: Scene, task: Task, roads: Roads, old: Target | None) -> Target:
         """Make the task the target; where it is the old one's, go on with its deadline and counts."""
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
         looks_due = self._ticks(LOOK_S) if is_end(task) else 1
-        self.target = Target(task, route.path, roads.clearance, self._deadline(view, route.path), looks_due)
+        self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):
             self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck
-            self.progress.allow(length_of(route.path))
+            self.headway.allow(length_of(route.path))
             return self.target
-        self.progress.restart(view.tick)
+        self.headway.restart(scene.tick)
         self._waits = 0
         if is_end(task):
             event = told("frontier", what="chosen", place=rounded(task.place), cost=round(route.cost, 2))
             self._events.append(event)
         return self.target
 
-    def _park(self, view: View, old: Target | None) -> Target:
+    def _park(self, scene: Scene, old: Target | None) -> Target:
         """Go to an own former place that leaves room for others to pass."""
-        places = np.vstack((view.here[None], self.viewpoints.own_places()))
+        places = np.vstack((scene.here[None], self.viewpoints.own_places()))
         if old is not None and old.task.kind == "park":
             places = np.vstack((old.task.stand, places))
-        *_, roads = self.surroundings.ways(view)
+        *_, roads = self.surroundings.ways(scene)
         route = standing.out_of_the_way(places, roads)
-        path = view.here[None] if route is None else route.path
+        path = scene.here[None] if route is None else route.path
         self.target = Target(Task("park", path[-1], path[-1]), path, roads.clearance)
-        self.progress.restart(view.tick)
+        self.headway.restart(scene.tick)
         return self.target
 
-    def _barred(self, view: View) -> bool:
+    def _barred(self, scene: Scene) -> bool:
         """Whether there would be something to do if no teammate stood in the way."""
         if len(self.goals.again()):
             return True
         eyes = self.viewpoints.all()
-        return any(self.states.next(view, roads, eyes) for roads in self.surroundings.ways(view, teammates=False))
+        return any(self.states.next(scene, roads, eyes) for roads in self.surroundings.ways(scene, teammates=False))
 
-    def _wait(self, view: View) -> Target:
+    def _wait(self, scene: Scene) -> Target:
         """Stand still for a while."""
         self._waits += 1
-        self.progress.restart(view.tick)
-        here, patience = Task("wait", view.here, view.here), self.progress.patience
-        self.target = Target(here, view.here[None], self.surroundings.tight_m, looks_due=patience)
+        self.headway.restart(scene.tick)
+        here, patience = Task("wait", scene.here, scene.here), self.headway.patience
+        self.target = Target(here, scene.here[None], self.surroundings.tight_m, looks_due=patience)
         return self.target
 
-    def _deadline(self, view: View, path: Floats) -> float:
+    def _deadline(self, scene: Scene, path: Floats) -> float:
         seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + self.config.patience_s
-        return view.tick + math.ceil(seconds / self.driver.tick_s)
+        return scene.tick + math.ceil(seconds / self.driver.tick_s)
 
     # how to get there
 
-    def _drive(self, view: View, target: Target) -> Motion:
-        if view.tick < self._back_off[0]:
-            return self._drive_back(view)
-        target.path = ahead_of(target.path, view.here, view.walls, target.clearance)
+    def _drive(self, scene: Scene, target: Target) -> Motion:
+        if scene.tick < self._back_off[0]:
+            return self._drive_back(scene)
+        target.path = ahead_of(target.path, scene.here, scene.walls, target.clearance)
         left_m = length_of(target.path)
         if left_m <= 0.5 * ARRIVED_M:
-            self.progress.restart(view.tick)
+            self.headway.restart(scene.tick)
             return STANDS
-        motion = self.driver.follow(target.path, view.pose, view.near, target.clearance - GIVE_M)
-        x, y = view.here.tolist()
+        motion = self.driver.follow(target.path, scene.pose, scene.near, target.clearance - GIVE_M)
+        x, y = scene.here.tolist()
         mate = self.surroundings.teammates.near(x, y, BLOCKED_M) if motion.held else None
-        pace = self.progress.judge(view.tick, left_m, mate is not None)
+        pace = self.headway.judge(scene.tick, left_m, mate is not None)
         if pace is Pace.STUCK:
-            self._stuck(view, target)
+            self._stuck(scene, target)
         elif pace is Pace.IMPATIENT and mate is not None:
-            self.surroundings.teammates.avoid(mate, view.tick)
-            self._make_room(view, target, (mate.x, mate.y))
+            self.surroundings.teammates.avoid(mate, scene.tick)
+            self._make_room(scene, target, (mate.x, mate.y))
         return motion
 
-    def _make_room(self, view: View, target: Target, teammate: tuple[float, float]) -> None:
+    def _make_room(self, scene: Scene, target: Target, teammate: tuple[float, float]) -> None:
         """Make room for a teammate: plan around it, or go back to an own former place away from it."""
         kind = target.task.kind
-        self._events.append(told("stuck", place=rounded(view.here), on_the_way_to=kind, reason="a teammate"))
-        for roads in self.surroundings.ways(view):
+        self._events.append(told("stuck", place=rounded(scene.here), on_the_way_to=kind, reason="a teammate"))
+        for roads in self.surroundings.ways(scene):
             route = roads.way_to(target.task.stand)
             if route is not None:
                 target.path, target.clearance = route.path, roads.clearance
-                self.progress.restart(view.tick)
+                self.headway.restart(scene.tick)
                 return
-        route = standing.away_from(teammate, self.viewpoints.own_places(), view.walls, roads)
+        route = standing.away_from(teammate, self.viewpoints.own_places(), scene.walls, roads)
         if kind not in ("retreat", "wait", "park"):
             self._give_up(TEAMMATE)
         if route is not None:
-            stand, deadline = route.path[-1], self._deadline(view, route.path)
+            stand, deadline = route.path[-1], self._deadline(scene, route.path)
             task = Task("retreat", stand, stand)
-            self.target = Target(task, route.path, roads.clearance, deadline, self.progress.patience)
-        self.progress.restart(view.tick)
+            self.target = Target(task, route.path, roads.clearance, deadline, self.headway.patience)
+        self.headway.restart(scene.tick)
 
-    def _stuck(self, view: View, target: Target) -> None:
+    def _stuck(self, scene: Scene, target: Target) -> None:
         """Back off, and give the target up the second time."""
         target.stuck += 1
         gives_up = target.stuck > 1 and target.task.kind != "park"
         touch = self.surroundings.touch
         unseen = touch.pushes
         if unseen:
-            touch.remember(view.pose)
+            touch.remember(scene.pose)
         event = told(
             "stuck",
-            place=rounded(view.here),
+            place=rounded(scene.here),
             on_the_way_to=target.task.kind,
             reason="an unseen wall" if unseen else "no progress",
             recovery="another goal" if gives_up else "back off",
         )
         self._events.append(event)
-        self.progress.restart(view.tick)
-        self._back_off = view.tick + self._ticks(BACK_OFF_S), view.here
+        self.headway.restart(scene.tick)
+        self._back_off = scene.tick + self._ticks(BACK_OFF_S), scene.here
         if gives_up:
             self._give_up("stuck on the way")
 
-    def _drive_back(self, view: View) -> Motion:
+    def _drive_back(self, scene: Scene) -> Motion:
         """Towards the most room within a short drive."""
-        if math.hypot(*(view.here - self._back_off[1])) >= BACK_OFF_M:
-            self._back_off = -1, view.here
-            self.progress.restart(view.tick)
+        if math.hypot(*(scene.here - self._back_off[1])) >= BACK_OFF_M:
+            self._back_off = -1, scene.here
+            self.headway.restart(scene.tick)
         angles = np.arange(16) * (math.pi / 8)
-        around = view.here + BACK_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)
-        room = distances_to_walls(around, view.near.walls)
-        for x, y in view.near.discs:
+        around = scene.here + BACK_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)
+        room = distances_to_walls(around, scene.near.walls)
+        for x, y in scene.near.discs:
             room = np.minimum(room, np.hypot(around[:, 0] - x, around[:, 1] - y) - self.spec.radius_m)
         px, py = around[int(np.argmax(room))]
-        return self.driver.towards((px, py), view.pose, view.near, BACK_OFF_M)
+        return self.driver.towards((px, py), scene.pose, scene.near, BACK_OFF_M)
 
     def _command(self, motion: Motion, reason: str) -> Command:
         self.surroundings.touch.command(motion.speed_mps)

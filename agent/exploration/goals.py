@@ -10,7 +10,7 @@ from agent.exploration.agenda import Task, is_end
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
 from agent.exploration.goal_memory import SAME_DIRECTION_RAD, SAME_PLACE_M, GoalMemory
 from agent.exploration.planning import Roads
-from agent.exploration.surroundings import View
+from agent.exploration.surroundings import Scene
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
@@ -52,13 +52,13 @@ class Goals:
         """How many open ends were given up."""
         return int(np.count_nonzero(self._tried >= 0))
 
-    def read(self, view: View) -> int:
+    def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks for which this reading stands, 0 without."""
-        passed = self.refresh_ticks if self._tick < 0 else view.tick - self._tick
-        if view.version == self._version and passed < self.refresh_ticks:
+        passed = self.refresh_ticks if self._tick < 0 else scene.tick - self._tick
+        if scene.version == self._version and passed < self.refresh_ticks:
             return 0
-        self._version, self._tick = view.version, view.tick
-        self.ends = open_ends(view.wireframe)
+        self._version, self._tick = scene.version, scene.tick
+        self.ends = open_ends(scene.wireframe)
         self._recall()
         return min(passed, self.refresh_ticks)
 

@@ -43,7 +43,7 @@ class Situation(NamedTuple):
     """(j, 2) places from where teammates have looked whose maps are merged."""
 
 
-class View(NamedTuple):
+class Scene(NamedTuple):
     """The same with what follows from it, frame of the map."""
 
     tick: int
@@ -71,7 +71,7 @@ class Surroundings:
         self.teammates = Teammates(spec)
         self.touch = Touch(spec, driving)
 
-    def look(self, situation: Situation) -> View:
+    def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
         tick, wireframe, version, pose, scan, discs, errand, rivals, _ = situation
         here = np.array((float(pose[0]), float(pose[1])))
@@ -82,17 +82,17 @@ class Surroundings:
         self.touch.feel(here)
         walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self.touch.walls)))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
-        return View(tick, wireframe, version, pose, here, walls, near, errand, rivals)
+        return Scene(tick, wireframe, version, pose, here, walls, near, errand, rivals)
 
-    def lasting_walls(self, view: View) -> Floats:
+    def lasting_walls(self, scene: Scene) -> Floats:
         """(m, 4) walls of the map and those found by touch."""
-        return np.vstack((view.wireframe.segments(), self.touch.walls))
+        return np.vstack((scene.wireframe.segments(), self.touch.walls))
 
-    def ways(self, view: View, teammates: bool = True) -> Iterator[Roads]:
+    def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:
         """Ways from here with room, then tight ones; around teammates or through them, never through unseen walls."""
         for clearance in (self.roomy_m, self.tight_m):
             walls, nodes = self.touch.walls, self.touch.nodes(clearance)
             if teammates:
-                walls = np.vstack((walls, self.teammates.walls(view.tick)))
-                nodes = np.vstack((nodes, self.teammates.nodes(view.tick, clearance)))
-            yield Roads(view.wireframe, view.here, clearance, walls, nodes)
+                walls = np.vstack((walls, self.teammates.walls(scene.tick)))
+                nodes = np.vstack((nodes, self.teammates.nodes(scene.tick, clearance)))
+            yield Roads(scene.wireframe, scene.here, clearance, walls, nodes)

@@ -25,7 +25,7 @@ class Pace(Enum):
     STUCK = auto()
 
 
-class Progress:
+class Headway:
     """The shortest that the path ahead has been, and how long nothing has come of driving."""
 
     def __init__(self, rng: np.random.Generator, rate_hz: float) -> None:
