@@ -141,15 +141,16 @@ def world_(
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
     from deploy.launcher import run_directory
     from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
-    from world.server import Inbox, serve
+    from world.inbox import WorldInbox
+    from world.server import serve
 
     settings = _settings(context)
-    names = [*(f"r{number + 1}" for number in range(settings.robots)), VIEWER]
+    names = [*settings.robot_ids, VIEWER]
     if secrets is not None and not secrets.exists():
         write_secrets(secrets, new_secrets(names[:-1]))
     known = None if secrets is None else read_secrets(secrets, names)
     directory = run_directory(out, settings.world, settings.seed)
-    inbox = Inbox()
+    inbox = WorldInbox()
     _stop_on_signals(inbox.stop)
 
     def listening(endpoint: str) -> None:
@@ -247,20 +248,19 @@ def agent(
     set_: Set = None,
 ) -> None:
     """Run one robot."""
-    from agent.shell.process import Inbox, run_agent
+    from agent.shell.process import AgentInbox, run_agent
     from protocol.access import read_secrets
 
     settings = _settings(context)
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
-    inbox = Inbox()
+    inbox = AgentInbox()
     _stop_on_signals(inbox.stop)
     ended = run_agent(
         id_,
         connect,
         settings.agent,
         secret=secret,
-        reconnect_s=settings.reconnect_s,
-        join_timeout_s=settings.join_timeout_s,
+        patience=settings,
         inbox=inbox,
     )
     print(f"{id_}: {ended}")

@@ -11,7 +11,7 @@ import yaml
 from pydantic import ValidationError
 
 from agent.config import AgentConfig
-from protocol.settings import NotNegative, Positive
+from agent.shell.config import JoinConfig
 from world.config import ServerConfig, WorldConfig
 
 
@@ -19,17 +19,13 @@ class ConfigError(ValueError):
     """A file, flag or setting that is no configuration; one sentence that names the key."""
 
 
-class RunConfig(WorldConfig):
+class RunConfig(WorldConfig, JoinConfig):
     """A whole run: the world's settings at the top, the robots' minds and the processes below."""
 
     agent: AgentConfig = AgentConfig()
     """Every robot's mind."""
     server: ServerConfig = ServerConfig()
     """How the world meets its robots."""
-    reconnect_s: NotNegative = 2.0
-    """How long a robot waits for a world that is gone."""
-    join_timeout_s: Positive = 10.0
-    """How long a robot tries to reach a world at first; one that starts with it is up after 1 to 5 s."""
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:

@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 from agent.config import AgentConfig
-from protocol.messages import Heard, Observation, RobotSpec
+from agent.shell.mind import MakeMind
 from world.config import WorldConfig
-from world.episode import Episode, Outputs
-
-if TYPE_CHECKING:
-    from agent.robot import Step
-
-
-class Mind(Protocol):
-    """What a robot is to its shell: `agent.robot.Robot`, or a script in a test."""
-
-    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """One turn of the control loop."""
-        ...
-
-
-MakeMind = Callable[[str, RobotSpec, AgentConfig, int], Mind]
+from world.episode import Episode
+from world.tick import Outputs
 
 
 def run(
@@ -39,7 +26,7 @@ def run(
     `progress` is called after every tick. What a mind raises ends the run as interrupted and is raised.
     """
     if make_mind is None:
-        from agent.robot import Robot  # numba's half second, not for those who bring their own minds
+        from agent.robot import Robot  # imported only now: numba takes half a second
 
         make_mind = Robot
     begin = time.perf_counter()

@@ -25,13 +25,14 @@ from protocol.messages import Progress
 from world.worldfile import load
 
 if TYPE_CHECKING:
-    from agent.shell.process import RobotFactory
+    from agent.shell.mind import MakeMind
 
 PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely", "agent.shell.process", "deploy.preload"]
-"""Loaded once for all robots, kernels too: 7 MiB each instead of 27, and 30 are up in 0.2 s (facts/zenoh.md)."""
+"""Imported once, by the server from which all children are forked: a robot takes 7 MiB instead of 27, and 30 robots
+are up in 0.2 s (measured)."""
 
 LEAVE_S = 5.0
-"""What the children have to end by themselves once the run is over, before they are killed."""
+"""Children that have not ended this long after the run are killed."""
 
 
 class Result(NamedTuple):
@@ -43,7 +44,7 @@ class Result(NamedTuple):
 
 
 class Child(NamedTuple):
-    """A process and the pipe to it; its closing ends the process."""
+    """A process, and the pipe to it; the process ends when the pipe closes."""
 
     name: str
     process: ForkServerProcess
@@ -62,7 +63,7 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Path:
         return asked
     stem = Path("runs") / f"{Path(world).stem}-{seed}"
     for out in itertools.chain([stem], (stem.with_name(f"{stem.name}-{count}") for count in itertools.count(2))):
-        with suppress(FileExistsError):  # perhaps made just now, by a run that starts at the same time
+        with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
             out.mkdir(parents=True)
             return out
     raise AssertionError("unreachable")
@@ -74,7 +75,7 @@ def launch(
     *,
     command_line: list[str],
     show: Callable[[Progress], None] = lambda progress: None,
-    robot_factory: RobotFactory | None = None,
+    make_mind: MakeMind | None = None,
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
@@ -89,8 +90,8 @@ def launch(
         "start": _now(),
     }
     out.mkdir(parents=True, exist_ok=True)
-    with Run(config, out, show, robot_factory) as run:
-        result = run.follow()
+    with Children(config, out, show, make_mind) as children:
+        result = children.follow()
     manifest |= {"end": _now(), "ended": result.ended, "exit_status": result.status}
     if result.errors:
         manifest["errors"] = result.errors
@@ -98,16 +99,16 @@ def launch(
     return result
 
 
-class Run:
-    """The children of one run, from their start to their end."""
+class Children:
+    """The processes of one run, from their start to their end."""
 
     def __init__(
-        self, config: RunConfig, out: Path, show: Callable[[Progress], None], factory: RobotFactory | None
+        self, config: RunConfig, out: Path, show: Callable[[Progress], None], factory: MakeMind | None
     ) -> None:
         self._config, self._out, self._show, self._factory = config, out, show, factory
         self._context = mp.get_context("forkserver")
-        self._secrets = new_secrets(self._robots) if config.server.access_control else None
-        """Of this run alone; they reach the children by their pipes, and are written nowhere else."""
+        self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
+        """Drawn for this run. They reach the children by their pipes, and are written nowhere else."""
         self._children: list[Child] = []
         self._talking: dict[Any, Child] = {}
         """Children whose pipe is open, by our end of it."""
@@ -115,13 +116,13 @@ class Run:
         self._ended: str | None = None
         self._errors: list[str] = []
         self._last_words: set[str] = set()
-        """Children that said how they ended."""
-        self._refused = self._interrupted = self._stillborn = False
+        """Names of children that said how they ended."""
+        self._refused = self._interrupted = self._never_began = False
 
     def __enter__(self) -> Self:
         """Start the world; its robots follow when it listens."""
         self._context.set_forkserver_preload(PRELOAD)
-        ctrl_c = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: it is ours alone
+        ctrl_c = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children inherit it: Ctrl-C is ours
         try:
             forkserver.ensure_running()
         finally:
@@ -130,9 +131,9 @@ class Run:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait for all children to go, and see to it that they do."""
+        """Wait for all children to end, and kill those that do not."""
         for child in self._children:
-            child.pipe.close()  # which tells one that is still there
+            child.pipe.close()
         deadline = time.monotonic() + LEAVE_S
         for child in self._children:
             child.process.join(max(0.0, deadline - time.monotonic()))
@@ -141,7 +142,7 @@ class Run:
                 child.process.join()
 
     def follow(self) -> Result:
-        """Listen to the children until all have gone; Ctrl-C or SIGTERM once ends the run, twice at once."""
+        """Listen to the children until all have ended. Ctrl-C or SIGTERM ends the run, a second one kills it."""
         before = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             deadline = None
@@ -154,10 +155,6 @@ class Run:
             for number, handler in before.items():
                 signal.signal(number, handler)
         return Result(self._status(), self._ended or "failed", self._errors)
-
-    @property
-    def _robots(self) -> list[str]:
-        return [f"r{number + 1}" for number in range(self._config.robots)]
 
     def _start(self, name: str, target: Callable[..., None], *arguments: Any) -> None:
         ours, theirs = self._context.Pipe()
@@ -181,7 +178,7 @@ class Run:
                 self._end_unless_begun(child)
             return
         if what == LISTENING:
-            for robot in self._robots:
+            for robot in self._config.robot_ids:
                 secret = self._secrets and self._secrets[robot]
                 self._start(robot, agent_process, robot, value, secret, self._config, self._factory)
             return
@@ -198,9 +195,9 @@ class Run:
             self._end_unless_begun(child)
 
     def _end_unless_begun(self, child: Child) -> None:
-        """End a run that waits for a robot that will never join."""
+        """End a run that would wait for a robot that cannot join any more."""
         if self._progress is None and child.name != "world":
-            self._stillborn = True
+            self._never_began = True
             self._tell_all()
 
     def _stop(self, number: int, frame: object) -> None:
@@ -209,7 +206,7 @@ class Run:
                 child.process.kill()
         self._interrupted = True
         with suppress(OSError):
-            self._children[0].pipe.send("stop")  # which tells the robots; those not there yet hear it from us
+            self._children[0].pipe.send("stop")  # the world tells its robots; those not there yet are told at its end
 
     def _tell_all(self) -> None:
         for child in self._talking.values():
@@ -217,11 +214,11 @@ class Run:
                 child.pipe.send("stop")
 
     def _status(self) -> Status:
-        if self._interrupted or (self._ended == "interrupted" and not self._stillborn):
+        if self._interrupted or (self._ended == "interrupted" and not self._never_began):
             return Status.INTERRUPTED
         if self._refused:
             return Status.USAGE
-        if self._stillborn:
+        if self._never_began:
             return Status.FAILURE
         if self._ended is None or self._progress is None:
             return Status.FAILURE

@@ -1,4 +1,4 @@
-"""What a run looks like while it runs, and the short table at its end."""
+"""Progress of a run on the terminal, and the tables at its end."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import json
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console, Group
@@ -19,14 +18,14 @@ from deploy.pairs import fates
 from protocol.messages import Progress
 
 LINE_S = 10.0
-"""Between two lines where the output is no terminal, such as a log file."""
+"""Time between two lines of progress where the output is no terminal, such as a log file."""
 
 
 class Display:
-    """Live progress on stderr: a table on a terminal, else a line now and then, or nothing."""
+    """Progress on stderr: a live table on a terminal, else a line now and then, or nothing."""
 
     def __init__(self, world: str, radio: str, quiet: bool) -> None:
-        """radio: its configuration in words, printed when the run begins."""
+        """radio: its settings in words, printed when the run begins."""
         self._world, self._radio, self._quiet = world, radio, quiet
         self._console = Console(stderr=True)
         self._began: float | None = None
@@ -41,9 +40,7 @@ class Display:
             )
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._open.close()
 
     def show(self, progress: Progress) -> None:
@@ -108,7 +105,7 @@ def print_summary(out: Path) -> None:
 
 
 def _print_pairs(out: Path, console: Console) -> None:
-    """Who met whom, and what became of their maps."""
+    """Print who met whom, and what became of their maps."""
     try:
         pairs = fates(out)
     except (OSError, ValueError, KeyError):

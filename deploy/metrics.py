@@ -1,7 +1,7 @@
-"""How good a map is against the true world: walls, corners and repetitions. No input or output.
+"""How good a map is, compared with the true world: walls, corners, repetitions. No input or output.
 
-The definitions are those of the independent scorer that judges run directories, so that benchmarks can run where it
-is absent; a test holds the two against each other.
+The definitions are those of the independent scorer that judges run directories. Benchmarks use these, so that they run
+where the scorer is absent; a test compares the two.
 """
 
 from __future__ import annotations
@@ -9,49 +9,48 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Label, Wireframe
-from world.config import CoverageConfig
 from world.coverage import visible_wall
-from world.worldfile import World, WorldFileError
+from world.worldfile import World
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NEAR_M = 0.05
+"""A wall is mapped, and a mapped wall is true, within this distance: half the thickness of a usual wall."""
 
+ALIKE_DEG = 15.0
+"""Walls whose directions differ by less are alike; others are not compared. A corner turns by more."""
 
-class ScoreConfig(BaseModel):
-    """The scorer's numbers."""
+SAMPLE_M = 0.02
+"""Distance between samples of a mapped wall."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+CELL_M = 0.10
+"""One sample counts per cell of this size and direction, so that repeating a wall gains nothing."""
 
-    near_m: Positive = 0.05
-    """A wall is mapped, and a mapped wall is true, within this; half the thickness of a usual wall."""
-    alike_deg: Positive = 15.0
-    """Walls closer than this in direction are alike; others are not compared. A corner turns by more."""
-    sample_m: Positive = 0.02
-    """Distance between samples of a mapped wall."""
-    cell_m: Positive = 0.10
-    """One sample counts per cell of this size and direction, so that repeating a wall buys nothing."""
-    far_m: Positive = 0.30
-    """Cap of a wall's distance in the root mean square."""
-    corner_near_m: Positive = 0.10
-    """A vertex this near to a true corner is that corner."""
-    corner_flat_m: Positive = 0.006
-    """Outline that bends by less is straight."""
-    corner_seen_m: Positive = 0.03
-    """A corner is visible if visible wall ends this near to it."""
+FAR_M = 0.30
+"""A wall's distance counts in the root mean square up to this."""
+
+CORNER_NEAR_M = 0.10
+"""A vertex this near to a true corner is that corner."""
+
+CORNER_FLAT_M = 0.006
+"""An outline that bends by less is straight."""
+
+CORNER_SEEN_M = 0.03
+"""A corner is visible where visible wall ends this near to it."""
+
+_ALIKE_COS = math.cos(math.radians(ALIKE_DEG))
 
 
 class Score(NamedTuple):
-    """What the scorer says about one map; None where there is nothing to judge."""
+    """The score of one map; None where there is nothing to judge."""
 
     wall_recall: float
     """Share of the visible true wall with a mapped wall near it and alike."""
@@ -70,7 +69,7 @@ class Score(NamedTuple):
 
 
 class WallScore(NamedTuple):
-    """The same for walls alone."""
+    """The fields of Score about walls."""
 
     recall: float
     precision: float
@@ -96,39 +95,28 @@ class Truth:
     """(k, 2) corners at the end of visible wall."""
 
 
-DEFAULT = ScoreConfig()
-
-
 def truth_of(
     world: World,
     start: tuple[float, float],
     radius_m: float,
     reach_m: float,
-    coverage: CoverageConfig | None = None,
-    config: ScoreConfig = DEFAULT,
 ) -> Truth:
     """Truth for a robot of this radius and range of lidar that starts at (x, y).
 
     Raises WorldFileError where the start is in a wall.
     """
-    spot = shapely.Point(start)
-    for index, region in enumerate(world.regions(radius_m)):
-        if region.distance(spot) < 1e-3:
-            return _truth(world, index, radius_m, reach_m, coverage or CoverageConfig(), config)
-    raise WorldFileError(f"{world.source}: no free space for a robot of radius {radius_m} m at {start}")
+    return _truth(world, world.region_index(*start, radius_m), radius_m, reach_m)
 
 
 @lru_cache(maxsize=16)
-def _truth(
-    world: World, region: int, radius_m: float, reach_m: float, coverage: CoverageConfig, config: ScoreConfig
-) -> Truth:
+def _truth(world: World, region: int, radius_m: float, reach_m: float) -> Truth:
     reachable = world.regions(radius_m)[region]
-    rings = [ring for part in world.free if part.intersects(reachable) for ring in world.outline(part)]
+    rings = world.outlines_around(reachable)
     outline = np.vstack([np.zeros((0, 4)), *(np.hstack([ring[:-1], ring[1:]]) for ring in rings)])
-    corners = np.vstack([np.zeros((0, 2)), *(_corners(ring, config) for ring in rings)])
-    wall = visible_wall(world, region, radius_m, reach_m, coverage)
+    corners = np.vstack([np.zeros((0, 2)), *(_corners(ring) for ring in rings)])
+    wall = visible_wall(world, region, radius_m, reach_m)
     ends, lengths = wall.ends[wall.visible], wall.lengths[wall.visible]
-    seen = _nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < config.corner_seen_m
+    seen = _nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < CORNER_SEEN_M
     return Truth(
         outline=outline,
         corners=corners,
@@ -139,44 +127,44 @@ def _truth(
     )
 
 
-def _corners(ring: Floats, config: ScoreConfig) -> Floats:
+def _corners(ring: Floats) -> Floats:
     """(c, 2) where a closed ring turns; the tip of a thin wall is a corner, too."""
-    straight = np.asarray(shapely.LinearRing(ring).simplify(config.corner_flat_m).coords)[:-1]
+    straight = np.asarray(shapely.LinearRing(ring).simplify(CORNER_FLAT_M).coords)[:-1]
     along = np.roll(straight, -1, 0) - straight
     along /= np.hypot(along[:, 0], along[:, 1])[:, None]
-    turned: NDArray[np.bool_] = (along * np.roll(along, 1, 0)).sum(1) < math.cos(math.radians(config.alike_deg))
+    turned: NDArray[np.bool_] = (along * np.roll(along, 1, 0)).sum(1) < _ALIKE_COS
     return straight[turned]
 
 
-def score(wireframe: Wireframe, frame: Pose, truth: Truth, config: ScoreConfig = DEFAULT) -> Score:
+def score(wireframe: Wireframe, frame: Pose, truth: Truth) -> Score:
     """Score of a map whose frame has this pose (x, y, theta) in the world."""
     points = apply(frame, wireframe.points)
-    walls = score_walls(points[wireframe.edges].reshape(-1, 4), truth, config)
+    walls = score_walls(points[wireframe.edges].reshape(-1, 4), truth)
     nominal = points[wireframe.labels == Label.NOMINAL]
     off = _nearest_point(nominal, truth.corners)
     found = _nearest_point(truth.seen_corners, nominal)
-    good = off[off < config.corner_near_m]
+    good = off[off < CORNER_NEAR_M]
     return Score(
         *walls,
-        corner_recall=float((found < config.corner_near_m).mean()) if len(found) else None,
-        corner_precision=float((off < config.corner_near_m).mean()) if len(off) else None,
+        corner_recall=float((found < CORNER_NEAR_M).mean()) if len(found) else None,
+        corner_precision=float((off < CORNER_NEAR_M).mean()) if len(off) else None,
         corner_rmse_m=_rms(good),
     )
 
 
-def score_walls(segments: Floats, truth: Truth, config: ScoreConfig = DEFAULT) -> WallScore:
+def score_walls(segments: Floats, truth: Truth) -> WallScore:
     """Score of walls (m, 4) x1, y1, x2, y2 in the world."""
-    points, ways = _samples(segments, config)
+    points, ways = _samples(segments)
     length = float(lengths(segments).sum())
-    apart = len(_distinct(points, ways, config.sample_m, config)[0])
-    repeated = length / config.sample_m / max(apart, 1) if len(points) else 1.0
-    points, ways = _distinct(points, ways, config.cell_m, config)
-    to_truth = distance_to(points, ways, truth.outline, config)
-    to_map = distance_to(truth.seen_points, truth.seen_directions, segments, config)
+    apart = len(_distinct(points, ways, SAMPLE_M)[0])
+    repeated = length / SAMPLE_M / max(apart, 1) if len(points) else 1.0
+    points, ways = _distinct(points, ways, CELL_M)
+    to_truth = distance_to(points, ways, truth.outline)
+    to_map = distance_to(truth.seen_points, truth.seen_directions, segments)
     return WallScore(
-        recall=float(truth.seen_lengths[to_map < config.near_m].sum() / max(truth.seen_lengths.sum(), 1e-9)),
-        precision=float((to_truth < config.near_m).mean()) if len(points) else 0.0,
-        rmse_m=_rms(np.minimum(to_truth, config.far_m)),
+        recall=float(truth.seen_lengths[to_map < NEAR_M].sum() / max(truth.seen_lengths.sum(), 1e-9)),
+        precision=float((to_truth < NEAR_M).mean()) if len(points) else 0.0,
+        rmse_m=_rms(np.minimum(to_truth, FAR_M)),
         repeated=repeated,
     )
 
@@ -185,24 +173,24 @@ def _rms(distances: Floats) -> float | None:
     return float(np.sqrt((distances**2).mean())) if len(distances) else None
 
 
-def _samples(segments: Floats, config: ScoreConfig) -> tuple[Floats, Floats]:
+def _samples(segments: Floats) -> tuple[Floats, Floats]:
     """Points along walls and the unit direction at each, both (n, 2)."""
     segments = segments[lengths(segments) > 1e-9]
-    points, wall = points_along(segments, np.maximum(1, np.round(lengths(segments) / config.sample_m)).astype(np.int64))
+    points, wall = points_along(segments, np.maximum(1, np.round(lengths(segments) / SAMPLE_M)).astype(np.int64))
     return points, directions(segments)[wall]
 
 
-def _distinct(points: Floats, ways: Floats, cell_m: float, config: ScoreConfig) -> tuple[Floats, Floats]:
+def _distinct(points: Floats, ways: Floats, cell_m: float) -> tuple[Floats, Floats]:
     """One sample per cell and direction."""
-    sectors = round(180.0 / config.alike_deg)
-    turn = np.arctan2(ways[:, 1], ways[:, 0]) % math.pi / math.radians(config.alike_deg)
+    sectors = round(180.0 / ALIKE_DEG)
+    turn = np.arctan2(ways[:, 1], ways[:, 0]) % math.pi / math.radians(ALIKE_DEG)
     sector = np.round(turn).astype(int) % sectors
     cells = np.column_stack([np.floor(points / cell_m).astype(int), sector])
     _, first = np.unique(cells, axis=0, return_index=True)
     return points[first], ways[first]
 
 
-def distance_to(points: Floats, ways: Floats, segments: Floats, config: ScoreConfig = DEFAULT) -> Floats:
+def distance_to(points: Floats, ways: Floats, segments: Floats) -> Floats:
     """(n,) metres from each point to the nearest wall alike in direction; inf where there is none.
 
     points and unit directions `ways`: (n, 2); segments: (m, 4) x1, y1, x2, y2.
@@ -215,13 +203,13 @@ def distance_to(points: Floats, ways: Floats, segments: Floats, config: ScoreCon
         offset = points[part, None] - segments[:, :2]
         t = np.clip((offset * unit).sum(2), 0, length)
         away = np.linalg.norm(offset - t[..., None] * unit, axis=2)
-        alike = np.abs(ways[part] @ unit.T) > math.cos(math.radians(config.alike_deg))
+        alike = np.abs(ways[part] @ unit.T) > _ALIKE_COS
         out[part] = np.where(alike, away, np.inf).min(1, initial=np.inf)
     return out
 
 
 def _nearest_point(points: Floats, others: Floats) -> Floats:
     """(n,) distance of each point to the nearest of the others; inf without others."""
-    offset: NDArray[Any] = points[:, None] - others[None]
+    offset: Floats = points[:, None] - others[None]
     away: Floats = np.linalg.norm(offset, axis=2).min(1, initial=np.inf)
     return away

@@ -1,4 +1,4 @@
-"""What became of each pair of robots, read from a run directory's events: for the table at the end of a run."""
+"""What became of each pair of robots, from the events of a run directory."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 
 
 class PairFate(NamedTuple):
-    """One robot's dealings with one peer."""
+    """What one robot made of the maps of one peer."""
 
     robot: str
     peer: str
@@ -19,15 +19,15 @@ class PairFate(NamedTuple):
     """Alignments that came to no proposal."""
     proposed: int
     merged_at: float | None
-    """Simulated seconds of the acceptance that still holds; None without."""
+    """Simulated seconds of the acceptance that holds at the end; None without one."""
     transform: list[float] | None
     """The peer's frame in the robot's own, of that acceptance."""
     last: str
-    """The last word: event and reason."""
+    """The last event, and its reason."""
 
 
 def fates(out: Path) -> list[PairFate]:
-    """One a pair that met, in order of name. Raises OSError or ValueError where there is no events.jsonl to read."""
+    """For each pair that met, by name. Raises OSError or ValueError where events.jsonl cannot be read."""
     pairs: dict[tuple[str, str], dict[str, Any]] = {}
     for line in (out / "events.jsonl").read_text(encoding="utf-8").splitlines():
         event = json.loads(line)

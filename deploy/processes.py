@@ -1,4 +1,4 @@
-"""What runs in each child of the launcher: a world, or a robot; both end when the launcher does."""
+"""What runs in each child of the launcher: a world or a robot. Both end when the launcher ends."""
 
 from __future__ import annotations
 
@@ -7,57 +7,46 @@ import signal
 import sys
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from deploy.config import RunConfig
+from protocol.errors import LinkError, ProtocolError
+from protocol.inbox import Inbox
 
 if TYPE_CHECKING:
-    from agent.shell.process import RobotFactory
+    from agent.shell.mind import MakeMind
 
 GRACE_S = 3.0
-"""What a child has left to end by itself once its launcher is dead; the promise is 5 s for all."""
+"""A child has this long to end by itself once its launcher is dead; all are to be gone after 5 s."""
 
-# What a child tells its launcher, with one value each.
+# First item of what a child sends to its launcher; the second is a value.
 LISTENING, PROGRESS, ENDED, REFUSED, FAILED = "listening", "progress", "ended", "refused", "failed"
-
-
-class Stoppable(Protocol):
-    """An inbox of a world or of a robot."""
-
-    def stop(self) -> None:
-        """End the run."""
-        ...
 
 
 def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None) -> None:
     """Run the world; tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why."""
-    from protocol.errors import LinkError
-    from world.server import Inbox, serve
+    from world.inbox import WorldInbox
+    from world.server import serve
     from world.worldfile import WorldFileError
 
-    inbox = Inbox()
+    inbox = WorldInbox()
     _obey(launcher, inbox)
-    try:
-        ended = serve(
-            config,
-            config.server,
-            out,
-            secrets=secrets,
-            inbox=inbox,
-            listening=lambda endpoint: _tell(launcher, LISTENING, endpoint),
-            progress=lambda progress: _tell(launcher, PROGRESS, progress),
+    with _last_words(launcher, WorldFileError, OSError) as ended:
+        ended(
+            serve(
+                config,
+                config.server,
+                out,
+                secrets=secrets,
+                inbox=inbox,
+                listening=lambda endpoint: _tell(launcher, LISTENING, endpoint),
+                progress=lambda progress: _tell(launcher, PROGRESS, progress),
+            )
         )
-    except (WorldFileError, OSError) as error:
-        _tell(launcher, REFUSED, str(error))
-    except LinkError as error:
-        _tell(launcher, FAILED, str(error))
-    except Exception as error:
-        _tell(launcher, FAILED, f"stopped by a mistake in its program: {type(error).__name__}: {error}")
-        raise
-    else:
-        _tell(launcher, ENDED, ended)
 
 
 def agent_process(
@@ -66,45 +55,44 @@ def agent_process(
     endpoint: str,
     secret: str | None,
     config: RunConfig,
-    robot_factory: RobotFactory | None,
+    make_mind: MakeMind | None,
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
-    from agent.shell.process import Inbox, run_agent
-    from protocol.errors import LinkError, ProtocolError
+    from agent.shell.process import AgentInbox, run_agent
 
-    inbox = Inbox()
-    _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends first, and tells the robots
-    try:
-        ended = run_agent(
-            robot,
-            endpoint,
-            config.agent,
-            secret=secret,
-            reconnect_s=config.reconnect_s,
-            join_timeout_s=config.join_timeout_s,
-            robot_factory=robot_factory,
-            inbox=inbox,
+    inbox = AgentInbox()
+    _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends before, and tells the robots
+    with _last_words(launcher) as ended:
+        ended(
+            run_agent(robot, endpoint, config.agent, secret=secret, patience=config, make_mind=make_mind, inbox=inbox)
         )
+
+
+@contextmanager
+def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Callable[[str], None]]:
+    """Tell the launcher how a child ended: as the yielded function is told, or by what was raised.
+
+    refusals: errors of the user's input.
+    """
+    try:
+        yield lambda how: _tell(launcher, ENDED, how)
+    except refusals as error:
+        _tell(launcher, REFUSED, str(error))
     except (LinkError, ProtocolError) as error:
         _tell(launcher, FAILED, str(error))
     except Exception as error:
         _tell(launcher, FAILED, f"stopped by a mistake in its program: {type(error).__name__}: {error}")
         raise
-    else:
-        _tell(launcher, ENDED, ended)
 
 
-def _obey(launcher: Connection, inbox: Stoppable, orphan_s: float = 0.0) -> None:
-    """Stop on SIGTERM, on the launcher's word, and orphan_s after its end.
-
-    Ctrl-C is the launcher's, which tells the world.
-    """
+def _obey(launcher: Connection, inbox: Inbox, orphan_s: float = 0.0) -> None:
+    """Stop on SIGTERM, on the launcher's message, and orphan_s after its end; Ctrl-C is left to the launcher."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: inbox.stop())
     threading.Thread(target=_watch, args=(launcher, inbox, orphan_s), daemon=True).start()
 
 
-def _watch(launcher: Connection, inbox: Stoppable, orphan_s: float) -> None:
+def _watch(launcher: Connection, inbox: Inbox, orphan_s: float) -> None:
     try:
         while True:
             launcher.recv()
@@ -117,7 +105,7 @@ def _watch(launcher: Connection, inbox: Stoppable, orphan_s: float) -> None:
 
 
 def _tell(launcher: Connection, what: str, value: Any) -> None:
-    """Tell the launcher; where it is dead, the watch ends this process."""
+    """Tell the launcher; where it is dead, `_watch` ends this process."""
     try:
         launcher.send((what, value))
     except OSError:

@@ -1,4 +1,4 @@
-"""Exit statuses of the commands (contracts.md)."""
+"""Exit statuses of the commands."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """What the shell sees in $?."""
+    """What a command returns to the shell that called it."""
 
     OK = 0
     """Ended as asked, with every robot."""
     FAILURE = 1
+    """Anything else went wrong."""
     USAGE = 2
     """An option, a file or a setting is wrong, or the world does not let the robot in."""
     INCOMPLETE = 3

@@ -1,6 +1,6 @@
-"""Who may say and hear what: a secret per robot and run, and rules that the router enforces (docs/security.md).
+"""Who may write and read what: a secret per robot and run, and rules that the router enforces (docs/security.md).
 
-Zenoh checks name and secret when a session opens; what the rules do not allow is dropped, in both directions.
+Zenoh checks name and secret when a session opens, and drops in both directions what the rules do not allow.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from protocol import keys
 from protocol.errors import LinkError
 
 VIEWER = "viewer"
-"""Who may read all, the truth included, and say nothing: recorders and displays."""
+"""Name of recorders and displays, which may read everything, the truth included, and write nothing."""
 
 SECRET_BYTES = 24
-"""192 random bits: nothing that could be guessed within a run."""
+"""192 random bits, which nobody guesses within a run."""
 
 Secrets = Mapping[str, str]
-"""A secret by the name of a robot, or VIEWER."""
+"""Secrets by name: robots, and VIEWER."""
 
 _LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
 
@@ -33,7 +33,7 @@ def new_secrets(robots: Iterable[str]) -> dict[str, str]:
 
 
 def as_lines(secrets: Secrets) -> str:
-    """A line NAME:SECRET each, as Zenoh and `read_secrets` read them."""
+    """One line NAME:SECRET for each, the form that Zenoh and `read_secrets` read."""
     return "".join(f"{name}:{secret}\n" for name, secret in secrets.items())
 
 
@@ -47,7 +47,7 @@ def write_secrets(file: Path, secrets: Secrets) -> None:
 
 
 def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
-    """The secrets of these names, and of no other. Raises LinkError where one is missing or the file is none."""
+    """The secrets of these names only. Raises LinkError where one is missing or the file cannot be read."""
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
@@ -60,7 +60,7 @@ def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
 
 
 def access_control(robots: Iterable[str]) -> dict[str, Any]:
-    """Zenoh's access_control: each robot its own keys and what is public, the viewer all to read, nobody else any."""
+    """Zenoh's access_control: robots use their own and the public keys, viewers read all, everybody else nothing."""
     rules, subjects, policies = [], [], []
     for name, allowed in [*((robot, _of_robot(robot)) for robot in robots), (VIEWER, _OF_VIEWER)]:
         ids = []
@@ -111,9 +111,9 @@ def _of_robot(robot: str) -> list[Rule]:
         ("ingress", ["liveliness_token"], [keys.alive(robot)]),
         ("ingress", ["declare_subscriber"], [keys.all_in(robot)]),
         ("egress", _SAMPLES, [keys.all_in(robot)]),
-        # without the others' own wildcards here, the robot's publishers see no subscriber and drop silently
+        # with the world's and the viewers' wildcards, else the robot's publishers see no subscriber and drop silently
         ("egress", ["declare_subscriber"], [keys.all_out(robot), keys.ALL_OUT]),
         ("ingress", ["query"], services),
-        # likewise, the world's queryable is declared under its wildcard
+        # likewise with the wildcard of the world's queryable
         ("egress", ["declare_queryable", "reply"], [*services, keys.ALL_SRV]),
     ]

@@ -5,7 +5,17 @@ from __future__ import annotations
 from protocol.errors import ProtocolError
 
 MAX_PREFIX = 28
-"""Zeros before an exponential-Golomb number: larger ones are nothing that a map holds; ours."""
+"""Zeros before an exponential-Golomb number; a larger number stands in no map (ours)."""
+
+
+def folded(value: int) -> int:
+    """0, -1, 1, -2, ... as 0, 1, 2, 3, ..."""
+    return 2 * value if value >= 0 else -2 * value - 1
+
+
+def bits_of(value: int, k: int) -> int:
+    """Bits that a number >= 0 takes in exponential-Golomb code of order k."""
+    return 2 * (value + (1 << k)).bit_length() - 1 - k
 
 
 class BitWriter:
@@ -21,9 +31,12 @@ class BitWriter:
         self._count += count
 
     def number(self, value: int, k: int = 0) -> None:
-        """Append a number >= 0 in exponential-Golomb code of order k: short where it is below 2**k."""
-        value += 1 << k
-        self.bits(value, 2 * value.bit_length() - 1 - k)
+        """Append a number >= 0 in exponential-Golomb code of order k, which is shortest below 2**k."""
+        self.bits(value + (1 << k), bits_of(value, k))
+
+    def signed(self, value: int, k: int = 0) -> None:
+        """Append a number of any sign."""
+        self.number(folded(value), k)
 
     def data(self) -> bytes:
         """All bits, the last byte filled up with zeros."""
@@ -32,7 +45,7 @@ class BitWriter:
 
 
 class BitReader:
-    """Takes bits; raises ProtocolError where there are no more."""
+    """Takes bits, and raises ProtocolError where there are no more."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -55,6 +68,11 @@ class BitReader:
             if zeros > MAX_PREFIX:
                 raise ProtocolError("a number in a message is too large")
         return (1 << zeros + k | self.bits(zeros + k)) - (1 << k)
+
+    def signed(self, k: int = 0) -> int:
+        """A number as `BitWriter.signed` writes it."""
+        value = self.number(k)
+        return value >> 1 if value % 2 == 0 else -(value + 1 >> 1)
 
     def finish(self) -> None:
         """Raise ProtocolError unless only the zeros are left that fill the last byte."""

@@ -11,16 +11,16 @@ from protocol.errors import ProtocolError
 from protocol.messages import Message
 
 MAX_FRAME_BYTES = 1 << 20
-"""The transport refuses more (protocol.session); a map of 20,000 vertices has 360 kB."""
+"""The transport refuses larger frames (protocol.session). A map of 20,000 vertices has 360 kB."""
 
 MAX_MESSAGE_BYTES = MAX_FRAME_BYTES - 4096
-"""What a frame has room for beside key and framing, which take under 100 B; ours."""
+"""Room in a frame beside key and framing, which take less than 100 B (ours)."""
 
 M = TypeVar("M", bound=Message)
 
 
 def encode(message: Message) -> bytes:
-    """Bytes of a message; raises ProtocolError where no receiver would take as many."""
+    """Bytes of a message; raises ProtocolError for a message that is too large for any receiver."""
     data: bytes = msgpack.packb(message.model_dump(), use_bin_type=True)
     _check_size(type(message), data)
     return data

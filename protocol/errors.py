@@ -1,4 +1,4 @@
-"""What can go wrong between processes, each as one sentence for a user."""
+"""Errors between processes. The text of each is one sentence for a user."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ class ProtocolError(ValueError):
 
 
 class LinkError(RuntimeError):
-    """No session, or the other side is gone; says what to check."""
+    """There is no session, or the other side is gone; the text says what to check."""
 
 
 class RefusedError(LinkError):
-    """The world answered, and does not let this robot in; says why."""
+    """The world answered and does not let this robot in; the text says why."""

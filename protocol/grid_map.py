@@ -1,7 +1,7 @@
-"""A wireframe on a grid of cells along its own walls: what the radio carries, the same on both sides to the bit.
+"""A wireframe on a grid along its own walls: the form that the radio carries, equal on both sides to the bit.
 
-Walls of a building are mostly rectilinear, so the grid is turned by the map's main axis: along a wall one of two
-coordinates hardly changes, and small numbers are few bits (protocol.map_codec).
+Walls of a building are mostly rectilinear, so the grid is turned to the map's main axis. Along a wall one of the two
+coordinates hardly changes then, and small numbers take few bits (protocol.map_codec).
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from protocol.errors import ProtocolError
 from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
 
 AXIS_STEPS = 4096
-"""Of a right angle: 0.02 degrees, by which a wall of 10 m leaves its row of cells by less than half a cell."""
+"""Steps of a right angle, 0.02 degrees each: over 10 m, a wall leaves its row of cells by less than half a cell."""
 
 MAX_CELL_MM = 1000
-"""A coarser grid shows no building; ours."""
+"""Largest cell; a coarser grid shows no building (ours)."""
 
 LEVELS = 8
-"""Of an edge's likelihood, 3 bits."""
+"""Steps of an edge's likelihood: 3 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +112,14 @@ class GridMap:
         )
 
     def digest(self) -> int:
-        """16 bits that tell whether two robots mean the same map."""
+        """16 bits by which two robots know that they hold the same map."""
         total = zlib.crc32(f"{self.cell_mm} {self.axis}".encode())
         for array in (self.cells, self.labels, self.own, self.level, self.starts, self.rings):
             total = zlib.crc32(array.astype("<i4").tobytes(), total)
         return total & 0xFFFF
 
     def key(self, chain: int) -> bytes:
-        """All that a chain is, to find its like in another map of the same grid."""
+        """Everything that makes a chain, to find an equal one in another map of the same grid."""
         part = slice(self.starts[chain], self.starts[chain + 1])
         arrays = (self.cells[part], self.labels[part], self.own[part], self.level[part], self.rings[chain])
         return b"".join(np.asarray(array, "<i4").tobytes() for array in arrays)
@@ -154,9 +154,9 @@ def quantise(
 ) -> GridMap:
     """The wireframe on a grid of cells of cell_mm, turned by axis (see GridMap).
 
-    base: a map of the same grid that was said before; a corner within `slack` cells of one of its corners, and an
-    edge between two such within `level_slack` levels, stay as they were said, so that noise is not news.
-    Raises ProtocolError for a wireframe that is none.
+    base: the map of the same grid that was sent before. A corner within `slack` cells of one of its corners stays
+    where it was, and an edge between two such corners keeps its likelihood within `level_slack` levels, so that noise
+    is not sent as a change. Raises ProtocolError for an invalid wireframe.
     """
     wireframe.check()
     places = wireframe.points @ _turn(axis) / (cell_mm / 1000)
@@ -188,7 +188,7 @@ def _turn(axis: int) -> NDArray[np.float64]:
 
 
 def _matches(places: NDArray[np.float64], cells: NDArray[np.int32], slack: float) -> Ints:
-    """(n,) row of `cells` that each place is within slack of, the nearest pairs first, or -1."""
+    """(n,) row of `cells` within `slack` of each place, or -1. Pairs are matched greedily, the nearest first."""
     match = np.full(len(places), -1)
     away = np.hypot(*(places[:, None] - cells[None]).transpose(2, 0, 1))
     mine, theirs = np.nonzero(away <= slack)

@@ -1,4 +1,4 @@
-"""Every key expression, who writes it, and nothing else; docs/design.md says why each is as it is.
+"""Every key expression, and who writes it; docs/design.md gives the reasons.
 
 A robot writes robots/ID/out/** and its token, reads robots/ID/in/** and world/pub/**, and asks
 robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control.
@@ -18,7 +18,7 @@ SCAN = "scan"
 MAP = "map"
 POSE = "pose"
 NEEDED = (RADIO, MAP, ACT)
-"""What the world reads; what else a robot says leaves it only while somebody subscribes to it."""
+"""Outputs that the world reads. The others leave a robot only while somebody subscribes to them."""
 OUTPUTS = (*NEEDED, SCAN, POSE)
 
 # Robot asks world: the last part of robots/ID/srv/...
@@ -31,22 +31,22 @@ ALL_PUBLIC = "world/pub/**"
 ALL_TRUTH = "world/truth/**"
 
 WORLD_ALIVE = "world/pub/alive"
-"""Liveliness token of the world; its end tells robots apart a dead world from a slow one."""
+"""Liveliness token of the world, by which robots tell a dead world from a slow one."""
 CLOCK = "world/pub/clock"
 """Tick and status of the robots, for anybody."""
 LINKS = "world/pub/links"
-"""Who hears whom, without positions, for anybody."""
+"""Who hears whom, for anybody; positions are not in it."""
 PROGRESS = "world/truth/progress"
-"""Coverage, which is judged against the truth and so is no robot's to read."""
+"""Coverage. It is judged against the truth, so no robot may read it."""
 
 
 def all_in(robot: str) -> str:
-    """What a robot hears of the world: its one subscriber, so that the order of a tick is kept."""
+    """Everything that a robot hears. It has one subscriber for all, which keeps the order of a tick's messages."""
     return f"robots/{robot}/in/**"
 
 
 def all_out(robot: str) -> str:
-    """All that a robot says."""
+    """Everything that a robot writes."""
     return f"robots/{robot}/out/**"
 
 
@@ -66,7 +66,7 @@ def from_all(channel: str) -> str:
 
 
 def alive(robot: str) -> str:
-    """Liveliness token of a robot; declared when it is ready for its first observation."""
+    """Liveliness token of a robot, declared when the robot is ready for its first observation."""
     return f"robots/{robot}/alive"
 
 

@@ -1,39 +1,34 @@
-"""Maps as few bits: whole, or as what changed since a map that the receiver has (ours; docs/formats.md).
+"""Maps as few bits: whole, or as changes to a map that the receiver has (ours; docs/formats.md).
 
-Edges cost nothing, because a chain's vertices follow each other, and labels next to nothing, because corners within
-a chain are nominal and most ends are frontiers. Each vertex is a step from the last one, across its direction as
-walls go, in exponential-Golomb numbers. A whole map is the changes to an empty one.
+Edges cost nothing, because a chain's vertices follow each other. Labels cost almost nothing, because corners inside
+a chain are nominal and most ends are frontiers. A vertex is coded as a step from the last one in exponential-Golomb
+numbers; in rectilinear buildings, successive steps are at right angles. A whole map is the changes to an empty one.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from protocol.arrays import Ints
-from protocol.bits import BitReader, BitWriter
+from protocol.bits import BitReader, BitWriter, bits_of, folded
 from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size, empty
+from protocol.map_changes import Origin, VertexRun, changes
 from protocol.wireframe import Label
 
 VERSION = 1
 USUAL_CELL_MM = 10
-NEAR_CELLS = 64.0
-"""A vertex this near to one of the base is told as that one moved; beyond, a new one costs no more bits."""
+"""Cells of other sizes cost 10 bits more."""
 
-COPY, NEW, MOVED = 0, 1, 2
 INSIDE = (Label.NOMINAL, Label.OCCLUSION, Label.FRONTIER)
 AT_ENDS = (Label.FRONTIER, Label.OCCLUSION, Label.NOMINAL)
-"""Labels, the usual first."""
+"""Labels inside and at the ends of a chain, the most frequent first."""
 SURE = LEVELS - 1
-"""Level of an edge of which nothing better is known."""
+"""Likelihood level of an edge unless told otherwise."""
 
 Place = tuple[int, int]
-Run = tuple[int, int, int]
-"""COPY, NEW or MOVED; how many vertices; the first one's row in the base, -1 for NEW."""
 
 
 class Orders(NamedTuple):
@@ -42,13 +37,13 @@ class Orders(NamedTuple):
     start: int = 6
     """To the first vertex of a chain."""
     along: int = 6
-    """Along a wall."""
+    """Of a step, along a wall."""
     across: int = 0
-    """What is left across it."""
+    """Of a step, across the wall; and of a moved vertex."""
 
 
 WIDTHS = Orders(4, 4, 2)
-"""Bits that tell each order where a message brings its own."""
+"""Bits of each order in a message that brings its own orders."""
 
 
 class Coded(NamedTuple):
@@ -59,9 +54,9 @@ class Coded(NamedTuple):
 
 
 def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: bool = True) -> Coded:
-    """Bytes of a map; where `base` is given, which must be of the same grid, of what is not in it.
+    """Bytes of a map, or of the changes to `base`, a map on the same grid.
 
-    likelihoods: whether edge likelihoods come along, a bit to four each; without, all are told as 1.
+    likelihoods: whether edge likelihoods come along, one to four bits each; without, all are told as 1.
     Raises ProtocolError for a map that is too large or of another grid than its base.
     """
     check_size(len(grid_map.cells))
@@ -83,15 +78,11 @@ def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: b
         if grid_map.cell_mm != USUAL_CELL_MM:
             script.bits(grid_map.cell_mm, MAX_CELL_MM.bit_length())
     head = len(script.tokens)
-    kept, built, dropped = _compare(grid_map, known)
-    runs = _runs(grid_map, known, kept, built)
-    built = _arranged(grid_map, built, runs)
+    kept, built, dropped = changes(grid_map, known)
     script.number(len(built))
     last: Place = (0, 0)
-    for chain in built:
-        last = _write_chain(script, grid_map, known, chain, runs[chain], last, likelihoods)
-    touched = {row for chain in built for row in _rows(runs[chain])}
-    dropped = [chain for chain in dropped if touched.isdisjoint(range(*known.bounds(chain)))]
+    for chain, runs in built.items():
+        last = _write_chain(script, grid_map, known, chain, runs, last, likelihoods)
     if len(known.rings):
         script.number(len(dropped))
         for before, chain in zip([-1, *dropped], dropped, strict=False):
@@ -108,8 +99,8 @@ def decode_map(data: bytes, base: GridMap | None = None) -> GridMap:
     version = reader.bits(4)
     if version != VERSION:
         raise ProtocolError(f"a map of version {version}; this program reads version {VERSION}")
-    changes, likelihoods = reader.bits(1), bool(reader.bits(1))
-    if changes:
+    of_base, likelihoods = reader.bits(1), bool(reader.bits(1))
+    if of_base:
         if base is None or reader.bits(16) != base.digest():
             raise ProtocolError("changes to a map that is not here")
         known = base
@@ -123,94 +114,12 @@ def decode_map(data: bytes, base: GridMap | None = None) -> GridMap:
     return _Rebuilt(reader, orders, known, likelihoods).read()
 
 
-# --- what changed -----------------------------------------------------------------------------------------------
-
-
-def _compare(new: GridMap, base: GridMap) -> tuple[list[int], list[int], list[int]]:
-    """Chains of `new` that are in the base, in the base's order; those that are not; those of the base left over."""
-    there = defaultdict(list)
-    for chain in range(len(new.rings)):
-        there[new.key(chain)].append(chain)
-    kept, left = [], []
-    for chain in range(len(base.rings)):
-        alike = there[base.key(chain)]
-        if alike:
-            kept.append(alike.pop(0))
-        else:
-            left.append(chain)
-    return kept, sorted(set(range(len(new.rings))) - set(kept)), left
-
-
-def _runs(new: GridMap, base: GridMap, kept: list[int], built: list[int]) -> dict[int, list[Run]]:
-    """How each chain to be built comes about from vertices of the base and new ones."""
-    refs = _origins(new, base, kept, built)
-    same = refs >= 0
-    same[same] &= (new.cells[same] == base.cells[refs[same]]).all(1) & (new.labels[same] == base.labels[refs[same]])
-    what = np.where(refs < 0, NEW, np.where(same, COPY, MOVED)).tolist()
-    rows = refs.tolist()
-    runs: dict[int, list[Run]] = {}
-    for chain in built:
-        runs[chain] = []
-        for v in range(*new.bounds(chain)):
-            kind, count, row = runs[chain][-1] if runs[chain] else (-1, 0, -1)
-            if what[v] == kind and (kind == NEW or rows[v] == row + count):
-                runs[chain][-1] = kind, count + 1, row
-            else:
-                runs[chain].append((what[v], 1, rows[v]))
-    return runs
-
-
-def _origins(new: GridMap, base: GridMap, kept: list[int], built: list[int]) -> Ints:
-    """(n,) row of the base that each vertex is, moved or not, or -1; those of kept chains are not asked for."""
-    refs = np.full(len(new.cells), -1)
-    free = np.ones(len(base.cells), np.bool_)
-    keys = {new.key(chain) for chain in kept}
-    for chain in range(len(base.rings)):
-        if base.key(chain) in keys:
-            free[slice(*base.bounds(chain))] = False
-    mine = np.concatenate([np.arange(*new.bounds(chain)) for chain in built]) if built else np.zeros(0, np.int64)
-    theirs = np.flatnonzero(free)
-    away = np.hypot(*(new.cells[mine, None].astype(float) - base.cells[None, theirs]).transpose(2, 0, 1))
-    away += (new.labels[mine, None] != base.labels[None, theirs]) * 0.5  # of two in one place the one alike
-    pairs = np.argwhere(away <= NEAR_CELLS)
-    taken = np.zeros(len(theirs), np.bool_)
-    for k in np.argsort(away[pairs[:, 0], pairs[:, 1]], kind="stable").tolist():
-        i, j = pairs[k]
-        if refs[mine[i]] < 0 and not taken[j]:
-            refs[mine[i]] = theirs[j]
-            taken[j] = True
-    return refs
-
-
-def _rows(runs: list[Run]) -> list[int]:
-    """Rows of the base that a chain is built of."""
-    return [row + k for kind, count, row in runs if kind != NEW for k in range(count)]
-
-
-def _arranged(new: GridMap, built: list[int], runs: dict[int, list[Run]]) -> list[int]:
-    """Chains in the order in which they cost least: as their origins lie in the base, new ones each near the last."""
-    changed = sorted((chain for chain in built if _rows(runs[chain])), key=lambda chain: _rows(runs[chain])[0])
-    fresh = np.array(sorted(set(built) - set(changed)), np.int64)
-    heads = new.cells[new.starts[fresh]].astype(float) if len(fresh) else np.zeros((0, 2))
-    here = new.cells[new.starts[changed[-1] + 1] - 1] if changed else np.zeros(2)
-    order = list(changed)
-    while len(fresh):
-        nearest = int(np.abs(heads - here).sum(1).argmin())
-        order.append(int(fresh[nearest]))
-        here = new.cells[new.starts[fresh[nearest] + 1] - 1]
-        fresh, heads = np.delete(fresh, nearest), np.delete(heads, nearest, 0)
-    return order
-
-
-# --- the message ------------------------------------------------------------------------------------------------
-
-
 class _Script:
-    """What a message says, before the orders of its numbers are chosen."""
+    """The bits and numbers of a message, before the orders of its numbers are chosen."""
 
     def __init__(self) -> None:
         self.tokens: list[tuple[int, int, int]] = []
-        """A value, its bits or its order, and which of Orders stands for the order; -1 for bits, -2 for an order."""
+        """Value, size, kind. Kind -1: size is a count of bits; -2: size is an order; else: kind is a row of Orders."""
 
     def bits(self, value: int, count: int) -> None:
         self.tokens.append((int(value), count, -1))
@@ -218,15 +127,19 @@ class _Script:
     def number(self, value: int, order: int = 0) -> None:
         self.tokens.append((value, order, -2))
 
+    def signed_of_order(self, value: int, order: int) -> None:
+        self.number(folded(value), order)
+
     def signed(self, value: int, which: int) -> None:
-        self.tokens.append((2 * value if value >= 0 else -2 * value - 1, 0, which))
+        """A number whose order the message may choose: that of row `which` of Orders."""
+        self.tokens.append((folded(value), 0, which))
 
     def data(self, head: int) -> bytes:
-        """The bytes, with orders of its own after the first `head` tokens where these save more than they cost."""
+        """The bytes. The message's own orders follow `head` tokens, where they save more than they cost."""
         usual, own, saved = Orders(), [], -sum(WIDTHS)
         for which, width in enumerate(WIDTHS):
             values = [value for value, _, kind in self.tokens if kind == which]
-            costs = [_bits_of(values, order) for order in range(1 << width)]
+            costs = [sum([bits_of(value, order) for value in values]) for order in range(1 << width)]
             own.append(costs.index(min(costs)) if values else usual[which])
             saved += costs[usual[which]] - min(costs)
         return self._write(head, Orders(*own) if saved > 0 else usual)
@@ -246,67 +159,60 @@ class _Script:
         return writer.data()
 
 
-def _bits_of(values: list[int], order: int) -> int:
-    """Bits that numbers take in exponential-Golomb code of an order."""
-    least = 1 << order
-    return sum([2 * (value + least).bit_length() - 1 - order for value in values])
-
-
 START, ALONG, ACROSS = range(3)
+"""Rows of Orders."""
 
 
 def _write_chain(
-    script: _Script, new: GridMap, base: GridMap, chain: int, runs: list[Run], last: Place, likelihoods: bool
+    script: _Script, new: GridMap, base: GridMap, chain: int, runs: list[VertexRun], last: Place, likelihoods: bool
 ) -> Place:
-    """One chain: ring, runs with their vertices, labels, origins, likelihoods. Returns the last place."""
+    """Write one chain: whether it is a ring, its runs with their vertices, who saw its edges, their likelihoods.
+
+    Returns the place of its last vertex.
+    """
     first, end = new.bounds(chain)
-    ring = bool(new.rings[chain])
+    ring, changes_only = bool(new.rings[chain]), bool(len(base.cells))
     script.bits(ring, 1)
     inside = range(first, end) if ring else range(first + 1, end - 1)
     plain = not new.labels[inside.start : inside.stop].any() if len(inside) else True
     script.bits(plain, 1)
-    if len(base.cells):
+    if changes_only:
         script.number(len(runs) - 1)
     v, due = first, 0
     cells = new.cells[first:end].tolist()
-    origin: list[int] = []
-    for kind, count, row in runs:
-        if len(base.cells):
-            script.bits(*((0, 1) if kind == COPY else (2, 2) if kind == NEW else (3, 2)))
-        script.number(count - 1, 0 if len(base.cells) else 1)
-        if kind != NEW:
-            script.number(2 * (row - due) if row >= due else 2 * (due - row) - 1, 2)
-            due = row + count
-        for k in range(count):
+    base_rows: list[int] = []
+    for run in runs:
+        if changes_only:
+            script.bits(*_RUN_BITS[run.origin])
+        script.number(run.length - 1, 0 if changes_only else 1)
+        if run.origin != Origin.NEW:
+            script.signed_of_order(run.row - due, 2)
+            due = run.row + run.length
+        for row in run.rows or [-1] * run.length:
             here = (cells[v - first][0], cells[v - first][1])
-            origin.append(row + k if kind != NEW else -1)
-            if kind == MOVED:
-                x, y = base.cells[row + k].tolist()
+            base_rows.append(row)
+            if run.origin == Origin.MOVED:
+                x, y = base.cells[row].tolist()
                 script.signed(here[0] - x, ACROSS)
                 script.signed(here[1] - y, ACROSS)
-            elif kind == NEW and v == first:
+            elif run.origin == Origin.NEW and v == first:
                 script.signed(here[0] - last[0], START)
                 script.signed(here[1] - last[1], START)
-            elif kind == NEW:
+            elif run.origin == Origin.NEW:
                 _write_step(script, here, last, _across(cells[: v - first]))
-            if kind != COPY:
+            if run.origin != Origin.COPY:
                 _write_label(script, int(new.labels[v]), v in inside, plain)
             last = here
             v += 1
-    own = new.own[first : end if ring else end - 1].tolist()
-    if own:
-        script.bits(*((1, 1) if all(own) else (1, 2) if any(own) else (0, 2)))
-        if any(own) and not all(own):
-            for one in own:
-                script.bits(one, 1)
+    edges = slice(first, end if ring else end - 1)
+    _write_own(script, new.own[edges].tolist())
     if likelihoods:
-        expected = _expected_levels(origin, base, ring)
-        levels = new.level[first : first + len(expected)].tolist()
-        script.bits(levels == expected, 1)
-        if levels != expected:
-            for level, usual in zip(levels, expected, strict=True):
-                script.bits(*((1, 1) if level == usual else (level, 4)))
+        _write_levels(script, new.level[edges].tolist(), _expected_levels(base_rows, base, ring))
     return last
+
+
+_RUN_BITS = {Origin.COPY: (0, 1), Origin.NEW: (2, 2), Origin.MOVED: (3, 2)}
+"""Value and number of bits that tell the origin of a run."""
 
 
 def _write_step(script: _Script, here: Place, last: Place, axis: int) -> None:
@@ -325,6 +231,23 @@ def _write_label(script: _Script, label: int, inside: bool, plain: bool) -> None
     script.bits(*((0, 1), (2, 2), (3, 2))[rank])
 
 
+def _write_own(script: _Script, own: list[bool]) -> None:
+    """Write which edges of a chain the sender saw itself: all, none, or a bit each."""
+    if not own:
+        return
+    script.bits(*((1, 1) if all(own) else (1, 2) if any(own) else (0, 2)))
+    if any(own) and not all(own):
+        for one in own:
+            script.bits(one, 1)
+
+
+def _write_levels(script: _Script, levels: list[int], expected: list[int]) -> None:
+    script.bits(levels == expected, 1)
+    if levels != expected:
+        for level, usual in zip(levels, expected, strict=True):
+            script.bits(*((1, 1) if level == usual else (level, 4)))
+
+
 def _across(before: list[list[int]]) -> int:
     """Axis along which a chain is expected to go on: across its last edge; 0 where there is none."""
     if len(before) < 2:
@@ -333,16 +256,16 @@ def _across(before: list[list[int]]) -> int:
     return 1 if abs(bx - ax) >= abs(by - ay) else 0
 
 
-def _expected_levels(origin: list[int], base: GridMap, ring: bool) -> list[int]:
+def _expected_levels(base_rows: list[int], base: GridMap, ring: bool) -> list[int]:
     """Level of each edge of a chain: as in the base where it is an edge there, else SURE."""
     after = base.successors()
-    tips = [*origin[1:], origin[0]] if ring else origin[1:]
-    pairs = zip(origin, tips, strict=False)
+    tips = [*base_rows[1:], base_rows[0]] if ring else base_rows[1:]
+    pairs = zip(base_rows, tips, strict=False)
     return [int(base.level[a]) if a >= 0 and b >= 0 and after[a] == b else SURE for a, b in pairs]
 
 
 class _Rebuilt:
-    """Reads a message, vertex by vertex."""
+    """The map that a message tells, read vertex by vertex."""
 
     def __init__(self, reader: BitReader, orders: Orders, base: GridMap, likelihoods: bool) -> None:
         self.reader, self.orders, self.base, self.likelihoods = reader, orders, base, likelihoods
@@ -388,17 +311,17 @@ class _Rebuilt:
     def _chain(self, last: Place) -> Place:
         reader, base, first = self.reader, self.base, len(self.cells)
         ring, plain = bool(reader.bits(1)), bool(reader.bits(1))
-        origin: list[int] = []
+        base_rows: list[int] = []
         due = 0
         for left in reversed(range(reader.number() + 1 if len(base.cells) else 1)):
-            kind = NEW
+            kind = Origin.NEW
             if len(base.cells):
-                kind = COPY if not reader.bits(1) else MOVED if reader.bits(1) else NEW
+                kind = Origin.COPY if not reader.bits(1) else Origin.MOVED if reader.bits(1) else Origin.NEW
             count = reader.number(0 if len(base.cells) else 1) + 1
             check_size(len(self.cells) + count)
             row = -1
-            if kind != NEW:
-                row = due + _unfolded(reader.number(2))
+            if kind != Origin.NEW:
+                row = due + reader.signed(2)
                 due = row + count
                 if row < 0 or due > len(base.cells) or self.used[row:due].any():
                     raise ProtocolError("changes to a map take a vertex that is not there, or twice")
@@ -406,25 +329,25 @@ class _Rebuilt:
             for k in range(count):
                 at_end = not ring and (len(self.cells) == first or (not left and k == count - 1))
                 last = self._vertex(kind, row + k, last, first)
-                origin.append(row + k if kind != NEW else -1)
-                copied = int(base.labels[row + k]) if kind == COPY else -1
-                self.labels.append(copied if kind == COPY else self._label(at_end, plain))
+                base_rows.append(row + k if kind != Origin.NEW else -1)
+                copied = int(base.labels[row + k]) if kind == Origin.COPY else -1
+                self.labels.append(copied if kind == Origin.COPY else self._label(at_end, plain))
         count = len(self.cells) - first
         if ring and count < 2:
             raise ProtocolError("a ring of a map has one vertex")
         edges = count if ring else count - 1
         none_left = [0] * (count - edges)
-        self.own += self._origin(edges) + [False] * len(none_left)
-        self.level += self._levels(origin, ring, edges) + none_left
+        self.own += self._own(edges) + [False] * len(none_left)
+        self.level += self._levels(base_rows, ring, edges) + none_left
         self.starts.append(len(self.cells))
         self.rings.append(ring)
         return last
 
     def _vertex(self, kind: int, row: int, last: Place, first: int) -> Place:
         reader = self.reader
-        if kind == COPY:
+        if kind == Origin.COPY:
             x, y = self.places[row]
-        elif kind == MOVED:
+        elif kind == Origin.MOVED:
             x, y = self.places[row]
             x, y = x + self._signed(ACROSS), y + self._signed(ACROSS)
         elif len(self.cells) == first:
@@ -438,7 +361,7 @@ class _Rebuilt:
         return x, y
 
     def _signed(self, which: int) -> int:
-        return _unfolded(self.reader.number(self.orders[which]))
+        return self.reader.signed(self.orders[which])
 
     def _label(self, at_end: bool, plain: bool) -> int:
         if not at_end and plain:
@@ -446,20 +369,15 @@ class _Rebuilt:
         rank = 0 if not self.reader.bits(1) else 1 + self.reader.bits(1)
         return (AT_ENDS if at_end else INSIDE)[rank]
 
-    def _origin(self, edges: int) -> list[bool]:
+    def _own(self, edges: int) -> list[bool]:
         if not edges or self.reader.bits(1):
             return [True] * edges
         return [bool(self.reader.bits(1)) for _ in range(edges)] if self.reader.bits(1) else [False] * edges
 
-    def _levels(self, origin: list[int], ring: bool, edges: int) -> list[int]:
+    def _levels(self, base_rows: list[int], ring: bool, edges: int) -> list[int]:
         if not self.likelihoods:
             return [SURE] * edges
-        expected = _expected_levels(origin, self.base, ring)
+        expected = _expected_levels(base_rows, self.base, ring)
         if self.reader.bits(1):
             return expected
         return [usual if self.reader.bits(1) else self.reader.bits(3) for usual in expected]
-
-
-def _unfolded(value: int) -> int:
-    """0, 1, 2, 3, ... as 0, -1, 1, -2, ..."""
-    return value >> 1 if value % 2 == 0 else -(value + 1 >> 1)

@@ -18,11 +18,11 @@ EVERYONE = "*"
 """The receiver of a broadcast."""
 
 MAX_TEXT = 1000
-"""Characters; longer is no sentence, ours."""
+"""Characters of a text (ours)."""
 MAX_EVENT_DEPTH = 8
-"""A transform in a list of candidates in an event is 4 deep; ours."""
+"""Levels of nested values in an event (ours). A transform in a list of candidates is at level 4."""
 MAX_EVENT_NODES = 10_000
-"""Values in one event; ours."""
+"""Values in one event (ours)."""
 
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
@@ -42,7 +42,7 @@ def _finite(value: float) -> float:
 
 
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
-    """The value, where it is JSON, finite and small; walked without recursion, so that depth cannot hurt."""
+    """The value, if it is JSON, finite and small. It is walked without recursion, so that no depth is a danger."""
     left = MAX_EVENT_NODES
     level: list[Any] = [value]
     for _ in range(MAX_EVENT_DEPTH):
@@ -93,27 +93,27 @@ class Message(BaseModel):
 
 
 class LidarSpec(Message):
-    """A scanning lidar; the default is the LDS-01 of a TurtleBot3."""
+    """A scanning lidar; the default is the LDS-01 of a TurtleBot3 Burger, by its data sheet."""
 
     beams: Annotated[int, Field(ge=8, le=4096)] = 360
     """Beams over a full turn; beam k points at k * 2 pi / beams from the robot's heading."""
     rate_hz: Annotated[Finite, Field(gt=0, le=100)] = 5.0
-    """Scans a second; one scan is one tick of the world and of every robot."""
+    """Scans a second; a tick of the run is one scan."""
     range_min_m: Annotated[Finite, Field(ge=0)] = 0.12
-    """Nearer surfaces return nothing."""
+    """Metres; a nearer wall returns nothing."""
     range_max_m: Annotated[Finite, Field(gt=0, le=100)] = 3.5
-    """Farther surfaces return nothing."""
+    """Metres; a farther wall returns nothing."""
     noise_m: Annotated[Finite, Field(ge=0, le=1)] = 0.01
-    """Standard deviation of a range."""
+    """Standard deviation of a range, metres."""
     dropout: Annotated[Finite, Field(ge=0, le=1)] = 0.0
     """Probability that a beam returns nothing."""
 
 
 class OdometrySpec(Message):
-    """Dead reckoning. Exact by default (paper III); `noisy` adds what wheels of this size do (ours)."""
+    """Dead reckoning: exact by default (paper III), or with errors that add up (ours)."""
 
     noisy: bool = False
-    """Whether the errors below are added; the paper assumes exact odometry."""
+    """Whether the errors below are added."""
     distance_sd: Annotated[Finite, Field(ge=0)] = 0.02
     """Metres of error along the path, per square root of a metre driven."""
     heading_sd_deg: Annotated[Finite, Field(ge=0)] = 1.0
@@ -126,17 +126,19 @@ class RobotSpec(Message):
     """A differential-drive robot; the default is the TurtleBot3 Burger."""
 
     radius_m: Annotated[Finite, Field(gt=0, le=5)] = 0.105
-    """Radius of the round body."""
+    """Radius of the body, metres."""
     max_speed_mps: Annotated[Finite, Field(gt=0, le=10)] = 0.22
-    """Fastest drive forward or backward."""
+    """Largest speed, metres a second."""
     max_turn_rps: Annotated[Finite, Field(gt=0, le=20)] = 2.84
-    """Fastest turn on the spot."""
+    """Largest turn rate, radians a second."""
     lidar: LidarSpec = LidarSpec()
+    """The robot's lidar."""
     odometry: OdometrySpec = OdometrySpec()
+    """The robot's odometry."""
     radio_range_m: Annotated[Finite, Field(gt=0)] | None = None
-    """Distance beyond which no message arrives; None where the radio has no such bound."""
+    """Radio range, which the world fills in from `radio.range_m`; None where the radio has no such limit."""
     radio_mtu_bytes: Annotated[int, Field(ge=64)] = MTU_BYTES
-    """The longest message that the radio carries."""
+    """The longest message on the air, which the world fills in from `radio.mtu_bytes`."""
 
 
 class Join(Message):
@@ -149,27 +151,27 @@ class Join(Message):
 
 
 class Welcome(Message):
-    """World to robot, the reply: what the robot must know of its body and clock, and nothing else."""
+    """World to robot, the reply: body, clock and seed, and nothing of the world."""
 
     version: int
     robot: RobotId
     spec: RobotSpec
     seed: Annotated[int, Field(ge=0, lt=2**63)]
-    """The robot's own seed, drawn from the run's; tells nothing of the world."""
+    """The robot's own seed, drawn from the run's seed."""
     lockstep: bool
 
 
 class Refused(Message):
-    """World to robot, the other reply."""
+    """World to robot, the other reply: the robot may not take part."""
 
     reason: Text
 
 
 class End(Message):
-    """World to robot, the last of all: the run is over for this robot."""
+    """World to robot, the last message: the run is over for this robot."""
 
     reason: Text
-    """`complete`, `time` or `interrupted` for all; anything else is why this robot alone was given up."""
+    """`complete`, `time` or `interrupted` end the run for all; another reason is why this robot was given up."""
 
 
 class Observation(Message):
@@ -198,7 +200,7 @@ class Heard(Message):
 
 
 class Send(Message):
-    """Robot to world: a message for another robot, which only the gate can deliver."""
+    """Robot to world: a message for other robots, which only the radio gate can deliver."""
 
     tick: Tick
     to: Receiver
@@ -207,11 +209,11 @@ class Send(Message):
 
 
 class Event(Message):
-    """Something that a researcher wants to know later; a line of events.jsonl."""
+    """A line of events.jsonl."""
 
     event: Kind
     data: Annotated[dict[str, Any], AfterValidator(_bounded_json)] = {}
-    """JSON values only, finite, and few."""
+    """JSON values, finite and of limited size."""
 
 
 class Action(Message):
@@ -227,9 +229,9 @@ class Action(Message):
     map_bytes: Count = 0
     filter_bytes: Count = 0
     step_ms: Annotated[Finite, Field(ge=0)] = 0.0
-    """Wall-clock time of the step; reported, never used."""
+    """Wall-clock time of the step; it is reported and changes nothing."""
     merged: dict[RobotId, Tick] = {}
-    """Peers whose maps are part of the robot's, and the tick at which each of these maps was so."""
+    """Peers whose maps are part of the robot's, with the ticks of these maps."""
 
 
 class ScanReport(Message):
@@ -247,7 +249,7 @@ class MapReport(Message):
 
 
 class TeammatePose(Message):
-    """Where a peer is, as far as a robot knows."""
+    """Where a peer is, as far as the robot knows."""
 
     robot: RobotId
     tick: Tick
@@ -257,7 +259,7 @@ class TeammatePose(Message):
     covariance: Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite], Strict(False)]
     """3 x 3 of x, y, theta, row by row: m2, m rad, rad2; grows while the peer is not heard."""
     status: Annotated[str, StringConstraints(pattern=r"^(proposed|merged)$")]
-    """On trial, or merged."""
+    """Whether the peer's transform is on trial or accepted."""
 
 
 class PoseReport(Message):
@@ -269,7 +271,7 @@ class PoseReport(Message):
 
 
 class Clock(Message):
-    """World to anybody, some times a second: how far the run is; tells nothing of the walls."""
+    """World to anybody, some times a second: how far the run is. Nothing in it depends on the walls."""
 
     tick: Tick
     t: Annotated[Finite, Field(ge=0)]
@@ -292,7 +294,7 @@ class LinkReport(Message):
 
 
 class LinkTable(Message):
-    """World to anybody, with the clock: who hears whom; tells nothing of places."""
+    """World to anybody, with the clock: who hears whom. No positions are in it."""
 
     tick: Tick
     links: Annotated[list[LinkReport], Field(max_length=250_000)]

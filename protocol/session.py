@@ -20,27 +20,27 @@ from protocol.access import VIEWER, Secrets, access_control, write_secrets
 from protocol.codec import MAX_FRAME_BYTES
 from protocol.errors import LinkError
 
-# Zenoh would log to stdout, which is for tables and JSON; so its log is never initialised.
+# Zenoh's log is never initialised, because it would go to stdout, which is for tables and JSON.
 
 LEASE_MS = 500
-"""A stopped or unplugged process is noticed after this; each side announces its own."""
+"""A stopped or unplugged process is noticed after this time. Each side announces its own lease."""
 
 WAIT_BEFORE_CLOSE_US = 300_000
-"""How long a blocking put waits for a receiver that does not read; the default, 5 s, stalls all others."""
+"""A blocking put waits this long for a receiver that does not read. The default of 5 s stalls all other robots."""
 
 RETRY_MS = (100, 400)
-"""A client tries again after the first, doubling up to the second: back 0.2 s after a world is."""
+"""A client that found no router tries again after the first time, doubled up to the second one."""
 
 FREE_PORT_TRIES = 8
-"""A free port can be taken between being found and being used, by another run that starts with this."""
+"""Another run may take a free port between its being found and being used; then another port is tried."""
 
 
 def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
     common: dict[str, object] = {
         "mode": mode,
-        "scouting/multicast/enabled": False,  # nobody is found by chance: two runs on one machine stay apart
+        "scouting/multicast/enabled": False,  # two runs on one machine must not find each other
         "scouting/gossip/enabled": False,
-        # by the wall clock, so not reproducible, and 26 B a message
+        # 26 B a message, and from the wall clock, so not reproducible
         "timestamping/enabled": {"router": False, "peer": False, "client": False},
         "adminspace/enabled": False,
         "transport/shared_memory/enabled": False,  # no gain at these sizes, and a race (zenoh #2628)
@@ -76,7 +76,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
     """Open the world's session, an embedded router, and yield it with its endpoint.
 
     listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1. secrets: of all that may
-    connect, each to what is its own (protocol.access); None lets everybody in, to everything.
+    connect, each with its own rights (protocol.access); None gives everybody all rights.
     Raises LinkError where the endpoint cannot be listened on.
     """
     if listen:
@@ -91,7 +91,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
             if left:
                 continue
             raise LinkError(f"cannot listen on {endpoint}: {_cause(error)}; choose another address") from None
-        with session:  # without, a process with callbacks hangs at its exit
+        with session:  # closes it: a process with callbacks would hang at its exit
             yield session, endpoint
         return
 
@@ -102,7 +102,7 @@ def _guarded(secrets: Secrets | None) -> Iterator[dict[str, object]]:
     if secrets is None:
         yield {}
         return
-    with tempfile.TemporaryDirectory() as folder:  # which is its owner's alone
+    with tempfile.TemporaryDirectory() as folder:  # only its owner can read it
         dictionary = Path(folder, "secrets")
         write_secrets(dictionary, secrets)
         yield {
@@ -113,7 +113,7 @@ def _guarded(secrets: Secrets | None) -> Iterator[dict[str, object]]:
 
 @contextmanager
 def open_client(
-    connect: str, timeout_s: float = 10.0, name: str | None = None, secret: str | None = None
+    connect: str, timeout_s: float, name: str | None = None, secret: str | None = None
 ) -> Iterator[zenoh.Session]:
     """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
 
@@ -152,15 +152,15 @@ def _cause(error: Exception) -> str:
 
 
 def at_once(hear: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zenoh.Sample]:
-    """A callback on the thread that receives, without a thread of its own in between; it must only queue.
+    """A callback that runs on the receiving thread; it must do no more than queue the sample.
 
-    All samples of one sender come in the order in which they were sent, whichever subscriber takes them.
+    So all samples of one sender come in the order in which they were sent, whichever subscriber takes them.
     """
     return zenoh.handlers.Callback(hear, indirect=False)
 
 
 def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float) -> None:
-    """Wait until somebody subscribes to each; before that, a put is lost silently. LinkError on a time-out."""
+    """Wait until each publisher has a subscriber, as its messages are lost before. LinkError on a time-out."""
     deadline = time.monotonic() + timeout_s
     for publisher in publishers:
         while not publisher.matching_status:

@@ -1,4 +1,4 @@
-"""What all settings have in common, those of robots and those of the world."""
+"""The base of all settings, and their types."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 
 class Config(BaseModel):
-    """Immutable and free of unknown keys, so that a typing error in a file is found."""
+    """Settings that cannot change. Unknown keys are refused, so that a typing error in a file is found."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

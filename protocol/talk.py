@@ -1,4 +1,4 @@
-"""What robots say to each other, as few bytes: beacons, parts of maps, acknowledgements (docs/formats.md)."""
+"""Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ BEACON = "beacon"
 MAP = "map"
 """A whole map."""
 DELTA = "delta"
-"""What changed since a map that the receiver has acknowledged."""
+"""The changes since a map that the receiver has acknowledged."""
 RESEND = "resend"
-"""Parts of a map or of changes that were not acknowledged in time, once more."""
+"""Parts of a map or of changes that are sent again because they were not acknowledged in time."""
 ACK = "ack"
 
 VERSION = 1
 MAX_PARTS = 64
-"""Of one map: 75 kB, of which a map of 20,000 vertices needs 60; ours."""
+"""Parts of one map (ours): room for 75 kB. A map of 20,000 vertices needs 60."""
 MAX_BODY = 65_536
-"""Bytes of one map in all its parts; ours."""
+"""Bytes of one map in all its parts (ours)."""
 
 _BEACON = struct.Struct("<BIiiH")
 _TURN = 65_536
@@ -32,7 +32,7 @@ _SINGLE, _PARTIAL, _UNKNOWN = 1, 1, 2
 
 
 class Beacon(NamedTuple):
-    """I am here."""
+    """The sender's pose."""
 
     tick: int
     pose: Pose
@@ -61,17 +61,17 @@ class Part(NamedTuple):
     """One part of a map, or of changes to one, that fits into a message."""
 
     version: int
-    """Tick at which the sender's map was so: the newer map has the higher version, even after a restart."""
+    """Tick of the sender's map. A newer map has a higher version, even after the sender was started again."""
     base: int
-    """Version that the changes are to, which the receiver has acknowledged; 0 for a whole map."""
+    """Version to which the changes apply, which the receiver has acknowledged; 0 for a whole map."""
     number: int
     """Of this part, from 0."""
     parts: int
-    """How many there are."""
+    """Number of parts."""
     body: bytes
 
     def encode(self) -> bytes:
-        """Four to ten bytes more than the body."""
+        """The part's message: four to ten bytes more than the body."""
         single = self.parts == 1
         numbers = [self.version, self.version - self.base if self.base else 0]
         numbers += [] if single else [self.number, self.parts]
@@ -79,7 +79,7 @@ class Part(NamedTuple):
 
     @classmethod
     def decode(cls, data: bytes) -> Part:
-        """Raises ProtocolError on anything else than a part, or of too many."""
+        """Raises ProtocolError on anything else than a part, and on too many parts."""
         flags = check_version(data)
         version, at = take_varint(data, 1)
         back, at = take_varint(data, at)
@@ -95,14 +95,14 @@ class Part(NamedTuple):
 
 
 class Ack(NamedTuple):
-    """What the receiver of a map has of it."""
+    """The receiver's answer to a map: which parts of it have arrived."""
 
     version: int
     missing: frozenset[int] | None = frozenset()
-    """Parts that are not there yet; empty: it has the map; None: it does not have the base of the changes."""
+    """Parts that have not arrived; empty when the map is whole; None when the base of the changes is not there."""
 
     def encode(self, count: int = 1) -> bytes:
-        """Two to twelve bytes; count: of the parts."""
+        """Two to twelve bytes; `count` is the number of parts."""
         flags = _UNKNOWN if self.missing is None else _PARTIAL if self.missing else 0
         bits = sum(1 << index for index in self.missing or ())
         return first_byte(flags) + varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
@@ -122,7 +122,7 @@ class Ack(NamedTuple):
 
 
 def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
-    """The parts that a body travels in, each message of at most `mtu` bytes; ProtocolError for too long a body."""
+    """The parts of a body, each message of at most `mtu` bytes; raises ProtocolError for too long a body."""
     if len(body) > MAX_BODY:
         raise ProtocolError(f"a map of {len(body)} bytes; at most {MAX_BODY} travel")
     whole = Part(version, base, 0, 1, body)
@@ -137,12 +137,12 @@ def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
 
 
 def first_byte(flags: int) -> bytes:
-    """Of a message: its version, and flags below 16."""
+    """First byte of a message: the version, and flags below 16."""
     return bytes([VERSION << 4 | flags])
 
 
 def check_version(data: bytes) -> int:
-    """Flags of the first byte."""
+    """Flags of the first byte; raises ProtocolError for another version."""
     if not data:
         raise ProtocolError("an empty message")
     if data[0] >> 4 != VERSION:

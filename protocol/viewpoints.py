@@ -1,7 +1,7 @@
-"""Where a robot has looked from, as few bits: asked for by a peer that has merged its map (ours; docs/formats.md).
+"""Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/formats.md).
 
-Places are on a grid of 10 cm, in the order in which the robot was there, each told by how far it is from going
-straight on. A list is known by ticks: all places in (since, until].
+Places are on a grid of 10 cm, in the order in which the robot was there. Each is coded as its offset from where the
+last step would lead on. A list covers the ticks (since, until].
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ VIEWS = "views"
 """Kind of message, as in radio.csv."""
 
 CELL_M = 0.1
-"""A robot keeps 0.13 m from walls, so the middle of its cell sees what it saw but for slivers."""
+"""A robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen."""
 MAX_VIEWPOINTS = 4000
-"""In one message: 2 km of path; ours."""
+"""Of one message: 2 km of path (ours)."""
 
 _ASKS = 1
 """Flag in the lowest bit of the first byte."""
 _COUNT, _FIRST, _STEP = 4, 6, 1
-"""Orders of the numbers: how many, the first place, and what the others are off the straight way."""
+"""Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
 
 
 class AskViews(NamedTuple):
-    """What I know of your viewpoints; tell me the rest."""
+    """The question for a peer's viewpoints that are not known yet."""
 
     since: int
-    """Tick of the last one known; 0 for none."""
+    """Tick of the last viewpoint that is known; 0 for none."""
 
     def encode(self) -> bytes:
         """Two to seven bytes."""
@@ -46,7 +46,7 @@ class Views(NamedTuple):
     """Where the sender has looked from after one tick and until another."""
 
     since: int
-    """0: from the beginning, and what was told before does not hold any more."""
+    """0: the list is whole, and replaces what was told before."""
     until: int
     cells: NDArray[np.int64]
     """(k, 2) in units of CELL_M, the sender's own frame."""
@@ -64,7 +64,7 @@ class Views(NamedTuple):
         order = _FIRST
         for x, y in self.cells.tolist():
             for value in (x - last[0] - step[0], y - last[1] - step[1]):
-                bits.number(2 * value if value >= 0 else -2 * value - 1, order)
+                bits.signed(value, order)
             step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
             last, order = (x, y), _STEP
         return first_byte(0) + varint(self.until) + varint(self.until - self.since) + bits.data()
@@ -89,7 +89,7 @@ def decode_views(data: bytes) -> AskViews | Views:
     last = step = (0, 0)
     order = _FIRST
     for _ in range(count):
-        off = [_unfolded(reader.number(order)) for _ in range(2)]
+        off = [reader.signed(order) for _ in range(2)]
         x, y = last[0] + step[0] + off[0], last[1] + step[1] + off[1]
         if CELL_M * max(abs(x), abs(y)) > MAX_COORDINATE_M:
             raise ProtocolError("a viewpoint out of bounds")
@@ -98,11 +98,6 @@ def decode_views(data: bytes) -> AskViews | Views:
         cells.append(last)
     reader.finish()
     return Views(tick - back, tick, np.array(cells, np.int64))
-
-
-def _unfolded(value: int) -> int:
-    """0, 1, 2, 3, ... as 0, -1, 1, -2, ..."""
-    return value >> 1 if value % 2 == 0 else -(value + 1 >> 1)
 
 
 class Looked(NamedTuple):

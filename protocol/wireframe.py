@@ -1,4 +1,4 @@
-"""The map that travels: a labelled, embedded, directed graph of corners and walls (paper III-A)."""
+"""The wireframe: a labelled, embedded, directed graph of corners and walls (paper III-A), and its bytes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from protocol.errors import ProtocolError
 
 MAX_VERTICES = 20_000
-"""More than any building of this scale has (gbeltramo_building, 600 m2, has 200); bounds memory, ours."""
+"""Bounds memory (ours). A building of 600 m2 has 200 vertices."""
 
 MAX_COORDINATE_M = 10_000.0
-"""Positions farther out are nonsense for a robot that drives 0.2 m/s; ours."""
+"""No robot of 0.2 m/s gets farther (ours)."""
 
 _HEADER = struct.Struct("<4sBII")
 _MAGIC = b"WSWF"
@@ -26,11 +26,20 @@ class Label(IntEnum):
     """What is known of a vertex (paper III-A)."""
 
     NOMINAL = 0
-    """A true corner, both its walls seen."""
+    """A true corner of which both walls were seen."""
     OCCLUSION = 1
-    """A true corner at a depth jump: its wall turns away there and hides what lies behind."""
+    """A true corner at a jump in range: the wall turns away there and hides what lies behind."""
     FRONTIER = 2
-    """No corner: the end of what was seen of a wall that goes on."""
+    """No corner: a wall goes on there, unseen."""
+
+    @property
+    def word(self) -> str:
+        """The label in files: nominal, occlusion or frontier."""
+        return self.name.lower()
+
+
+LABELS = {label.word: label for label in Label}
+"""Labels by their word in files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +50,15 @@ class Wireframe:
     """
 
     points: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    """(n, 2) metres, in the frame that the owner says."""
+    """(n, 2) metres, usually in the own frame of the robot whose map it is."""
     labels: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
     """(n,) of Label."""
     edges: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     """(m, 2) vertex indices, from and to."""
     likelihood: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
-    """(m,) in [0, 1]: seen against should have been seen."""
+    """(m,) in [0, 1]: how often the wall was seen, over how often it should have been."""
     own: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
-    """(m,) whether the owner saw the wall itself, or has it from a peer only."""
+    """(m,) whether the robot saw the wall itself; else it has the wall from a peer only."""
 
     def check(self) -> None:
         """Raise ProtocolError unless every array has its shape, all is finite, in bounds and degree <= 1."""

@@ -19,7 +19,6 @@ from agent.geometry.clearance import distance_to_walls
 from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Label, Wireframe
-from world.config import CoverageConfig
 from world.coverage import Coverage
 from world.lidar import Lidar
 from world.worldfile import World
@@ -217,7 +216,7 @@ def explore(
     poses = world.starts(robots, spec.radius_m, rng) if starts is None else np.array(starts, float)
     origins = poses.copy()
     lidar = Lidar(world.segments, spec.lidar, one_sided=True)
-    coverage = Coverage(world, poses, spec.radius_m, spec.lidar.range_max_m, CoverageConfig())
+    coverage = Coverage(world, poses, spec.radius_m, spec.lidar.range_max_m)
     mappers = [OracleMapper(world, pose) for pose in origins]
     explorers = [Explorer(config or ExplorationConfig(), DrivingConfig(), spec, child) for child in rng.spawn(robots)]
     trials = [Trial(explorer=explorer) for explorer in explorers]

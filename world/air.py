@@ -1,7 +1,7 @@
-"""Models of the air between two robots: each may lose a message, or hold it up.
+"""Models of the radio channel between two robots: each may lose a message or delay it.
 
-All that is random is drawn from (seed, tick, sender, receiver, number on the link, model), so that another robot or
-another message moves no other link's luck.
+Everything random is drawn from (seed, model, sender, receiver, tick, number on the link), so that one more robot or
+message changes no draw of another link.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class Hop(NamedTuple):
     sender: int
     receiver: int
     number: int
-    """How many of this tick the same sender had for the same receiver before."""
+    """How many messages the same sender had for the same receiver before in this tick."""
     here: Floats
     """(2,) m, true place of the sender at the sending tick."""
     there: Floats
-    """(2,) m, of the receiver."""
+    """(2,) m, true place of the receiver at the sending tick."""
 
 
 class Loss(Protocol):
@@ -46,15 +46,15 @@ class Loss(Protocol):
     reason: str
 
     def loses(self, hop: Hop) -> bool:
-        """Whether the message ends here."""
+        """Whether the message is lost."""
         ...
 
 
 class Luck:
-    """The random numbers of one model."""
+    """The random generators of one model."""
 
     def __init__(self, seed: int, model: str, place: int) -> None:
-        """place: the model's among those of its kind."""
+        """place: the index of the model among those of its kind."""
         self._words = [seed, zlib.crc32(b"radio"), zlib.crc32(model.encode()), place]
 
     def of_hop(self, hop: Hop) -> np.random.Generator:
@@ -93,7 +93,7 @@ def losses(models: list[Model], robots: list[str], seed: int, period_s: float, w
 
 
 def walls_between(walls: Floats, here: Floats, there: Floats) -> int:
-    """How many walls (n, 4), free space on their left, a straight way goes into."""
+    """How many walls (n, 4), free space on their left, the straight way from `here` to `there` enters."""
     along = walls[:, 2:] - walls[:, :2]
     before, after = here - walls[:, :2], there - walls[:, :2]
     near = along[:, 0] * before[:, 1] - along[:, 1] * before[:, 0]
@@ -102,12 +102,12 @@ def walls_between(walls: Floats, here: Floats, there: Floats) -> int:
     start, end = walls[:, :2] - here, walls[:, 2:] - here
     left = way[0] * start[:, 1] - way[1] * start[:, 0]
     right = way[0] * end[:, 1] - way[1] * end[:, 0]
-    # a way through a shared corner meets just one of its walls: one end counts as left, the other does not
+    # strict on one side only, so that a way through a shared corner enters just one of its walls
     return int(((near > 0) & (far <= 0) & ((left > 0) != (right > 0))).sum())
 
 
 class _Sight:
-    """Walls block."""
+    """Any wall between blocks."""
 
     reason = "walls"
 
@@ -139,7 +139,7 @@ class _Fading:
 
 
 class _Chance:
-    """The same chance for all."""
+    """The same chance of loss for all messages."""
 
     reason = "loss"
 
@@ -151,7 +151,7 @@ class _Chance:
 
 
 class _Bursts:
-    """A chain of two states per link, stepped once a tick."""
+    """A Markov chain of two states per directed link, stepped once a tick."""
 
     reason = "burst"
 
@@ -175,7 +175,7 @@ class _Bursts:
 
 
 class _OwnLosses:
-    """A chance per directed link."""
+    """A chance of loss per directed link."""
 
     reason = "asymmetric"
 
@@ -193,7 +193,7 @@ class _OwnLosses:
 
 
 class _Silence:
-    """Windows in which nothing passes."""
+    """A window of time in which nothing passes."""
 
     reason = "blackout"
 
@@ -207,7 +207,7 @@ class _Silence:
 
 
 class Delay:
-    """Ticks from sending to hearing: one, or what the latency models say, one after the other."""
+    """Ticks from sending to hearing: the sum of what the latency models say, at least one."""
 
     def __init__(self, models: list[Model], seed: int) -> None:
         self._models = [model for model in models if isinstance(model, Latency)]
@@ -222,7 +222,7 @@ class Delay:
 
 
 class Budget:
-    """What each robot's radio has left in the second up to a tick; None: enough."""
+    """What each robot's radio may still carry in the second up to a tick; a limit of None allows everything."""
 
     def __init__(self, bytes_per_s: float | None, ticks_per_s: int) -> None:
         self._limit, self._ticks = bytes_per_s, ticks_per_s

@@ -1,4 +1,4 @@
-"""How much of the visible wall the robots have hit with their beams."""
+"""Coverage: the share of the visible wall that robots' beams have hit (docs/formats.md)."""
 
 from __future__ import annotations
 
@@ -14,58 +14,61 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
-from world.config import CoverageConfig
-from world.worldfile import World, WorldFileError
+from world.worldfile import World
+
+PIECE_M = 0.05
+"""Walls are counted in pieces of at most this length (as in the scorer)."""
+
+GRAZING_RAD = math.radians(8.0)
+"""A wall seen at a smaller angle than this is not expected to be mapped (as in the scorer)."""
+
+GRID_M = 0.30
+"""Distance between the poses from which visibility is tried (as in the scorer)."""
 
 _EYE_M = 2e-4
-"""A piece of wall is looked at this far before its middle: in free space (as in the scorer)."""
+"""Sight of a piece of wall ends this far before its middle, in free space (as in the scorer)."""
 
 _JOINT_M = 1e-6
-"""A hit this near to a joint of two pieces counts for the second; more than rounding."""
+"""A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
 
 _ROW_M = 1e4
-"""Key of a place on the outline: segment times this plus metres along it; longer than any wall."""
+"""Key of a place on the outline: index of its segment times this, plus metres along it. No wall is longer."""
 
 
 @dataclass(frozen=True, eq=False)
 class VisibleWall:
-    """The outline around one region in pieces, and which of them a robot in it can see (contracts.md)."""
+    """The outline around one region, cut into pieces, and which of them a robot in the region can see."""
 
     ends: NDArray[np.float64]
     """(n, 4) x1, y1, x2, y2 of each piece."""
     lengths: NDArray[np.float64]
     """(n,) metres."""
     visible: NDArray[np.bool_]
-    """(n,) seen within range, not too flat, from a place that the robot's centre can reach."""
+    """(n,) whether some place that the robot's centre can reach sees it, within range and above GRAZING_RAD."""
 
 
 @lru_cache(maxsize=16)
-def visible_wall(world: World, region: int, radius_m: float, reach_m: float, config: CoverageConfig) -> VisibleWall:
+def visible_wall(world: World, region: int, radius_m: float, reach_m: float) -> VisibleWall:
     """Visible wall of the region of that index among `world.regions(radius_m)`; the scorer's definition."""
     reachable = world.regions(radius_m)[region]
     pieces = []
-    for polygon in world.free:
-        if not polygon.intersects(reachable):
-            continue
-        for ring in world.outline(polygon):
-            for a, b in pairwise(ring):
-                count = max(1, math.ceil(np.hypot(*(b - a)) / config.piece_m))
-                cuts = a + np.linspace(0, 1, count + 1)[:, None] * (b - a)
-                pieces.append(np.hstack([cuts[:-1], cuts[1:]]))
+    for ring in world.outlines_around(reachable):
+        for a, b in pairwise(ring):
+            count = max(1, math.ceil(np.hypot(*(b - a)) / PIECE_M))
+            cuts = a + np.linspace(0, 1, count + 1)[:, None] * (b - a)
+            pieces.append(np.hstack([cuts[:-1], cuts[1:]]))
     ends = np.vstack(pieces) if pieces else np.zeros((0, 4))
     along = ends[:, 2:] - ends[:, :2]
     return VisibleWall(
         ends=ends,
         lengths=np.hypot(along[:, 0], along[:, 1]),
-        visible=_visible(world, reachable, ends, reach_m, config),
+        visible=_visible(world, reachable, ends, reach_m),
     )
 
 
-def _visible(
-    world: World, reachable: Polygon, ends: NDArray[np.float64], reach_m: float, config: CoverageConfig
-) -> NDArray[np.bool_]:
-    """Which pieces some pose sees: each is tried from its nearest pose first, until one sees it."""
-    poses = _poses(reachable, config.grid_m)
+def _visible(world: World, reachable: Polygon, ends: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+    """(n,) which pieces some pose sees. Each piece is tried from its nearest poses first, until one sees it."""
+    poses = _poses(reachable)
     along = ends[:, 2:] - ends[:, :2]
     length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
     normal = np.stack([-along[:, 1], along[:, 0]], 1) / length[:, None]  # free space lies on the left
@@ -75,7 +78,7 @@ def _visible(
     )
     view = poses[pose] - eye[piece]
     away = np.hypot(view[:, 0], view[:, 1])
-    steep = (view * normal[piece]).sum(1) > math.sin(math.radians(config.grazing_deg)) * away
+    steep = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
     piece, pose, away = piece[steep], pose[steep], away[steep]
     order = np.lexsort((away, piece))
     piece, pose = piece[order], pose[order]
@@ -92,19 +95,19 @@ def _visible(
     return visible
 
 
-def _poses(reachable: Polygon, grid_m: float) -> NDArray[np.float64]:
-    """A grid of places in a region, and its rim."""
+def _poses(reachable: Polygon) -> NDArray[np.float64]:
+    """(p, 2) places in a region: a grid, and points along its rim."""
     x0, y0, x1, y1 = reachable.bounds
-    grid = np.meshgrid(np.arange(x0, x1 + grid_m, grid_m), np.arange(y0, y1 + grid_m, grid_m))
+    grid = np.meshgrid(np.arange(x0, x1 + GRID_M, GRID_M), np.arange(y0, y1 + GRID_M, GRID_M))
     spots = np.stack(grid, -1).reshape(-1, 2)
     spots = spots[shapely.contains_xy(reachable, spots[:, 0], spots[:, 1])]
     rings = (reachable.exterior, *reachable.interiors)
-    rim = [shapely.line_interpolate_point(ring, np.arange(0, ring.length, grid_m)) for ring in rings]
+    rim = [shapely.line_interpolate_point(ring, np.arange(0, ring.length, GRID_M)) for ring in rings]
     return np.vstack([spots, shapely.get_coordinates(np.concatenate(rim))])
 
 
 class _Lookup(NamedTuple):
-    """Pieces sorted by where they begin on the lidar's segments."""
+    """Pieces in the order in which they begin on the lidar's segments."""
 
     begins: NDArray[np.float64]
     walls: NDArray[np.intp]
@@ -114,8 +117,8 @@ class _Lookup(NamedTuple):
 class Coverage:
     """Which pieces of wall each robot has covered so far, and when that made 90 and 99 %.
 
-    Covered is what its own beams have hit, or what a peer had covered when it sent a map that the robot has merged
-    (contracts.md). The team's is the union of all own beams.
+    A robot covers a piece that its own beams have hit, or that a peer had covered when it sent a map which the robot
+    has merged. The team's coverage is the union of all robots' own beams.
     """
 
     MILESTONES = (0.90, 0.99)
@@ -126,12 +129,10 @@ class Coverage:
         starts: NDArray[np.float64],
         radius_m: float,
         reach_m: float,
-        config: CoverageConfig,
     ) -> None:
         """`starts` is (k, 3): robots that start in one region share its visible wall."""
-        regions = world.regions(radius_m)
-        homes = [_index_of(world, regions, x, y, radius_m) for x, y, _ in starts.tolist()]
-        walls = {home: visible_wall(world, home, radius_m, reach_m, config) for home in sorted(set(homes))}
+        homes = [world.region_index(x, y, radius_m) for x, y, _ in starts.tolist()]
+        walls = {home: visible_wall(world, home, radius_m, reach_m) for home in sorted(set(homes))}
         blocks = dict(zip(walls, np.cumsum([0] + [len(w.ends) for w in walls.values()]), strict=False))
         ends = np.vstack([wall.ends for wall in walls.values()])
         lengths = np.concatenate([wall.lengths for wall in walls.values()])
@@ -147,7 +148,7 @@ class Coverage:
         self._hit_since = self._since.copy()
         """Tick of the first own beam."""
         self._merged: list[dict[int, int]] = [{} for _ in range(robots)]
-        """For each robot: merged peers, and when their maps were so."""
+        """For each robot: the peers whose maps it has merged, and the ticks of these maps."""
         self._team_hit = np.zeros(pieces, np.bool_)
         self._length = np.zeros(robots)
         self._covered_length = np.zeros(robots)
@@ -160,9 +161,9 @@ class Coverage:
         self._lookups = {home: self._keys(world, walls[home].ends, blocks[home]) for home in walls}
         self._homes = np.array(homes)
         self.own = np.zeros(robots)
-        """(k,) share of the visible wall of its region that own beams of each robot have hit."""
+        """(k,) share of the visible wall of each robot's region that its own beams have hit."""
         self.covered = np.zeros(robots)
-        """(k,) the same with what merged maps cover."""
+        """(k,) the same, and what merged maps cover."""
         self.team = 0.0
         """Share of the visible wall of all robots' regions that any robot has hit."""
         self.reached: list[dict[float, float]] = [{} for _ in range(robots)]
@@ -180,7 +181,7 @@ class Coverage:
         return _Lookup(key[order], segment[order], piece[order] + block)
 
     def merge(self, tick: int, robot: int, merged: Mapping[int, int]) -> None:
-        """Take in whose maps a robot has merged, and at which tick each of these maps was so; all others are undone."""
+        """Take the peers whose maps a robot has merged, with the ticks of these maps; other merges are undone."""
         before = self._merged[robot]
         if merged == before:
             return
@@ -197,7 +198,7 @@ class Coverage:
         self._covered_length[robot] = self._weight[covered & self._in_home(robot)].sum()
 
     def _in_home(self, robot: int) -> NDArray[np.bool_]:
-        """(pieces,) those of the region that the robot is in; a peer's may be another."""
+        """(pieces,) which pieces belong to the robot's region; a peer may be in another one."""
         low = self._blocks[self._homes[robot]]
         out = np.zeros(len(self._weight), np.bool_)
         out[low[0] : low[1]] = True
@@ -248,7 +249,7 @@ class Coverage:
         lookup: _Lookup,
     ) -> None:
         nth = np.maximum(np.searchsorted(lookup.begins, place + _JOINT_M, side="right") - 1, 0)
-        known = lookup.walls[nth] == wall  # the outside of a building is no visible wall
+        known = lookup.walls[nth] == wall  # a beam may meet the outside of a building, which has no pieces
         robot, piece = robot[known], lookup.pieces[nth[known]]
         fresh = np.flatnonzero(~self._hit[robot, piece])
         if not len(fresh):
@@ -263,11 +264,3 @@ class Coverage:
         new = np.unique(piece[~self._team_hit[piece]])
         self._team_hit[new] = True
         self._team_length += float(self._weight[new].sum())
-
-
-def _index_of(world: World, regions: list[Polygon], x: float, y: float, radius_m: float) -> int:
-    spot = shapely.Point(x, y)
-    for i, region in enumerate(regions):
-        if region.distance(spot) < 1e-3:
-            return i
-    raise WorldFileError(f"{world.source}: no free space for a robot of radius {radius_m} m at ({x:g}, {y:g})")

@@ -1,7 +1,6 @@
-"""Exact lidar: each wall covers one interval of beams, and only those are intersected.
+"""Exact lidar: each wall covers one interval of beams, and only those beams are intersected with it.
 
-"Angular interval" of facts/simulation.md: as exact as testing every beam against every wall, at the cost of
-the pairs that do meet.
+This gives the same ranges as testing every beam against every wall, at the cost of the pairs that do meet.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from numpy.typing import NDArray
 from protocol.messages import LidarSpec
 
 CELL_M = 1.0
-"""Walls within range are found per cell of this size, once."""
+"""The walls within range are looked up once for each cell of this size."""
 
 CHUNK = 20
-"""Robots cast at once: more make arrays so large that the system pages them in anew (measured)."""
+"""Robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time."""
 
 NOTHING = -1
 """In place of a wall's index: the beam met nothing within range."""
@@ -27,10 +26,10 @@ DISC = -2
 """In place of a wall's index: the beam met a teammate."""
 
 _ROUNDING_BEAMS = 1e-9
-"""Intervals are widened by this much, so that rounding leaves no leak where two walls share a corner."""
+"""Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
 
 _TOUCHING_M = 1e-9
-"""Nearer than this to a wall, or to its straight continuation, is on it."""
+"""A lidar nearer than this to a wall, or to its straight continuation, stands on it."""
 
 
 class Lidar:
@@ -95,7 +94,7 @@ class Lidar:
         return out
 
     def _near(self, x: float, y: float) -> NDArray[np.intp]:
-        """Rows of the walls that a lidar somewhere in this place's cell may see."""
+        """Rows of the walls that a lidar anywhere in the cell of this place may see."""
         cell = (math.floor(x / CELL_M), math.floor(y / CELL_M))
         found = self._cells.get(cell)
         if found is None:
@@ -126,7 +125,7 @@ class Lidar:
         on = nearest <= _TOUCHING_M  # then every beam starts on the wall
         begin[on], sweep[on], nearest[on] = 0.0, 2 * math.pi, 0.0
 
-        # rounding must not carry a grazing hit off the wall: it stays between its nearest and farthest place
+        # rounding must not carry a grazing hit beyond the ends of the wall
         with np.errstate(divide="ignore"):
             least, most = 1 / farthest, 1 / nearest
         # on the wall's straight continuation a beam along the wall returns its near end
@@ -203,7 +202,7 @@ def _keep_nearest(
     nearness: NDArray[np.float64],
     met: NDArray[np.intp],
 ) -> None:
-    """Raise `nearness` to the most found on each ray, and note in `met` what stood there."""
+    """Raise `nearness` to the largest value found on each ray, and note in `met` what stood there."""
     np.maximum.at(nearness, ray, found)
     won = found == nearness[ray]
     met[ray[won]] = what[won]

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 MIN_SIDE_M, MAX_SIDE_M = 8.0, 20.0
-"""Smaller ones have no maze in them; larger ones take robots of 0.22 m/s an hour."""
-
+"""Smaller mazes have no branches; larger ones take robots of 0.22 m/s an hour."""
 
 QUARTER_TURN = round(math.pi / 2, 12)
 

@@ -8,47 +8,59 @@ import pymunk.batch
 from numpy.typing import NDArray
 from pymunk.batch import BodyFields
 
+from protocol.arrays import Floats
 from protocol.messages import RobotSpec
-from world.config import PhysicsConfig
+
+STEP_S = 0.02
+"""Time of one physics step: at 0.22 m/s a robot moves 4 mm in it."""
+
+ITERATIONS = 10
+"""Rounds of the contact solver in each step, measured to be enough; pymunk's default."""
+
+SLOP_M = 1e-3
+"""Bodies may sink into each other by this much at rest; pymunk's default of 0.1 is meant for pixels."""
+
+MASS_KG = 1.0
+"""Mass of a TurtleBot3 Burger; it decides only who pushes whom."""
 
 _WALL, _ROBOT = 1, 2
 _READ = BodyFields.BODY_ID | BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY
 _READ |= BodyFields.ANGULAR_VELOCITY
+_WRITE = BodyFields.FORCE | BodyFields.TORQUE
 
 
 class Physics:
-    """The bodies of all robots among the walls; deterministic to the bit for the same calls."""
+    """The bodies of all robots among the walls. The same calls give the same bits."""
 
     def __init__(
         self,
-        segments: NDArray[np.float64],
-        poses: NDArray[np.float64],
+        segments: Floats,
+        poses: Floats,
         spec: RobotSpec,
-        config: PhysicsConfig,
         period_s: float,
     ) -> None:
         """Walls (n, 4) and start poses (k, 3) in metres, world frame; one `advance` takes period_s."""
         self.poses = np.array(poses, np.float64)
-        """(k, 3) where the robots are; theta grows beyond pi where they turn on and on."""
+        """(k, 3) x, y, theta of the robots, world frame; theta is not wrapped."""
         self.wall_contacts = np.zeros(len(poses), np.int64)
-        """(k,) times that a robot began to touch walls, after a whole period without."""
+        """(k,) how often each robot began to touch a wall after a whole period without touch."""
         self.robot_contacts = np.zeros(len(poses), np.int64)
         """(k,) the same for touching other robots."""
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
-        self._steps = max(1, round(period_s / config.step_s))
+        self._steps = max(1, round(period_s / STEP_S))
         self._dt = period_s / self._steps
-        moment = pymunk.moment_for_circle(config.mass_kg, 0, spec.radius_m)
-        self._gain = np.array([config.mass_kg, config.mass_kg, moment]) / self._dt
+        moment = pymunk.moment_for_circle(MASS_KG, 0, spec.radius_m)
+        self._gain = np.array([MASS_KG, MASS_KG, moment]) / self._dt
         self._space = space = pymunk.Space()
-        space.iterations = config.iterations
-        space.collision_slop = config.slop_m
+        space.iterations = ITERATIONS
+        space.collision_slop = SLOP_M
         for x1, y1, x2, y2 in segments.tolist():
             wall = pymunk.Segment(space.static_body, (x1, y1), (x2, y2), 0)
             wall.collision_type = _WALL
             space.add(wall)
         self._row: dict[int, int] = {}
         for i, (x, y, theta) in enumerate(self.poses.tolist()):
-            body = pymunk.Body(config.mass_kg, moment)
+            body = pymunk.Body(MASS_KG, moment)
             body.position, body.angle = (x, y), theta
             disc = pymunk.Circle(body, spec.radius_m)
             disc.collision_type = _ROBOT
@@ -59,61 +71,65 @@ class Physics:
         self._touched_before = self._touched.copy()
         space.on_collision(_ROBOT, _WALL, pre_solve=self._touch, data=self._touched[0])
         space.on_collision(_ROBOT, _ROBOT, pre_solve=self._touch, data=self._touched[1])
-        self._state, self._drive = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        self._state_buffer, self._force_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        self._state = self._read()
+        self._rows = self._robots_of_rows()
 
-    def advance(self, commands: NDArray[np.float64]) -> NDArray[np.float64]:
+    def advance(self, commands: Floats) -> Floats:
         """Drive for one period at (k, 2) speed in m/s and turn rate in rad/s, clamped to what the robot can.
 
         Returns the new poses, (k, 3). Raises ValueError where a command is not finite.
         """
         if not np.isfinite(commands).all():
             raise ValueError("a drive command is not finite")
-        speed, turn = np.clip(commands, -self._limits, self._limits).T
         self._touched_before[:] = self._touched
         self._touched[:] = False
         if len(self.poses):
-            rows = self._rows()
-            speed, turn = speed[rows[:-1]], turn[rows[:-1]]
-            force = np.zeros((len(rows), 3))  # the last row is the static body, which stays
-            for _ in range(self._steps):
-                self._step(speed, turn, force)
-            self.poses = self._read()[np.argsort(rows[:-1]), :3]
+            if not np.array_equal(self._rows, self._robots_of_rows()):
+                raise RuntimeError("pymunk's batch changed the order of its bodies")
+            speed, turn = np.clip(commands, -self._limits, self._limits)[self._rows].T
+            self._drive(speed, turn)
+            self.poses = self._state[np.argsort(self._rows), :3]
         began = self._touched & ~self._touched_before
         self.wall_contacts += began[0]
         self.robot_contacts += began[1]
         return self.poses
 
-    def _step(self, speed: NDArray[np.float64], turn: NDArray[np.float64], force: NDArray[np.float64]) -> None:
-        """One physics step, driven by force.
+    def _drive(self, speed: Floats, turn: Floats) -> None:
+        """All physics steps of one period, at (k,) speeds and turn rates in pymunk's order.
 
-        pymunk moves first and solves contacts after: a velocity written before each step would throw the
-        solution away, and robots would sink into walls.
+        Bodies are driven by force. pymunk moves first and solves contacts after, so a velocity written before each
+        step would throw the solution away, and robots would sink into walls.
         """
-        state, dt = self._read()[:-1], self._dt
-        heading = state[:, 2] + state[:, 5] * dt + turn * (dt / 2)  # in the middle of the coming move
-        force[:-1, 0] = speed * np.cos(heading)
-        force[:-1, 1] = speed * np.sin(heading)
-        force[:-1, 2] = turn
-        force[:-1] -= state[:, 3:]
-        force[:-1] *= self._gain
-        self._drive.set_float_buf(force)
-        pymunk.batch.set_space_bodies(self._space, BodyFields.FORCE | BodyFields.TORQUE, self._drive)
-        self._space.step(dt)
+        dt, half_turn = self._dt, turn * (self._dt / 2)
+        force = np.zeros((len(speed) + 1, 3))  # the last row is the static body, which stays
+        wanted = force[:-1]
+        for _ in range(self._steps):
+            state = self._state[:-1]
+            heading = state[:, 2] + state[:, 5] * dt + half_turn  # in the middle of the coming move
+            np.multiply(speed, np.cos(heading), out=wanted[:, 0])
+            np.multiply(speed, np.sin(heading), out=wanted[:, 1])
+            wanted[:, 2] = turn
+            wanted -= state[:, 3:]
+            wanted *= self._gain
+            self._force_buffer.set_float_buf(force)
+            pymunk.batch.set_space_bodies(self._space, _WRITE, self._force_buffer)
+            self._space.step(dt)
+            self._state = self._read()
 
-    def _read(self) -> NDArray[np.float64]:
-        """(k + 1, 6) x, y, angle, vx, vy, turn rate in pymunk's order; the static body is last."""
-        self._state.clear()
-        pymunk.batch.get_space_bodies(self._space, _READ, self._state)
-        return np.frombuffer(self._state.float_buf()).reshape(-1, 6)
+    def _read(self) -> Floats:
+        """(k + 1, 6) x, y, angle, vx, vy, turn rate in pymunk's order, the static body last, until the next read."""
+        self._state_buffer.clear()
+        pymunk.batch.get_space_bodies(self._space, _READ, self._state_buffer)
+        return np.frombuffer(self._state_buffer.float_buf()).reshape(-1, 6)
 
-    def _rows(self) -> NDArray[np.intp]:
-        """Which robot each of pymunk's rows is; -1 for the static body, which must be last."""
-        self._read()
-        ids = np.frombuffer(self._state.int_buf(), np.uintp).tolist()
+    def _robots_of_rows(self) -> NDArray[np.intp]:
+        """(k,) the robot in each row of the last read but the static body's, which must be the last row."""
+        ids = np.frombuffer(self._state_buffer.int_buf(), np.uintp).tolist()
         rows = np.array([self._row.get(body, -1) for body in ids], np.intp)
         if (rows[:-1] < 0).any() or rows[-1] != -1:
             raise RuntimeError("pymunk's batch no longer puts the static body last")
-        return rows
+        return rows[:-1]
 
     def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, touched: NDArray[np.bool_]) -> None:
         """Called by pymunk for each pair of shapes that touch in a step."""

@@ -1,4 +1,4 @@
-"""The gate that every message between robots must pass, and the books of what passed."""
+"""The gate that every message between robots must pass, and the books of what passed and what was dropped."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ RANGE = "range"
 MTU = "mtu"
 """Dropped: longer than the radio carries in one piece."""
 CAPACITY_OUT = "capacity_out"
-"""Dropped: the sender's radio has no time left in this second."""
+"""Dropped: the sender's radio has no capacity left in this second."""
 CAPACITY_IN = "capacity_in"
-"""Dropped: the receiver's has none."""
+"""Dropped: the receiver's radio has none left."""
 DEAD = "dead"
 """Dropped: the receiver was dead when it was to be delivered."""
 ENDED = "ended"
 """Dropped: the run ended before the delivery."""
 
 MAX_SENDS = 256
-"""Messages of one robot in one tick; a map of 20,000 vertices in fragments is 60."""
+"""Messages of one robot in one tick. A map of 20,000 vertices has 60 parts."""
 
 TABLE_S = 10.0
-"""Simulated seconds over which the link table counts losses: two beacons."""
+"""Simulated seconds over which the link table counts losses: two beacons are due in them."""
 
 
 class Passage(NamedTuple):
@@ -44,7 +44,7 @@ class Passage(NamedTuple):
     sender: str
     receiver: str
     kind: str
-    size: int
+    bytes: int
     outcome: str
 
 
@@ -67,12 +67,12 @@ class Tally:
 
 @dataclass
 class Books:
-    """Payload counts; on the air a broadcast counts once, on the links once per receiver."""
+    """Counts of payloads: a broadcast counts once on the air, and once per receiver on the links."""
 
     on_air: defaultdict[tuple[str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender and kind."""
     addressed: defaultdict[tuple[str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
-    """By sender, receiver and kind: counted when it is sent, before anything is judged, so that sums can fail."""
+    """By sender, receiver and kind, counted when sent: an independent count, against which outcomes are checked."""
     links: defaultdict[tuple[str, str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
     """By sender, receiver, kind and outcome."""
     sent: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
@@ -83,8 +83,8 @@ class Books:
     def as_dict(self, robots: Sequence[str]) -> dict[str, Any]:
         """The payload counts of bandwidth.json: per robot, link and kind.
 
-        What a robot addressed is what it offered, once for each receiver; once nothing is on its way, it is equal to
-        what was delivered and dropped of it. `delivered` and `dropped` of a robot are what was meant for it.
+        `offered` counts a robot's messages once, `addressed` once for each receiver; `delivered` and `dropped` count
+        messages meant for the robot. At the end, what was addressed is what was delivered and what was dropped.
         """
         per_robot: dict[str, Any] = {
             robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
@@ -121,10 +121,10 @@ def _sum(total: Tally, tally: Tally) -> None:
 
 
 class Flying(NamedTuple):
-    """A message on its way to one receiver, or the reason why it does not get there."""
+    """A message on its way to one receiver, with the reason if it is lost."""
 
     due: int
-    """Tick at which it is heard, or the loss is known."""
+    """Tick at which it is heard, or counted as lost."""
     sender: int
     receiver: int
     send: Send
@@ -133,27 +133,27 @@ class Flying(NamedTuple):
 
 @dataclass
 class Reception:
-    """What became of one directed link's messages lately."""
+    """What became of the latest messages of one directed link."""
 
     recent: deque[tuple[int, int, int]] = field(default_factory=deque)
-    """Tick, messages that were judged at it, and how many of them were delivered; of TABLE_S at most."""
+    """Tick, messages judged in it, and how many of these were delivered; for the last TABLE_S."""
     bytes: int = 0
     """Delivered since the start."""
 
     def count(self, tick: int, delivered: bool, since: int) -> None:
-        """Count one message; what was judged at `since` or before is forgotten."""
+        """Count one message, and forget those judged at tick `since` or before."""
         judged, got = self.recent.pop()[1:] if self.recent and self.recent[-1][0] == tick else (0, 0)
         self.recent.append((tick, judged + 1, got + delivered))
         self.forget(since)
 
     def forget(self, since: int) -> None:
-        """Forget what was judged at this tick or before."""
+        """Forget messages judged at tick `since` or before."""
         while self.recent and self.recent[0][0] <= since:
             self.recent.popleft()
 
 
 class Radio:
-    """Takes what robots send and hands out what is heard, by the models of `config`, judged at the sending tick."""
+    """Takes what robots send and hands out what is heard. Range and models judge at the sending tick."""
 
     def __init__(
         self,
@@ -180,7 +180,7 @@ class Radio:
         self._table_ticks = max(1, round(TABLE_S / period_s))
 
     def check(self, sender: str, sends: Sequence[Send]) -> None:
-        """Raise ProtocolError where a receiver is nobody else in this run, or where there is no end of messages."""
+        """Raise ProtocolError for a receiver that is no other robot of this run, and for too many messages."""
         if len(sends) > MAX_SENDS:
             raise ProtocolError(f"{sender} sends {len(sends)} messages in one tick; at most {MAX_SENDS} are taken")
         for send in sends:
@@ -217,9 +217,9 @@ class Radio:
     def deliver(
         self, tick: int, live: Collection[str], *, ended: bool = False
     ) -> tuple[dict[str, list[Heard]], list[Passage]]:
-        """What each live robot hears at this tick, in the order of sender and sequence, and all that was judged.
+        """What each live robot hears at this tick, ordered by sender and sequence, and what became of messages.
 
-        ended: the run is over, and so is all that is still on its way.
+        ended: the run is over, and messages still on their way are dropped.
         """
         heard: dict[str, list[Heard]] = {robot: [] for robot in self._robots if robot in live}
         passages = []
@@ -248,7 +248,7 @@ class Radio:
         return heard, passages
 
     def table(self, tick: int) -> list[LinkReport]:
-        """Who heard whom within the last TABLE_S, how much was lost on the way, and bytes so far; nothing of places."""
+        """Links with a delivery in the last TABLE_S: the share lost in that time, and bytes delivered so far."""
         rows = []
         for (sender, receiver), link in sorted(self._receptions.items()):
             link.forget(tick - self._table_ticks)

@@ -1,4 +1,4 @@
-"""What the air does to a message: models that combine, each a settings object with its kind."""
+"""Settings of the radio: a range and models that combine, each named by its kind."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-
 
 
 class LineOfSight(Config):
-    """Walls block: light, or a carrier of 60 GHz. Drops with the reason `walls`."""
+    """Walls block messages, as they do light or a carrier of 60 GHz. Drops with the reason `walls`."""
 
     kind: Literal["line_of_sight"] = "line_of_sight"
 
@@ -29,15 +29,15 @@ class LogDistance(Config):
 
     kind: Literal["log_distance"] = "log_distance"
     reach_m: Positive = 8.0
-    """Where half of the messages arrive with no wall between: a low-power radio of some mW indoors."""
+    """Distance in m at which half of the messages arrive without walls. The default is an indoor radio of some mW."""
     exponent: Positive = 3.0
-    """n: 2 in free space, 2.5 to 3.5 within buildings."""
+    """Path-loss exponent n: 2 in free space, 2.5 to 3.5 within buildings."""
     wall_db: NotNegative = 6.0
-    """Per wall that the straight way goes through: a brick wall at 2.4 GHz has 5 to 8."""
+    """Attenuation in dB per wall on the straight way; 5 to 8 for a brick wall at 2.4 GHz."""
     fading_db: NotNegative = 4.0
-    """Standard deviation per message; indoors 3 to 6."""
+    """Standard deviation in dB, drawn per message; indoors 3 to 6."""
     link_db: NotNegative = 0.0
-    """Standard deviation per directed link, fixed for a run: receivers and antennas differ."""
+    """Standard deviation in dB, drawn once per directed link and run, because receivers and antennas differ."""
 
     def __str__(self) -> str:
         link = f", {self.link_db:g} dB per link" if self.link_db else ""
@@ -48,41 +48,41 @@ class LogDistance(Config):
 
 
 class Bernoulli(Config):
-    """Each message is lost by itself, with the reason `loss`."""
+    """Each message is lost with the same probability, independently. Drops with the reason `loss`."""
 
     kind: Literal["bernoulli"] = "bernoulli"
     loss: Chance
-    """Share that is lost."""
+    """Probability of loss."""
 
     def __str__(self) -> str:
         return f"loss {self.loss:.0%}"
 
 
 class GilbertElliott(Config):
-    """Losses in bursts, with the reason `burst`: each directed link is good or bad (Gilbert 1960, Elliott 1963)."""
+    """Each directed link is good or bad in turns (Gilbert 1960, Elliott 1963). Drops with the reason `burst`."""
 
     kind: Literal["gilbert_elliott"] = "gilbert_elliott"
     good_s: Positive = 10.0
-    """Mean time in the good state."""
+    """Mean time in the good state, seconds."""
     bad_s: Positive = 2.0
-    """Mean time in the bad state."""
+    """Mean time in the bad state, seconds."""
     loss_good: Chance = 0.0
-    """Share that is lost in the good state."""
+    """Probability of loss in the good state."""
     loss_bad: Chance = 1.0
-    """Share that is lost in the bad state."""
+    """Probability of loss in the bad state."""
 
     def __str__(self) -> str:
         return f"bursts ({self.bad_s:g} s of {self.loss_bad:.0%} loss, {self.good_s:g} s of {self.loss_good:.0%})"
 
 
 class Asymmetric(Config):
-    """A loss of its own on each directed link, fixed for a run, with the reason `asymmetric`."""
+    """Each directed link has its own probability of loss, fixed for a run. Drops with the reason `asymmetric`."""
 
     kind: Literal["asymmetric"] = "asymmetric"
     most: Chance = 0.5
-    """A link's loss is drawn between 0 and this."""
+    """Upper bound of a link's probability of loss, which is drawn uniformly from 0."""
     links: dict[LinkName, Chance] = Field(default_factory=dict)
-    """Losses that are not drawn, such as "r1>r2": 1.0."""
+    """Probabilities that are given instead of drawn, such as "r1>r2": 1.0."""
 
     def __str__(self) -> str:
         given = "".join(f", {link} {loss:.0%}" for link, loss in self.links.items())
@@ -90,28 +90,28 @@ class Asymmetric(Config):
 
 
 class Blackout(Config):
-    """Nothing passes for a while, with the reason `blackout`."""
+    """Nothing passes for a while. Drops with the reason `blackout`."""
 
     kind: Literal["blackout"] = "blackout"
     begin_s: NotNegative
-    """Simulated time from which nothing passes."""
+    """Begin in simulated seconds."""
     end_s: NotNegative
-    """Simulated time from which messages pass again."""
+    """End in simulated seconds."""
     robots: list[RobotId] = Field(default_factory=list)
-    """Who neither sends nor hears; empty: nobody does."""
+    """Robots that neither send nor hear; empty for all."""
 
     def __str__(self) -> str:
         return f"blackout of {', '.join(self.robots) or 'all'} from {self.begin_s:g} to {self.end_s:g} s"
 
 
 class Latency(Config):
-    """Messages take their time, and may overtake each other."""
+    """Messages arrive later, and may overtake each other."""
 
     kind: Literal["latency"] = "latency"
     ticks: Annotated[int, Field(ge=1, le=1000)] = 1
-    """From sending to hearing; nothing is faster than the next tick."""
+    """Ticks from sending to hearing; 1 is the least."""
     jitter: Annotated[int, Field(ge=0, le=1000)] = 0
-    """Up to so many ticks more, all alike likely."""
+    """Largest additional delay in ticks, drawn uniformly."""
 
     def __str__(self) -> str:
         more = f" to {self.ticks + self.jitter}" if self.jitter else ""
@@ -119,14 +119,14 @@ class Latency(Config):
 
 
 class Capacity(Config):
-    """What a robot's radio takes in a second, sent and heard together; more is dropped.
+    """A robot's radio carries so much in a second, sent and heard together; more is dropped.
 
-    With the reason `capacity_out` where the sender's is used up, `capacity_in` where the receiver's is.
+    Reasons: `capacity_out` where the sender's capacity is used up, `capacity_in` where the receiver's is.
     """
 
     kind: Literal["capacity"] = "capacity"
     bytes_per_s: Positive
-    """Sum of what one robot sends and hears."""
+    """Payload bytes per simulated second and robot."""
 
     def __str__(self) -> str:
         return f"capacity {self.bytes_per_s:g} B/s"
@@ -142,11 +142,11 @@ class RadioConfig(Config):
     """Who hears whom. A message must pass the range and then every model, in their order."""
 
     range_m: Positive | None = 4.0
-    """A disc around the sender, judged at the sending tick (paper III: robots within radio range); null for none."""
+    """Range in m, judged at the sending tick (paper III: robots within radio range); null for no limit."""
     mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = MTU_BYTES
     """The longest message that goes on the air; robots are told it."""
     models: list[Model] = Field(default_factory=list)
-    """Further losses and delays, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""
+    """Further losses and delays in this order, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""
 
     def __str__(self) -> str:
         reach = f"range {self.range_m:g} m" if self.range_m else "no range limit"

@@ -1,4 +1,4 @@
-"""The run directory: everything that a run leaves behind (contracts.md), byte for byte the same for the same run.
+"""The run directory (docs/formats.md): everything that a run leaves behind, byte for byte the same for the same run.
 
 Only `real_time_factor`, `step_ms_median` and `late_ticks` of summary.json depend on the machine.
 """
@@ -9,9 +9,8 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,11 +19,24 @@ from protocol.wireframe import Label, Wireframe
 from world.radio import Passage
 from world.worldfile import World, to_yaml
 
-METRICS = ("t", "robot", "coverage", "path_m", "vertices", "bytes_sent", "bytes_received")
-RADIO = ("tick", "sender", "receiver", "kind", "bytes", "outcome")
+TEAM = "team"
+"""The name of the union of all robots in metrics.csv."""
 
 PLACE_DIGITS = 6
-"""Micrometres and microradians: wireframes travel as float32."""
+"""Decimals of places in maps: micrometres, as wireframes travel as float32."""
+
+
+class MetricsRow(NamedTuple):
+    """A line of metrics.csv: one robot, or the team, at one simulated second."""
+
+    t: float
+    robot: str
+    coverage: float
+    path_m: float
+    vertices: int | None
+    """Of the robot's newest map; None without one."""
+    bytes_sent: int
+    bytes_received: int
 
 
 class Recorder:
@@ -46,18 +58,19 @@ class Recorder:
         (out / "world.yaml").write_text(to_yaml(world.document), encoding="utf-8")
         frames = {robot: start.tolist() for robot, start in zip(robots, starts, strict=True)}
         self._json("truth.json", {"frames": frames, "robot_radius": radius_m, "lidar_range": range_m})
-        self._files = ExitStack()
+        self._files: list[TextIO] = []
         self._events = self._open("events.jsonl")
-        self._tables = self._open("metrics.csv"), self._open("radio.csv")
-        self._metrics, self._radio = (csv.writer(table, lineterminator="\n") for table in self._tables)
-        self._metrics.writerow(METRICS)
-        self._radio.writerow(RADIO)
+        self._metrics, self._radio = (
+            csv.writer(self._open(name), lineterminator="\n") for name in ("metrics.csv", "radio.csv")
+        )
+        self._metrics.writerow(MetricsRow._fields)
+        self._radio.writerow(Passage._fields)
         self._updates = self._open("updates.jsonl")
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = {robot: self._open(f"trajectories/{robot}.tum") for robot in robots}
 
     def event(self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any]) -> None:
-        """One line of events.jsonl; `data` cannot hide when, who and what."""
+        """One line of events.jsonl. Keys of `data` cannot replace time, tick, robot and event."""
         line = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
         self._events.write(_dump(line | {key: value for key, value in data.items() if key not in line}))
 
@@ -71,21 +84,9 @@ class Recorder:
         """Lines of radio.csv."""
         self._radio.writerows(passages)
 
-    def metrics(
-        self,
-        t: float,
-        robot: str,
-        coverage: float,
-        path_m: float,
-        vertices: int | None,
-        bytes_sent: int,
-        bytes_received: int,
-    ) -> None:
+    def metrics(self, row: MetricsRow) -> None:
         """One line of metrics.csv."""
-        known = "" if vertices is None else vertices
-        self._metrics.writerow(
-            (seconds(t), robot, f"{coverage:.6f}", f"{path_m:.4f}", known, bytes_sent, bytes_received)
-        )
+        self._metrics.writerow(row._replace(coverage=f"{row.coverage:.6f}", path_m=f"{row.path_m:.4f}"))  # type: ignore[arg-type]
 
     def snapshot(self, t: float, robot: str, wireframe: Wireframe) -> None:
         """One line of snapshots/ID.jsonl."""
@@ -97,14 +98,8 @@ class Recorder:
         self._updates.write(_dump(line))
 
     def flush(self) -> None:
-        """Bring what was written so far to the disk, for the case that this process is killed."""
-        for file in (
-            self._events,
-            self._updates,
-            *self._tables,
-            *self._snapshots.values(),
-            *self._trajectories.values(),
-        ):
+        """Hand what was written so far to the system, so that a killed process loses nothing of it."""
+        for file in self._files:
             file.flush()
 
     def close(
@@ -113,16 +108,18 @@ class Recorder:
         summary: Mapping[str, Any],
         bandwidth: Mapping[str, Any],
     ) -> None:
-        """The final maps, the summary and the books; closes all files."""
+        """Write the final maps, the summary and the radio's books, and close all files."""
         for robot, wireframe in maps.items():
             self._json(f"maps/{robot}.json", map_fields(robot, wireframe))
             self._json(f"maps/{robot}.own.json", map_fields(robot, own_part(wireframe)))
         self._json("summary.json", summary)
         self._json("bandwidth.json", bandwidth)
-        self._files.close()
+        for file in self._files:
+            file.close()
 
     def _open(self, name: str) -> TextIO:
-        return self._files.enter_context((self._out / name).open("w", encoding="utf-8", newline=""))
+        self._files.append((self._out / name).open("w", encoding="utf-8", newline=""))
+        return self._files[-1]
 
     def _json(self, name: str, value: Mapping[str, Any]) -> None:
         (self._out / name).write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
@@ -133,14 +130,14 @@ def map_fields(robot: str, wireframe: Wireframe) -> dict[str, Any]:
     return {
         "robot": robot,
         "vertices": wireframe.points.round(PLACE_DIGITS).tolist(),
-        "labels": [Label(label).name.lower() for label in wireframe.labels.tolist()],
+        "labels": [Label(label).word for label in wireframe.labels.tolist()],
         "edges": wireframe.edges.tolist(),
         "edge_likelihood": wireframe.likelihood.astype(np.float64).round(4).tolist(),
     }
 
 
 def own_part(wireframe: Wireframe) -> Wireframe:
-    """The map without walls that only others saw, and without the vertices that only those had."""
+    """The map without walls that only others saw, and without the vertices of only such walls."""
     own = wireframe.own
     gone = np.zeros(len(wireframe.points), np.bool_)
     gone[wireframe.edges[~own].reshape(-1)] = True

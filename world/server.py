@@ -1,101 +1,39 @@
-"""The thin shell around an episode: an embedded router, the join, the ticks, and what happens when a robot dies."""
+"""The shell around an episode over Zenoh: an embedded router, the join, the ticks, and robots that die."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
-from enum import Enum
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 import zenoh
 
 from protocol import keys
 from protocol.access import Secrets
-from protocol.codec import decode, encode
+from protocol.codec import encode
 from protocol.errors import LinkError, ProtocolError
-from protocol.messages import (
-    PROTOCOL_VERSION,
-    Action,
-    Clock,
-    End,
-    Event,
-    Join,
-    LinkTable,
-    MapReport,
-    Progress,
-    Refused,
-    Send,
-)
+from protocol.inbox import Arrival, Inbox
+from protocol.messages import Clock, End, LinkTable, Progress, Refused
 from protocol.session import at_once, open_router, wait_for_matching
+from world.answers import LockstepAnswers, RealTimeAnswers
 from world.config import ServerConfig, WorldConfig
-from world.episode import BadOutputsError, Episode, Outputs
+from world.episode import Episode
+from world.inbox import WorldInbox
+from world.participants import Participants
+from world.tick import BadOutputsError, Outputs
 from world.wire import Wire
 
+FAREWELL_S = 1.0
+"""At the end of a run, robots have this long to go by themselves before the router closes."""
 
-class Arrival(NamedTuple):
-    """One thing that came in, of one robot: the last part of its key and its bytes, or one of Inbox's words."""
-
-    robot: str
-    what: str
-    payload: bytes = b""
-    query: zenoh.Query | None = None
-
-
-class Inbox(SimpleQueue[Arrival]):
-    """What came in, in order; safe to fill from callbacks and signal handlers, taken by one thread only."""
-
-    ALIVE, GONE, STOP = "token", "no token", "stop"
-
-    def stop(self) -> None:
-        """End the episode as interrupted."""
-        self.put(Arrival("", self.STOP))
-
-    def hear(self, sample: zenoh.Sample) -> None:
-        """Take a sample of what a robot says."""
-        key = str(sample.key_expr)
-        self.put(Arrival(keys.robot_of(key), keys.channel_of(key), sample.payload.to_bytes()))
-
-    def watch(self, sample: zenoh.Sample) -> None:
-        """Take a change of a robot's liveliness token."""
-        what = self.ALIVE if sample.kind == zenoh.SampleKind.PUT else self.GONE
-        self.put(Arrival(keys.robot_of(str(sample.key_expr)), what))
-
-    def ask(self, query: zenoh.Query) -> None:
-        """Take a question on robots/*/srv/**."""
-        key = str(query.key_expr)
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        self.put(Arrival(keys.robot_of(key), keys.channel_of(key), payload, query))
+PROGRESS_S = 0.2
+"""Clock and progress are published this often, so that a viewer looks alive."""
 
 
 class Interrupted(Exception):  # noqa: N818
     """Somebody asked the world to stop; no error."""
-
-
-class Phase(Enum):
-    """Where a robot stands."""
-
-    AWAITED = "awaited"
-    WELCOMED = "welcomed"
-    """Let in, but it may still miss messages."""
-    READY = "ready"
-    """Its token is there: it reads and is read, so no message is lost."""
-    DEAD = "dead"
-
-
-@dataclass
-class Answer:
-    """What a robot said since its last action was taken."""
-
-    sends: list[Send] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    map: MapReport | None = None
-    action: Action | None = None
-    """None until the action came, which is the last of a tick."""
 
 
 def serve(
@@ -104,20 +42,20 @@ def serve(
     out: Path | None,
     *,
     secrets: Secrets | None = None,
-    inbox: Inbox | None = None,
+    inbox: WorldInbox | None = None,
     listening: Callable[[str], None] = lambda endpoint: None,
     progress: Callable[[Progress], None] = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
-    out: the run directory. secrets: of the robots and viewers that may connect; None: everybody. listening is told
-    the endpoint once robots may join; progress is called some times a second. Raises LinkError where the world
-    cannot listen, or robots do not join in time.
+    out: the run directory. secrets: of the robots and viewers that may connect; None lets everybody connect.
+    `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises LinkError
+    where the world cannot listen, or robots do not join in time.
     """
     episode = Episode(config, out)
     with (
         open_router(server.listen, secrets) as (session, endpoint),
-        Shell(episode, server, session, inbox or Inbox(), progress) as shell,
+        Shell(episode, server, session, inbox or WorldInbox(), progress) as shell,
     ):
         listening(endpoint)
         ended = "interrupted"
@@ -140,23 +78,20 @@ class Shell:
         episode: Episode,
         config: ServerConfig,
         session: zenoh.Session,
-        inbox: Inbox,
+        inbox: WorldInbox,
         progress: Callable[[Progress], None],
     ) -> None:
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
         self._session = session
         self._declared = ExitStack()
-        self._phase = dict.fromkeys(episode.robots, Phase.AWAITED)
-        self._answers = {robot: Answer() for robot in episode.robots}
-        self._last: dict[str, Action] = {}
-        self._missed: dict[str, int] = dict.fromkeys(episode.robots, 0)
+        self._participants = Participants(episode.robots, episode.dead)
+        self._lockstep_answers = LockstepAnswers(episode.robots)
+        self._answers = self._lockstep_answers if self._lockstep else RealTimeAnswers(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
-        self._sessions: dict[str, str] = {}
-        """Zenoh IDs of the robots that joined."""
         self._began: float | None = None
-        """Monotonic seconds at the first tick, where ticks go on: all robots are ready, and it has not ended."""
+        """time.monotonic() at the first tick; None before it and after the last one."""
         self._told = 0.0
 
     def __enter__(self) -> Self:
@@ -180,21 +115,20 @@ class Shell:
         declare(session.liveliness().declare_token(keys.WORLD_ALIVE))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._declared.close()
 
     def gather(self, endpoint: str) -> None:
         """Wait until every robot is ready; LinkError names those missing after join_timeout_s."""
-        deadline = time.monotonic() + self.config.join_timeout_s
-        while missing := [robot for robot, phase in self._phase.items() if phase != Phase.READY]:
+        timeout_s = self.config.join_timeout_s
+        deadline = time.monotonic() + timeout_s
+        while missing := self._participants.missing:
             if not self._take(deadline):
                 raise LinkError(
-                    f"{', '.join(missing)} did not join within {self.config.join_timeout_s:g} s: start each by "
+                    f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by "
                     f"`wireswarm agent --id {missing[0]} --connect {endpoint}`"
                 )
-        wait_for_matching(self._put.values(), self.config.join_timeout_s)
+        wait_for_matching(self._put.values(), timeout_s)
         self._wire.begin(self._ports())
         self._began = time.monotonic()
 
@@ -214,24 +148,15 @@ class Shell:
             else:
                 self._wait_until(self._began + (tick + 1) * self.episode.period_s / self.config.real_time)
             if self.episode.ended is None:
-                self._advance({robot: self._outputs(robot, tick) for robot in self._ready()})
-            if time.monotonic() - self._told > self.config.progress_s:
+                self._advance({robot: self._answers.take(robot, tick) for robot in self._participants.ready})
+            if time.monotonic() - self._told > PROGRESS_S:
                 self.tell()
 
-    def _say(self, robot: str, channel: str, payload: bytes) -> None:
-        self._wire.told(robot, channel, payload)
-        self._put[robot, channel].put(payload)
-
-    def _ports(self) -> dict[str, int]:
-        """Each robot's end of its link."""
-        far_ends = {str(link.zid): str(link.dst).rsplit(":", 1)[-1] for link in self._session.info.links()}
-        ports = {robot: far_ends.get(self._sessions.get(robot, ""), "") for robot in self.episode.robots}
-        return {robot: int(port) for robot, port in ports.items() if port.isdigit()}
-
     def tell(self, ended: str | None = None) -> None:
-        """Publish clock and progress, and call the callback."""
+        """Publish clock, link table and progress, and call the callback."""
         self._told = time.monotonic()
         episode = self.episode
+        episode.late_ticks = self._answers.late_ticks
         clock = Clock(
             tick=episode.tick,
             t=episode.t,
@@ -250,22 +175,30 @@ class Shell:
         self.progress(progress)
 
     def close(self, ended: str) -> None:
-        """Write the run directory, tell everybody that it is over, and give robots a moment to go by themselves."""
+        """Write the run directory, tell everybody that the run is over, and give robots a moment to go."""
         if self._began is not None:
             self.episode.wall_s = time.monotonic() - self._began
         self._began = None
         self.episode.wire = self._wire.as_dict()
+        self.episode.late_ticks = self._answers.late_ticks
         self.episode.close(ended)
         self.tell(ended)
-        for robot in self._ready():
+        for robot in self._participants.ready:
             self._say(robot, keys.END, encode(End(reason=ended)))
-        deadline = time.monotonic() + self.config.farewell_s
+        deadline = time.monotonic() + FAREWELL_S
         with suppress(Interrupted):
-            while self._ready() and self._take(deadline):
+            while self._participants.ready and self._take(deadline):
                 pass
 
-    def _ready(self) -> list[str]:
-        return [robot for robot in self.episode.robots if self._phase[robot] == Phase.READY]
+    def _say(self, robot: str, channel: str, payload: bytes) -> None:
+        self._wire.told(robot, channel, payload)
+        self._put[robot, channel].put(payload)
+
+    def _ports(self) -> dict[str, int]:
+        """Port of each robot's end of its link."""
+        far_ends = {str(link.zid): str(link.dst).rsplit(":", 1)[-1] for link in self._session.info.links()}
+        ports = {robot: far_ends.get(session, "") for robot, session in self._participants.sessions.items()}
+        return {robot: int(ports[robot]) for robot in self.episode.robots if ports.get(robot, "").isdigit()}
 
     def _status(self, robot: str) -> str:
         if robot in self.episode.dead:
@@ -273,125 +206,62 @@ class Shell:
         return "complete" if self.episode.complete[robot] else "exploring"
 
     def _wait_for_all(self, deadline: float) -> None:
-        while any(self._answers[robot].action is None for robot in self._ready()):
+        while due := self._lockstep_answers.due(self._participants.ready):
             if not self._take(deadline):
-                for robot in self._ready():
-                    if self._answers[robot].action is None:
-                        self._kill(robot, f"said nothing for {self.config.silence_s:g} s")
+                for robot in due:
+                    self._kill(robot, f"said nothing for {self.config.silence_s:g} s")
 
     def _wait_until(self, deadline: float) -> None:
         while self._take(deadline):
             pass
 
-    def _outputs(self, robot: str, tick: int) -> Outputs:
-        """What a robot said since the last tick, in real time as if it had been said for this one.
-
-        A robot without an action goes on with its last for one tick, then stands still until it answers.
-        """
-        answer, self._answers[robot] = self._answers[robot], Answer()
-        action = answer.action
-        if self._lockstep:
-            assert action is not None
-            return Outputs(answer.sends, action, answer.map)
-        if action is None or action.tick < tick:
-            self.episode.late_ticks += 1
-        self._missed[robot] = 0 if action is not None else self._missed[robot] + 1
-        action = action or self._last.get(robot) or Action(tick=tick, speed_mps=0.0, turn_rps=0.0)
-        self._last[robot] = action
-        now = {"tick": tick}
-        then = {"sent": len(answer.sends), "events": answer.events}
-        stop = {"speed_mps": 0.0, "turn_rps": 0.0} if self._missed[robot] > 1 else {}
-        return Outputs(
-            [send.model_copy(update=now) for send in answer.sends],
-            action.model_copy(update=now | then | stop),
-            answer.map and answer.map.model_copy(update=now),
-        )
-
     def _advance(self, outputs: dict[str, Outputs]) -> None:
         while True:
             try:
                 return self.episode.advance(outputs)
-            except BadOutputsError as error:  # raised before anything changed: once more without that robot
+            except BadOutputsError as error:  # raised before anything changed, so the others' answers still hold
                 self._kill(error.robot, str(error))
 
     def _take(self, deadline: float) -> bool:
-        """Take one thing that came in, waiting for it until the deadline; whether there was one."""
-        try:
-            robot, what, payload, query = self.inbox.get(timeout=max(0.0, deadline - time.monotonic()))
-        except Empty:
+        """Act on the next arrival, waiting for it until the deadline; whether there was one."""
+        arrival = self.inbox.take(deadline)
+        if arrival is None:
             return False
-        if what == Inbox.STOP:
-            raise Interrupted
-        if query is not None:
-            with query:
-                self._reply(query, robot, what, payload)
+        if arrival.query is not None:  # first, because the question's key is the robot's choice
+            self._reply(arrival, arrival.query)
             return True
-        phase = self._phase.get(robot)
-        if what == Inbox.ALIVE and phase == Phase.WELCOMED:
-            self._phase[robot] = Phase.READY
-        elif what == Inbox.GONE and phase in (Phase.READY, Phase.WELCOMED):
-            if self._began is not None:
-                self._kill(robot, "its process or its link ended")
-            else:
-                self._phase[robot] = Phase.AWAITED  # before, it may be started again; after, it has left as it should
-        elif what in keys.NEEDED and phase == Phase.READY and self._began is not None:
-            self._wire.heard(robot, payload)
-            try:
-                self._hear(robot, what, payload)
-            except ProtocolError as error:
-                self._kill(robot, str(error))
+        match arrival.what:
+            case Inbox.STOP:
+                raise Interrupted
+            case WorldInbox.ALIVE:
+                self._participants.token_came(arrival.robot)
+            case WorldInbox.GONE:
+                # a robot that leaves before the first tick may be started again; after the last one it leaves as asked
+                if self._participants.token_went(arrival.robot) and self._began is not None:
+                    self._kill(arrival.robot, "its process or its link ended")
+            case channel if channel in keys.NEEDED and self._began is not None:
+                self._hear(arrival.robot, channel, arrival.payload)
         return True
 
     def _hear(self, robot: str, channel: str, payload: bytes) -> None:
-        answer = self._answers[robot]
-        match channel:
-            case keys.RADIO:
-                answer.sends.append(decode(Send, payload))
-            case keys.MAP:
-                answer.map = decode(MapReport, payload)
-            case keys.ACT:
-                answer.action = action = decode(Action, payload)
-                answer.events.extend(action.events)
-                if self._lockstep and (action.tick, action.sent) != (self.episode.tick, len(answer.sends)):
-                    raise ProtocolError(
-                        f"an action of tick {action.tick} after {action.sent} messages, "
-                        f"where tick {self.episode.tick} and {len(answer.sends)} were due"
-                    )
+        if not self._participants.is_ready(robot):
+            return
+        self._wire.heard(robot, payload)
+        try:
+            self._answers.hear(robot, channel, payload, self.episode.tick)
+        except ProtocolError as error:
+            self._kill(robot, str(error))
 
     def _kill(self, robot: str, reason: str) -> None:
-        self._phase[robot] = Phase.DEAD
+        self._participants.give_up(robot)
         self.episode.kill(robot, reason)
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
-    def _reply(self, query: zenoh.Query, robot: str, service: str, payload: bytes) -> None:
-        join = self._admitted(robot, service, payload)
-        if isinstance(join, str):
-            query.reply_err(encode(Refused(reason=join)))
-            return
-        self._sessions[robot] = join.session
-        self._phase[robot] = Phase.WELCOMED
-        welcome = self.episode.welcome(robot).model_copy(update={"lockstep": self._lockstep})
-        query.reply(query.key_expr, encode(welcome))
-
-    def _admitted(self, robot: str, service: str, payload: bytes) -> Join | str:
-        """The question of a robot that is welcome, else why it is not."""
-        if service != keys.JOIN:
-            return f"the world offers no {service!r}"
-        try:
-            join = decode(Join, payload)
-        except ProtocolError as error:
-            return str(error)
-        if join.version != PROTOCOL_VERSION:
-            return f"it speaks version {join.version} of the protocol, the world version {PROTOCOL_VERSION}"
-        if join.robot != robot:
-            return f"it says that it is {join.robot}"
-        match self._phase.get(robot):
-            case None:
-                return f"no {robot} takes part, only {', '.join(self.episode.robots)}"
-            case Phase.WELCOMED if self._sessions[robot] == join.session:
-                pass  # it asks again where a world before this one was gone while it asked
-            case Phase.WELCOMED | Phase.READY:
-                return f"another {robot} is there already"
-            case Phase.DEAD:
-                return f"it was given up: {self.episode.dead[robot]}"
-        return join
+    def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
+        with query:
+            refusal = self._participants.admit(arrival.robot, arrival.what, arrival.payload)
+            if refusal is not None:
+                query.reply_err(encode(Refused(reason=refusal)))
+            else:
+                welcome = self.episode.welcome(arrival.robot, lockstep=self._lockstep)
+                query.reply(query.key_expr, encode(welcome))

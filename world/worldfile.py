@@ -1,4 +1,4 @@
-"""A world file: what stands where, and where robots may start."""
+"""World files: walls and obstacles, and where robots start."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from shapely.geometry.base import BaseGeometry
 BUNDLED = Path(__file__).parent / "bundled"
 
 SLIT_M = 2e-3
-"""Gaps between abutting solids narrower than this are closed (as in the scorer): 1.5708 is not pi/2."""
+"""Narrower gaps between abutting solids are closed (as in the scorer): a yaw of 1.5708 is not pi/2."""
 
 THIN_M = 2e-4
-"""Thickness of a wall that has none: a solid needs an inside (as in the scorer)."""
+"""Thickness given to walls without one, because a solid needs an inside (as in the scorer)."""
 
 STRAIGHT_M = 5e-5
 """Vertices nearer than this to the chord of their neighbours are no corners; a quarter of THIN_M."""
 
 FRAME_M = 1.0
-"""Free space is known this far around the solids (as in the scorer)."""
+"""Free space ends this far around the solids (as in the scorer)."""
 
 SPAWN_DISTANCE_M = 1.0
-"""Drawn starts keep this from each other where there is room, so that no robot boxes in another."""
+"""Drawn starts keep this distance where there is room, so that no robot blocks another."""
 
 SPAWN_CLEARANCE_M = 0.1
-"""Drawn starts keep this from the walls, beside the robot's radius, so that it can turn and leave."""
+"""Drawn starts leave this between body and walls, so that a robot can turn and leave."""
 
 MAX_COORDINATE_M = 1000.0
-"""No building is larger; a file that says so is in other units."""
+"""A file with larger coordinates is probably not in metres."""
 
 MAX_BYTES = 10_000_000
-"""Of a world file; a thousand walls take 50 kB."""
+"""Largest world file; a thousand walls take 50 kB."""
 
 
 class WorldFileError(ValueError):
@@ -58,7 +58,7 @@ class World:
     source: str
     """The file's name, for messages."""
     solid: BaseGeometry
-    """All that stands, hairline slits closed."""
+    """Walls and obstacles, with narrow slits closed."""
     spawns: NDArray[np.float64]
     """(k, 3) x, y, theta: r1 starts at the first."""
     document: Mapping[str, Any] = field(repr=False)
@@ -87,7 +87,7 @@ class World:
         for ring in (polygon.exterior, *polygon.interiors):
             points = np.asarray(ring.coords)
             if not (points[:, 0].min() < x0 - FRAME_M / 2 and points[:, 0].max() > x1 + FRAME_M / 2):
-                yield points  # the frame is no wall
+                yield points  # the frame around the world is no wall
 
     @cached_property
     def rings(self) -> list[NDArray[np.float64]]:
@@ -95,7 +95,7 @@ class World:
         rings = []
         for polygon in self.free:
             for points in self.outline(polygon):
-                # simplify never drops the first vertex: start at one that surely is a corner
+                # simplify keeps the first vertex, so the ring starts at one that is a corner for sure
                 first = int(np.lexsort((points[:-1, 1], points[:-1, 0]))[0])
                 turned = np.vstack([points[first:-1], points[: first + 1]])
                 rings.append(np.asarray(LineString(turned).simplify(STRAIGHT_M).coords))
@@ -106,14 +106,26 @@ class World:
         """The outline as (n, 4) x1, y1, x2, y2, free space on the left."""
         return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in self.rings])
 
+    def outlines_around(self, region: Polygon) -> list[NDArray[np.float64]]:
+        """The rings of `outline` that bound the free space around one of `regions`."""
+        return [ring for polygon in self.free if polygon.intersects(region) for ring in self.outline(polygon)]
+
+    @lru_cache(maxsize=8)  # noqa: B019  (worlds are few, and `parse` keeps them in any case)
     def regions(self, radius_m: float) -> list[Polygon]:
-        """Where the centre of a robot can be; one polygon for each region that hangs together."""
+        """Where the centre of a robot of this radius can be: one polygon for each connected region."""
         return polygons_of(self._open.buffer(-radius_m))
 
     def region_of(self, x: float, y: float, radius_m: float) -> Polygon | None:
-        """The region of a robot's centre that holds this place, or None in a wall."""
+        """The one of `regions` that holds this place, or None in a wall."""
         spot = Point(x, y)
-        return next((r for r in self.regions(radius_m) if r.distance(spot) < 1e-3), None)
+        return next((region for region in self.regions(radius_m) if region.distance(spot) < 1e-3), None)
+
+    def region_index(self, x: float, y: float, radius_m: float) -> int:
+        """Index in `regions` of the one that holds this place; raises WorldFileError in a wall."""
+        region = self.region_of(x, y, radius_m)
+        if region is None:
+            raise WorldFileError(f"{self.source}: no free space for a robot of radius {radius_m} m at ({x:g}, {y:g})")
+        return self.regions(radius_m).index(region)
 
     def starts(
         self, robots: int, radius_m: float, rng: np.random.Generator, *, drawn: bool = False
@@ -145,7 +157,7 @@ class World:
                     starts.append((float(spot[0]), float(spot[1]), float(spot[2])))
                     break
             else:
-                distance *= 0.8  # crowded: stand closer, but not in each other
+                distance *= 0.8  # in a crowded world robots start closer, but never overlap
                 if distance < 2.2 * radius_m:
                     raise WorldFileError(f"{self.source}: spawns: no room for {robots} robots")
         return np.array(starts, np.float64)
@@ -192,7 +204,7 @@ def parse(text: str, source: str) -> World:
         document = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         raise WorldFileError(f"{source}: no YAML: {' '.join(str(error).split())}") from None
-    except (RecursionError, ValueError) as error:  # nested too deep; a date or number that is none
+    except (RecursionError, ValueError) as error:  # nested too deep; an impossible date or number
         raise WorldFileError(f"{source}: no YAML: {error}") from None
     if not isinstance(document, dict):
         raise WorldFileError(f"{source}: must be a map of fields, not {type(document).__name__}")
@@ -300,7 +312,7 @@ def _polygons(document: Mapping[Any, Any], source: str) -> Iterator[list[list[li
 
 
 def _number(value: object, where: str) -> float:
-    """A finite float; a text such as 1e-5, which YAML 1.1 takes for one though JSON does not, is a number."""
+    """A finite float. Texts such as 1e-5 are accepted: a number in JSON, but a text in YAML 1.1."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise WorldFileError(f"{where}: must be a number, not {value!r}")
     try:

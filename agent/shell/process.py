@@ -1,78 +1,45 @@
-"""The thin shell around a robot: joins the world, hands the robot what it hears and sees, sends its answers."""
+"""The shell around a robot over Zenoh: join the world, hand its messages to the mind, publish the mind's answers."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from queue import Empty, SimpleQueue
-from types import TracebackType
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from typing import TYPE_CHECKING, Self
 
 import zenoh
 
 from agent.config import AgentConfig
+from agent.shell.config import JoinConfig
+from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.errors import LinkError, ProtocolError, RefusedError
-from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, RobotSpec, Welcome
+from protocol.inbox import Arrival, Inbox
+from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, Welcome
 from protocol.session import at_once, open_client, wait_for_matching
 
 if TYPE_CHECKING:
     from agent.robot import Step
 
-RECONNECT_S = 2.0
-"""How long a robot waits for a world that is gone: one that restarts is found 0.5 s after it is up."""
-JOIN_TIMEOUT_S = 10.0
-"""How long a robot tries to reach a world: one that starts at the same time is up after 1 to 5 s."""
 ANSWER_S = 5.0
-"""For the answer to one question; a world that answers later has let in a robot that gave up asking."""
+"""A robot asks again where the world has not answered its question by then."""
 RETRY_S = 0.1
-"""Between two questions to a world that does not answer yet."""
+"""Pause between two questions to a world that does not answer yet."""
 
 
-class Mind(Protocol):
-    """What the shell needs of a robot: agent.robot.Robot."""
+class AgentInbox(Inbox):
+    """What comes to one robot: samples of robots/ID/in/**, and changes of the world's liveliness token."""
 
-    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """Take one tick."""
-        ...
-
-
-RobotFactory = Callable[[str, RobotSpec, AgentConfig, int], Mind]
-"""Makes a robot of its name, its body, its thresholds and its seed, as agent.robot.Robot does."""
-
-
-class Arrival(NamedTuple):
-    """One thing that came in: the last part of a key under robots/ID/in/, or one of Inbox's own words."""
-
-    channel: str
-    payload: bytes = b""
-
-
-class Inbox(SimpleQueue[Arrival]):
-    """What came in, in order; safe to fill from callbacks and signal handlers."""
-
-    WORLD, STOP = "world", "stop"
-    stopped = False
+    WORLD = "world"
     world_up = False
     """Whether the world's liveliness token is there."""
-    turns = 0
-    """How often that has changed: who saw another number has been to another world, or to none."""
-
-    def stop(self) -> None:
-        """End the run of this robot at its next tick."""
-        self.stopped = True
-        self.put(Arrival(self.STOP))
-
-    def hear(self, sample: zenoh.Sample) -> None:
-        """Take a sample of robots/ID/in/**."""
-        self.put(Arrival(keys.channel_of(str(sample.key_expr)), sample.payload.to_bytes()))
+    world_changes = 0
+    """How often that has changed. Where it changed since a question was asked, nobody knows which world answered."""
 
     def watch(self, sample: zenoh.Sample) -> None:
         """Take a change of the world's liveliness token."""
         self.world_up = sample.kind == zenoh.SampleKind.PUT
-        self.turns += 1
+        self.world_changes += 1
         self.put(Arrival(self.WORLD))
 
 
@@ -82,79 +49,77 @@ def run_agent(
     config: AgentConfig,
     *,
     secret: str | None = None,
-    reconnect_s: float = RECONNECT_S,
-    join_timeout_s: float = JOIN_TIMEOUT_S,
-    robot_factory: RobotFactory | None = None,
-    inbox: Inbox | None = None,
+    patience: JoinConfig | None = None,
+    make_mind: MakeMind | None = None,
+    inbox: AgentInbox | None = None,
 ) -> str:
     """Live as `robot` in the world at the endpoint `connect` until its run ends.
 
-    secret: of this robot, where the world asks for one.
-    Returns why it ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
-    Raises LinkError where no world is found, or it is gone for reconnect_s seconds; RefusedError where it does
-    not let the robot in; ProtocolError where what it says makes no sense.
+    secret: of this robot, where the world asks for one. patience: how long to look for a world.
+    Returns why the run ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
+    Raises LinkError where no world is found or it does not come back in time, RefusedError where the world does not
+    let the robot in, ProtocolError where the world's messages make no sense.
     """
-    if robot_factory is None:
+    if make_mind is None:
         from agent.robot import Robot
         from agent.warmup import rehearse
 
         rehearse()
-        robot_factory = Robot
-    inbox = inbox or Inbox()
-    with open_client(connect, join_timeout_s, robot, secret) as session:
-        # history: the end of a token that was not reported is not reported either
+        make_mind = Robot
+    patience, inbox = patience or JoinConfig(), inbox or AgentInbox()
+    with open_client(connect, patience.join_timeout_s, robot, secret) as session:
+        # with history: Zenoh reports the end of a token only to those to whom it reported the token
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         ended = None
-        while ended is None:  # again where the world was gone and is back, as a new run
-            joined = join(session, robot, inbox, join_timeout_s)
+        while ended is None:  # a world that was gone and is back begins a new run
+            joined = join(session, robot, inbox, patience.join_timeout_s)
             if joined is None:
                 return "interrupted"
-            welcome, turns = joined
-            mind = robot_factory(robot, welcome.spec, config, welcome.seed)
-            # closed as soon as the world is gone: an old token that is told to the next one would hide the new one
-            with Link(session, robot, welcome.lockstep, inbox, join_timeout_s) as link:
-                ended = live(mind, link, inbox, turns)
-            ended = ended or await_world(inbox, reconnect_s)
+            welcome, changes = joined
+            mind = make_mind(robot, welcome.spec, config, welcome.seed)
+            # left as soon as the world is gone: Zenoh would tell the next world of the old token and hide the new one
+            with Link(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as link:
+                ended = live(mind, link, inbox, changes)
+            ended = ended or await_world(inbox, patience.reconnect_s)
     return ended
 
 
-def join(session: zenoh.Session, robot: str, inbox: Inbox, timeout_s: float) -> tuple[Welcome, int] | None:
+def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float) -> tuple[Welcome, int] | None:
     """Ask the world to let `robot` in, again and again for timeout_s seconds; None where the inbox is stopped.
 
-    Returns the answer and the inbox's turns of the world that gave it. Raises RefusedError where the world says no,
-    LinkError where it says nothing.
+    Returns the answer, and the inbox's `world_changes` when it came. Raises RefusedError where the world says no,
+    LinkError where it does not answer.
     """
     question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(session.info.zid())))
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:
         if inbox.stopped:
             return None
-        turns = inbox.turns
+        changes = inbox.world_changes
         if not inbox.world_up:
             time.sleep(RETRY_S)
             continue
         for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=ANSWER_S):
-            if reply.ok is not None and inbox.turns == turns:  # else nobody knows which world has answered
-                return decode(Welcome, reply.ok.payload.to_bytes()), turns
+            if reply.ok is not None and inbox.world_changes == changes:
+                return decode(Welcome, reply.ok.payload.to_bytes()), changes
             if reply.err is not None and (refused := _refused(reply.err.payload.to_bytes())):
                 raise RefusedError(f"the world does not let {robot} in: {refused.reason}")
         time.sleep(RETRY_S)
-    raise LinkError(f"the world does not answer {robot} within {timeout_s:g} s: is it busy, or something else?")
+    raise LinkError(f"the world does not answer {robot} within {timeout_s:g} s: is it busy, or another program?")
 
 
-def await_world(inbox: Inbox, timeout_s: float) -> str | None:
-    """Wait for a world that is gone, and forget what it said; why the run ended after all, or None.
+def await_world(inbox: AgentInbox, timeout_s: float) -> str | None:
+    """Wait for a world that is gone to come back, and drop its last messages; None when it is there.
 
-    Raises LinkError where it is not back in timeout_s seconds.
+    Returns why the run ended where it is over for this robot. Raises LinkError after timeout_s seconds.
     """
     deadline = time.monotonic() + timeout_s
     while not (inbox.world_up and inbox.empty()):
-        try:
-            channel, payload = inbox.get(timeout=max(0.0, deadline - time.monotonic()))
-        except Empty:
-            raise LinkError(f"the world is gone for {timeout_s:g} s: look at its last words for why") from None
-        if channel == keys.END:  # its last word may come after the news of its end
-            return decode(End, payload).reason
+        arrival = inbox.take(deadline)
+        if arrival is None:
+            raise LinkError(f"the world is gone for {timeout_s:g} s: look at its last words for why")
+        if arrival.what == keys.END:  # the message may come after the news that the world's token is gone
+            return decode(End, arrival.payload).reason
         if inbox.stopped:
             return "interrupted"
     return None
@@ -163,21 +128,21 @@ def await_world(inbox: Inbox, timeout_s: float) -> str | None:
 def _refused(payload: bytes) -> Refused | None:
     try:
         return decode(Refused, payload)
-    except ProtocolError:  # zenoh's own words, such as that the time is out
+    except ProtocolError:  # an error of Zenoh itself, such as a time-out
         return None
 
 
 class Link:
-    """A welcomed robot's subscriber, publishers and liveliness token: once entered, the world may begin."""
+    """A welcomed robot's subscriber, publishers and liveliness token; the world may begin once all are declared."""
 
-    def __init__(self, session: zenoh.Session, robot: str, lockstep: bool, inbox: Inbox, timeout_s: float) -> None:
+    def __init__(self, session: zenoh.Session, robot: str, lockstep: bool, inbox: AgentInbox, timeout_s: float) -> None:
         self.lockstep = lockstep
         self._session, self._robot, self._inbox, self._timeout_s = session, robot, inbox, timeout_s
         self._declared = ExitStack()
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def __enter__(self) -> Self:
-        """Declare all, the token last and only when nothing said would be lost; LinkError on a time-out."""
+        """Declare all, the token last, when every publisher has its reader; LinkError on a time-out."""
         block, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         declare = self._declared.enter_context
         declare(self._session.declare_subscriber(keys.all_in(self._robot), at_once(self._inbox.hear)))
@@ -193,13 +158,11 @@ class Link:
         declare(self._session.liveliness().declare_token(keys.alive(self._robot)))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._declared.close()
 
     def answer(self, step: Step) -> None:
-        """Send all of a tick: what the radio carries, telemetry, and last the action."""
+        """Publish a tick's messages for the radio, its telemetry, and last its action."""
         put = {channel: publisher.put for channel, publisher in self._publishers.items()}
         for send in step.sends:
             put[keys.RADIO](encode(send))
@@ -211,15 +174,15 @@ class Link:
         put[keys.ACT](encode(step.action))
 
 
-def live(mind: Mind, link: Link, inbox: Inbox, turns: int) -> str | None:
-    """Tick by tick until the run ends; returns why, or None where the world that was joined is gone.
+def live(mind: Mind, link: Link, inbox: AgentInbox, changes: int) -> str | None:
+    """Step once per observation until the run ends; returns why, or None where the world that was joined is gone.
 
-    turns: the inbox's when that world let the robot in. A slow world is waited for without end.
+    changes: the inbox's `world_changes` when that world let the robot in. A slow world is waited for without limit.
     """
     heard: list[Heard] = []
     while not inbox.stopped:
-        channel, payload = inbox.get()
-        match channel:
+        what, _, payload, _ = inbox.get()
+        match what:
             case keys.RADIO:
                 heard.append(decode(Heard, payload))
             case keys.OBS:
@@ -228,13 +191,13 @@ def live(mind: Mind, link: Link, inbox: Inbox, turns: int) -> str | None:
                     raise ProtocolError(f"{observation.heard} messages were due at tick {observation.tick}, "
                                         f"{len(heard)} came")  # fmt: skip
                 if not link.lockstep and not inbox.empty():
-                    continue  # late: a newer scan is there or on its way, what was heard is kept
+                    continue  # late: it steps on the newest scan only, with all messages heard since its last step
                 link.answer(mind.step(observation, heard))
                 heard = []
             case keys.END:
                 return decode(End, payload).reason
-            case Inbox.WORLD if inbox.turns != turns:
+            case AgentInbox.WORLD if inbox.world_changes != changes:
                 return None
             case _:
-                pass  # the world's token at the start, or a channel of a later version
+                pass  # the world's token at the start, or a key of a later version
     return "interrupted"

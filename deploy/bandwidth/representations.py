@@ -29,7 +29,7 @@ from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
 from protocol.viewpoints import VIEWS
-from protocol.wireframe import Label, Wireframe
+from protocol.wireframe import LABELS, Wireframe
 from world.config import WorldConfig
 
 CELL_M = 0.05
@@ -43,7 +43,6 @@ NAMES = (
 OURS = (MAP, DELTA, RESEND, ACK)
 """Kinds of messages that are `delta`. Viewpoints are no part of the map: like beacons they are counted apart."""
 
-_LABELS = {label.name.lower(): label for label in Label}
 States = NDArray[np.uint8]
 
 
@@ -179,7 +178,7 @@ def _whole_map(fields: dict[str, Any], talk: TalkConfig) -> dict[str, int]:
     edges = np.array(fields["edges"], np.int32).reshape(-1, 2)
     wireframe = Wireframe(
         np.array(fields["vertices"], np.float64).reshape(-1, 2),
-        np.array([_LABELS[label] for label in fields["labels"]], np.uint8),
+        np.array([LABELS[label] for label in fields["labels"]], np.uint8),
         edges,
         np.array(fields["edge_likelihood"], np.float32),
         np.ones(len(edges), np.bool_),

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
 from agent.robot import Robot, Step
+from agent.shell.mind import Mind
 from deploy import inprocess
 from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
@@ -66,7 +67,7 @@ class Explored(NamedTuple):
         spec = self.episode.config.spec
         start = self.episode.starts[self.episode.robots.index(robot)]
         place = float(start[0]), float(start[1])
-        return truth_of(self.episode.world, place, spec.radius_m, spec.lidar.range_max_m, self.episode.config.coverage)
+        return truth_of(self.episode.world, place, spec.radius_m, spec.lidar.range_max_m)
 
     def frame(self, robot: str = "r1") -> Pose:
         """Pose of the robot's own frame in the world."""
@@ -140,7 +141,7 @@ def explore(
         t = observation.tick / robot.spec.lidar.rate_hz
         events.extend((t, robot.robot, event) for event in step.action.events)
 
-    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> inprocess.Mind:
+    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> Mind:
         robots[name] = Robot(name, spec, settings, seed)
         return _Watched(robots[name], [listen, *([watch] if watch else [])])
 
@@ -173,13 +174,11 @@ def measure_run(
 
 
 @contextmanager
-def launched(
-    settings: Mapping[str, Any], robot_factory: Callable[..., Any] | None = None
-) -> Iterator[tuple[Path, str]]:
+def launched(settings: Mapping[str, Any], make_mind: Callable[..., Any] | None = None) -> Iterator[tuple[Path, str]]:
     """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        result = launch(RunConfig.model_validate(dict(settings)), out, command_line=[], robot_factory=robot_factory)
+        result = launch(RunConfig.model_validate(dict(settings)), out, command_line=[], make_mind=make_mind)
         if result.errors:
             raise RuntimeError("; ".join(result.errors))
         yield out, result.ended

@@ -18,10 +18,10 @@ from protocol.wireframe import Label
 HERE = Path(__file__).parent
 
 MAX_EVENTS = 500
-"""Rows of the events table, the first and the last; events.jsonl has them all."""
+"""Rows of the events table: the first and the last events. events.jsonl has all."""
 
 ROUTINE = ("frontier",)
-"""Events that come with every new goal, left out of the table."""
+"""Events left out of the table, because one comes with every new goal."""
 
 ROBOT_COLUMNS = (
     ("coverage", "coverage", share),
@@ -191,7 +191,7 @@ def _robots(run: Run) -> str:
 
 
 def _radio(run: Run) -> str:
-    """Per robot and kind of message, as bandwidth.json counts them: sent, heard, and meant for it but dropped."""
+    """Messages per robot and kind, from bandwidth.json: sent, heard, and meant for the robot but dropped."""
     rows = []
     for robot, books in _mapping(run.bandwidth.get("robots")).items():
         offered, delivered, dropped = (

@@ -22,16 +22,17 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from deploy.report import style
-from deploy.report.rundir import TEAM, Map, Run
+from deploy.report.rundir import Map, Run
 from deploy.report.words import headline, subtitle
 from protocol.wireframe import Label
+from world.recorder import TEAM
 from world.worldfile import polygons_of
 
 COLUMNS = 4
-"""Maps of single robots side by side."""
+"""Columns of the maps of single robots."""
 
 MAX_SINGLE = 24
-"""Single maps drawn; more would not be looked at."""
+"""Maps of single robots that are drawn; nobody looks at more."""
 
 TITLE_IN = 0.8
 """Height of title and subtitle."""
@@ -115,8 +116,7 @@ def draw_overview(axes: Axes, run: Run) -> None:
         draw_start(axes, run, robot, style.colour(robots.index(robot)))
     finish_plan(axes)
     marks = [
-        Line2D([], [], color=style.FAINT, marker=style.MARKS[label], ls="", ms=5, label=label.name.lower())
-        for label in Label
+        Line2D([], [], color=style.FAINT, marker=style.MARKS[label], ls="", ms=5, label=label.word) for label in Label
     ]
     lines = [Line2D([], [], color=style.colour(k), lw=3, label=robot) for k, robot in enumerate(robots[:12])]
     axes.legend(handles=[*lines, *marks], loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=7, handlelength=1.4)

@@ -1,8 +1,7 @@
-"""The floor plan of the page as SVG: true world, maps, paths; and its frames for the slider.
+"""The floor plan of the page as SVG: true world, maps and paths, and the frames of its slider.
 
-A drawing's unit is the metre, y up. All marks of a kind are one path string, so that a frame is a handful of
-short strings and the page needs to do no more than set them: a dot is a stroke of no length with a round cap,
-a square the same with a square cap.
+A drawing's unit is the metre, y up. All marks of a kind are one path string, so the page shows a frame by setting a
+few strings. A dot is a stroke of zero length with a round cap, a square one with a square cap.
 """
 
 from __future__ import annotations
@@ -16,17 +15,18 @@ from typing import Any
 import numpy as np
 
 from deploy.report import style
-from deploy.report.rundir import TEAM, Map, Run
+from deploy.report.rundir import Map, Run
 from deploy.report.words import share
 from protocol.arrays import Floats
 from protocol.wireframe import Label
+from world.recorder import TEAM
 from world.worldfile import polygons_of
 
 MARGIN_M = 0.3
 """Room around the world."""
 
 MAX_FRAMES = 150
-"""Positions of the slider; a long run shows every second or third snapshot."""
+"""Positions of the slider. Of a long run every second or third snapshot is shown."""
 
 MARKS = ("walls", "nominal", "occlusion", "frontier")
 """The paths that make a map."""
@@ -62,8 +62,8 @@ def single(run: Run, robot: str) -> str:
 def frames(run: Run) -> dict[str, Any]:
     """What the slider shows: `times`, `captions`, and per robot `maps`, `trails` and `places`, one for each time.
 
-    A map is a list of path strings as in MARKS, or 0 where it is that of the time before; a trail is what was
-    driven since.
+    A map is a list of path strings as in MARKS, or 0 where it has not changed since the time before. A trail is the
+    path driven since the time before.
     """
     robots = [robot for robot in run.robots if robot in run.frames]
     times = sorted({t for robot in robots for t, _ in run.snapshots.get(robot, ())})
@@ -146,7 +146,7 @@ def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float, p
 
 
 def _trail(path: Floats | None, begin: str = "M") -> str:
-    """Where a robot drove; positions within 5 cm of the last drawn one are left out."""
+    """A robot's path, without positions within 5 cm of the last drawn one."""
     if path is None or not len(path):
         return ""
     kept = [path[0, 1:]]
@@ -177,7 +177,7 @@ def _ring(points: Iterable[tuple[float, ...]]) -> str:
 
 
 def _start(run: Run, robot: str, unit: float) -> str:
-    """Disc, heading and name at a robot's start; texts stand outside the flipped part, so y is turned here."""
+    """Disc, heading and name at a robot's start. y is negated: the flipped group would mirror the name."""
     x, y, theta = run.frames[robot]
     colour = style.colour(run.robots.index(robot))
     tip = max(2.2 * run.radius, 13 * _unit(run))
@@ -201,7 +201,7 @@ def _svg(run: Run, flipped: str, upright: str, kind: str, label: str, around: Ma
 
 
 def _bounds(run: Run, around: Map | None = None) -> tuple[float, float, float, float]:
-    """Of the world, or else of all that was placed, or of the one map given."""
+    """Bounds of the given map, else of the world, else of all maps and starts; with a margin."""
     if around is not None and len(around.vertices):
         points = around.vertices
     elif run.world is not None:
@@ -215,6 +215,6 @@ def _bounds(run: Run, around: Map | None = None) -> tuple[float, float, float, f
 
 
 def _unit(run: Run) -> float:
-    """Metres of a pixel where the overview is 900 pixels wide or high."""
+    """Metres per pixel where the overview is 900 pixels wide or high."""
     x0, y0, x1, y1 = _bounds(run)
     return max(x1 - x0, y1 - y0) / 900

@@ -1,4 +1,4 @@
-"""A run directory as arrays, whatever of it is there: a run that was killed has a report, too."""
+"""A run directory as arrays. Files may be missing or broken, because a killed run has a report, too."""
 
 from __future__ import annotations
 
@@ -15,19 +15,15 @@ from numpy.typing import NDArray
 
 from protocol.arrays import Floats
 from protocol.geometry import apply
-from protocol.wireframe import Label
+from protocol.wireframe import LABELS
+from world.recorder import TEAM
 from world.worldfile import World, load
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-TEAM = "team"
-"""The name under which the union of all robots stands in metrics.csv."""
-
-LABELS = {label.name.lower(): label for label in Label}
-
 _BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
-"""What reading a file of any content may raise."""
+"""What parsing a file of any content may raise."""
 
 T = TypeVar("T")
 
@@ -44,16 +40,16 @@ class Map:
     """(m, 2) vertex indices, free space on the left of the way from the first to the second."""
 
     def moved(self, frame: Floats | None) -> Map:
-        """The map in the frame in which `frame` (x, y, theta) is given; itself where that is None."""
+        """The map in the frame in which the pose `frame` is given; unchanged where that is None."""
         if frame is None:
             return self
         return Map(apply(frame, self.vertices), self.labels, self.edges)
 
     def inset(self, distance: float) -> Map:
-        """The map with all walls moved by so many metres to their free side (the left), corners kept closed.
+        """The map with all walls moved by `distance` metres to their free side (the left), corners kept closed.
 
-        Maps of several robots can so be drawn side by side. A vertex moves along the mitre of its walls, but no
-        farther than twice the distance.
+        So maps of several robots can be drawn side by side. A vertex moves along the mitre of its walls, but at most
+        by twice the distance.
         """
         start, end = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
         along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
@@ -82,7 +78,7 @@ class Series:
 
 @dataclass(repr=False)
 class Run:
-    """What a run directory holds. Empty where a file is missing or cannot be read; `notes` say so.
+    """What a run directory holds. A field is empty where its file is missing or cannot be read, and `notes` say so.
 
     docs/formats.md describes the fields of manifest, summary, bandwidth, metrics and events.
     """
@@ -94,14 +90,14 @@ class Run:
     bandwidth: dict[str, Any] = field(default_factory=dict)
     world: World | None = None
     frames: dict[str, Floats] = field(default_factory=dict)
-    """Robot to (3,) x, y, theta: where its own frame lies in the world."""
+    """By robot, (3,) x, y, theta: the pose of its own frame in the world."""
     radius: float = 0.105
     maps: dict[str, Map] = field(default_factory=dict)
     """Robot to its final map, in its own frame."""
     snapshots: dict[str, list[tuple[float, Map]]] = field(default_factory=dict)
     """Robot to its maps as the run went on, each with its time."""
     paths: dict[str, Floats] = field(default_factory=dict)
-    """Robot to (n, 3) t, x, y in the world frame."""
+    """By robot, (n, 3) t, x, y in the world frame."""
     metrics: dict[str, Series] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
 
@@ -143,7 +139,7 @@ class Run:
 
 
 def read_run(path: Path) -> Run:
-    """Read a run directory. Nothing in it can make this fail; what is missing or broken becomes a note."""
+    """Read a run directory. Nothing in it makes this fail; missing and broken files become notes."""
     run = Run(path)
 
     def part(name: str, read: Callable[[Path], T], otherwise: T) -> T:
@@ -187,7 +183,7 @@ def _object(file: Path) -> dict[str, Any]:
 
 
 def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
-    """The objects of a JSON lines file; the last line of a killed writer may be cut."""
+    """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
     made, bad = [], 0
     for line in file.read_text("utf-8").splitlines():
         try:

@@ -12,7 +12,7 @@ SOLID = "#d3d8de"
 SOLID_EDGE = "#aab2bd"
 
 ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#6a3d9a", "#7a4b2a")
-"""Okabe and Ito's colours for the colour-blind, in the order of their contrast with white and each other."""
+"""Okabe and Ito's palette for the colour-blind, ordered by contrast with white and with each other."""
 
 MARKS = {Label.NOMINAL: "o", Label.OCCLUSION: "^", Label.FRONTIER: "s"}
 """As in figures 2 and 3 of the paper: circle, triangle, square."""
@@ -29,7 +29,7 @@ STROKE_PX = 2.2
 """Width of a map's walls in the overview, and distance between the maps of two robots that lie side by side."""
 
 BAND_PX = 9.0
-"""Width of all maps side by side; many robots get thinner lines rather than a wider band."""
+"""Largest width of all maps side by side: with many robots, lines get thinner."""
 
 
 def stroke(robots: int) -> float:

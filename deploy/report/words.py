@@ -1,4 +1,4 @@
-"""What a run was, in a line or two; numbers as a reader wants them."""
+"""Headline and subtitle of a run, and numbers as texts."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from deploy.report.rundir import Run
 
 NONE = "—"
-"""For a value that is not there."""
+"""Stands for a missing value."""
 
 
 def headline(run: Run) -> str:
@@ -37,7 +37,7 @@ def subtitle(run: Run) -> str:
 
 
 def number(value: Any, digits: int = 1) -> str:
-    """A number with so many decimals; a dash for what is none."""
+    """A number with so many decimals; NONE for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return NONE
     return f"{value:,.{digits}f}"

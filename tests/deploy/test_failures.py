@@ -17,6 +17,7 @@ import psutil
 import pytest
 
 from agent.config import AgentConfig
+from agent.shell.config import JoinConfig
 from agent.shell.process import run_agent
 from protocol.session import open_router
 from tests.tiny import ROOM
@@ -202,7 +203,8 @@ def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path,
     second: subprocess.Popen[str] | None = None
     try:
         with ThreadPoolExecutor() as pool:
-            robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), reconnect_s=15.0, robot_factory=endless)
+            patience = JoinConfig(reconnect_s=15.0)
+            robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), patience=patience, make_mind=endless)
             assert first.stdout is not None and "listening" in first.stdout.readline()
             time.sleep(after_s)
             first.kill()

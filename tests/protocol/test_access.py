@@ -36,7 +36,7 @@ def guarded(tmp_path: Path) -> Iterator[tuple[World, dict[str, str], Path]]:
     with World(config, out, secrets) as world, ThreadPoolExecutor(2) as pool:
         endpoint = world.endpoint.result(JOIN_S)
         for robot in ("r1", "r2"):
-            pool.submit(run_agent, robot, endpoint, AgentConfig(), secret=secrets[robot], robot_factory=endless)
+            pool.submit(run_agent, robot, endpoint, AgentConfig(), secret=secrets[robot], make_mind=endless)
         yield world, secrets, out
         world.inbox.stop()
 
@@ -154,9 +154,7 @@ def test_no_secret_is_written_by_a_run(tmp_path: Path, monkeypatch: pytest.Monke
 
     known = new_secrets(["r1", "r2", "r3"])
     monkeypatch.setattr(launcher, "new_secrets", lambda robots: known)
-    result = launcher.launch(
-        tiny_config(tmp_path, until=5.0), tmp_path / "run", command_line=[], robot_factory=Wanderer
-    )
+    result = launcher.launch(tiny_config(tmp_path, until=5.0), tmp_path / "run", command_line=[], make_mind=Wanderer)
     assert (result.ended, result.errors) == ("time", [])
     files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
     assert files and not any(secret.encode() in data for data in files for secret in known.values())

@@ -157,11 +157,11 @@ def test_capacity_counts_what_is_sent_and_heard_in_a_second() -> None:
     passages = play({"kind": "capacity", "bytes_per_s": 150}, ticks=300)
     assert {p.outcome for p in passages} - {"ended"} == {"delivered", "capacity_in", "capacity_out"}
     for name in NAMES:
-        sent = Counter({p.tick: p.size for p in passages if p.sender == name and p.outcome != "capacity_out"})
+        sent = Counter({p.tick: p.bytes for p in passages if p.sender == name and p.outcome != "capacity_out"})
         heard = Counter({p.tick + 1: 0 for p in passages})
         for p in passages:
             if p.receiver == name and p.outcome == "delivered":
-                heard[p.tick + 1] += p.size
+                heard[p.tick + 1] += p.bytes
         both = np.array([sent[t] + heard[t] for t in range(300)])
         assert np.convolve(both, np.ones(5), "valid").max() <= 150
         assert both.sum() > 0.6 * 150 * 60  # and it is used

@@ -12,13 +12,11 @@ from shapely.geometry import Point
 
 from protocol.messages import LidarSpec
 from world import worldfile
-from world.config import CoverageConfig
 from world.coverage import Coverage, visible_wall
 from world.lidar import Lidar
 from world.worldfile import World
 
 SHARED = Path(__file__).resolve().parents[3] / "shared"
-CONFIG = CoverageConfig()
 RADIUS, REACH = 0.105, 3.5
 
 
@@ -45,7 +43,7 @@ def test_visible_wall_is_the_scorers(scorer: ModuleType, name: str) -> None:
     truth = scorer.truths(world.document, {"r1": tuple(start)}, RADIUS, REACH)["r1"]
     regions = world.regions(RADIUS)
     home = next(i for i, region in enumerate(regions) if region.covers(Point(start[:2])))
-    wall = visible_wall(world, home, RADIUS, REACH, CONFIG)
+    wall = visible_wall(world, home, RADIUS, REACH)
     middles = (wall.ends[:, :2] + wall.ends[:, 2:])[wall.visible] / 2
     assert wall.lengths[wall.visible].sum() == pytest.approx(truth.lengths.sum(), abs=1e-6)
     assert len(middles) == len(truth.points)
@@ -61,7 +59,7 @@ def look(world: World, coverage: Coverage, poses: np.ndarray, robots: np.ndarray
 def test_a_look_covers_what_is_in_view_and_all_looks_cover_all() -> None:
     world = worldfile.load("symmetric")
     starts = world.starts(2, RADIUS, np.random.default_rng(0))
-    coverage = Coverage(world, starts, RADIUS, REACH, CONFIG)
+    coverage = Coverage(world, starts, RADIUS, REACH)
     look(world, coverage, starts, np.arange(2), 0.0)
     # both rooms look alike, and hold about an eighth of the wall each
     assert coverage.own[0] == pytest.approx(coverage.own[1], abs=1e-3)
@@ -82,7 +80,7 @@ def test_a_look_covers_what_is_in_view_and_all_looks_cover_all() -> None:
 def test_the_same_look_twice_adds_nothing() -> None:
     world = worldfile.load("maze-15")
     starts = world.starts(2, RADIUS, np.random.default_rng(0))
-    coverage = Coverage(world, starts, RADIUS, REACH, CONFIG)
+    coverage = Coverage(world, starts, RADIUS, REACH)
     look(world, coverage, starts, np.arange(2), 0.0)
     own, team = coverage.own.copy(), coverage.team
     look(world, coverage, starts, np.arange(2), 0.2)
@@ -98,7 +96,7 @@ def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> No
         [1, 2, 0, 0.2, 4],
     ]
     world = worldfile.from_document({"boxes": boxes, "spawns": [[-2, 2, 0], [3, 2, 0]]})
-    coverage = Coverage(world, world.spawns, RADIUS, 10.0, CONFIG)
+    coverage = Coverage(world, world.spawns, RADIUS, 10.0)
     ranges, met = Lidar(world.segments, LidarSpec(beams=2000, range_max_m=10)).trace(world.spawns)
     coverage.update(0.0, 0, np.arange(2), world.spawns, ranges, met)
     assert coverage.own == pytest.approx([1.0, 1.0])
@@ -108,7 +106,7 @@ def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> No
 def test_a_merged_map_covers_what_its_sender_had_covered_then_and_undoing_takes_it_back() -> None:
     world = worldfile.load("symmetric")
     starts = world.starts(3, RADIUS, np.random.default_rng(0))
-    coverage = Coverage(world, starts, RADIUS, REACH, CONFIG)
+    coverage = Coverage(world, starts, RADIUS, REACH)
     look(world, coverage, starts, np.arange(3), 0.0)
     before = coverage.own.copy()
     look(world, coverage, np.array([[8.0, 5.0, 0.0]]), np.array([1]), 2.0)  # the second robot in the corridor

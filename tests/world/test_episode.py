@@ -21,9 +21,10 @@ from protocol.messages import EVERYONE, Action, MapReport, OdometrySpec, RobotSp
 from protocol.wireframe import Wireframe, encode_wireframe
 from tests.scripted import Wanderer
 from world.config import WorldConfig
-from world.episode import BadOutputsError, Episode, Outputs, generator
+from world.episode import Episode, generator
 from world.odometry import Odometry
 from world.recorder import own_part
+from world.tick import BadOutputsError, Outputs
 from world.worldfile import WorldFileError
 
 MIND = AgentConfig()
@@ -290,3 +291,13 @@ def test_other_robots_and_lidars() -> None:
         episode.advance({robot: answer(episode.tick, speed=0.2) for robot in episode.robots})
     assert episode.t == 1.0
     assert np.hypot(*(episode.poses - episode.starts)[0, :2]) == pytest.approx(0.2, abs=0.01)
+
+
+def test_the_radio_is_set_in_one_place_only() -> None:
+    with pytest.raises(ValueError, match=r"set these"):
+        WorldConfig.model_validate({"spec": {"radio_range_m": 2.0}})
+    episode = Episode(
+        WorldConfig.model_validate({"world": "apartment", "radio": {"range_m": 2.0, "mtu_bytes": 100}}), None
+    )
+    spec = episode.welcome("r1").spec
+    assert (spec.radio_range_m, spec.radio_mtu_bytes) == (2.0, 100)

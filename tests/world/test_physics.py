@@ -13,7 +13,6 @@ import pytest
 
 from protocol.messages import RobotSpec
 from world import worldfile
-from world.config import PhysicsConfig
 from world.physics import Physics
 
 SPEC = RobotSpec()
@@ -21,7 +20,7 @@ ROOM = np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]], float)
 
 
 def physics(*poses: tuple[float, float, float], walls: np.ndarray = ROOM) -> Physics:  # type: ignore[type-arg]
-    return Physics(walls, np.array(poses, float), SPEC, PhysicsConfig(), 0.2)
+    return Physics(walls, np.array(poses, float), SPEC, 0.2)
 
 
 def test_drives_straight_and_turns_as_commanded() -> None:
@@ -114,7 +113,7 @@ def wild_drive() -> str:
     world = worldfile.load("symmetric")
     rng = np.random.default_rng(3)
     poses = world.starts(12, SPEC.radius_m, rng, drawn=True)
-    body = Physics(world.segments, poses, SPEC, PhysicsConfig(), 0.2)
+    body = Physics(world.segments, poses, SPEC, 0.2)
     digest = hashlib.sha256()
     for _ in range(300):
         digest.update(body.advance(rng.uniform((0, -1), (0.22, 1), (12, 2))).tobytes())

@@ -99,14 +99,14 @@ def test_the_books_balance() -> None:
     for link in books["links"]:
         for kind, counts in link["kinds"].items():
             rows = [p for p in passages if (p.sender, p.receiver, p.kind) == (link["sender"], link["receiver"], kind)]
-            assert counts["offered"] == {"messages": len(rows), "bytes": sum(p.size for p in rows)}
+            assert counts["offered"] == {"messages": len(rows), "bytes": sum(p.bytes for p in rows)}
             parts = [counts["delivered"], *counts["dropped"].values()]
             for unit in ("messages", "bytes"):
                 assert sum(part[unit] for part in parts) == counts["offered"][unit]
     assert sum(len(link["kinds"]) for link in books["links"]) == 12
     for name in NAMES:
         got = [p for p in passages if p.receiver == name and p.outcome == "delivered"]
-        assert radio.books.received[name] == sum(p.size for p in got)
+        assert radio.books.received[name] == sum(p.bytes for p in got)
         assert sum(t["bytes"] for t in books["robots"][name]["delivered"].values()) == radio.books.received[name]
         assert sum(t["bytes"] for t in books["robots"][name]["offered"].values()) == radio.books.sent[name]
 

@@ -11,6 +11,7 @@ import numpy as np
 from agent.config import AgentConfig
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
+from agent.shell.mind import Mind
 from deploy import inprocess
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
@@ -47,7 +48,7 @@ def besiege(world: str, seed: int, limit_s: float, kinds: Sequence[str]) -> Figu
     """One robot that explores, and as many hostile peers as kinds, which all speak once a second."""
     made: list[_Besieged] = []
 
-    def make(name: str, spec: RobotSpec, config: AgentConfig, own_seed: int) -> inprocess.Mind:
+    def make(name: str, spec: RobotSpec, config: AgentConfig, own_seed: int) -> Mind:
         made.append(_Besieged(Robot(name, spec, config, own_seed), kinds, np.random.default_rng(seed)))
         return made[0]
 

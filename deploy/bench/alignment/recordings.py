@@ -22,7 +22,6 @@ from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply
 from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
-from world.config import CoverageConfig
 from world.maze import generate
 from world.worldfile import load
 
@@ -169,7 +168,7 @@ def whole_map(world: str) -> Wireframe:
     """The true outline that a robot could reach, as a map without a flaw, in the world's frame."""
     place, spec = load(file_of(world)), RobotSpec()
     start = place.starts(1, spec.radius_m, np.random.default_rng(0))[0]
-    truth = truth_of(place, (start[0], start[1]), spec.radius_m, spec.lidar.range_max_m, CoverageConfig())
+    truth = truth_of(place, (start[0], start[1]), spec.radius_m, spec.lidar.range_max_m)
     points, corner = np.unique(np.round(truth.outline.reshape(-1, 2), 6), axis=0, return_inverse=True)
     edges = corner.reshape(-1, 2).astype(np.int32)
     n, m = len(points), len(edges)

@@ -21,6 +21,7 @@ from agent.exploration.driving import Driver, Obstacles
 from agent.kernels import kernel
 from agent.perception.perceive import perceive
 from agent.robot import Step
+from agent.shell.mind import Mind
 from deploy import inprocess
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
@@ -304,7 +305,7 @@ def measure_dense(world: str, seed: int) -> Figures:
     reach_m = math.hypot(x1 - x0, y1 - y0) + config.spec.lidar.range_max_m
     minds: list[DenseRobot] = []
 
-    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> inprocess.Mind:
+    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> Mind:
         minds.append(DenseRobot(name, spec, settings, seed, reach_m))
         return minds[-1]
 

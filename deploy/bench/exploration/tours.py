@@ -96,7 +96,7 @@ class _Sets:
     def __init__(self, world: World, start: Floats, radius_m: float, reach_m: float, config: WorldConfig) -> None:
         regions = world.regions(radius_m)
         home = min(range(len(regions)), key=lambda k: regions[k].distance(shapely.Point(start[:2])))
-        wall = visible_wall(world, home, radius_m, reach_m, config.coverage)
+        wall = visible_wall(world, home, radius_m, reach_m)
         ends = wall.ends[wall.visible]
         along = ends[:, 2:] - ends[:, :2]
         unit = along / np.hypot(along[:, 0], along[:, 1])[:, None]

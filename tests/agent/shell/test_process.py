@@ -15,19 +15,21 @@ from typing import Any
 import pytest
 
 from agent.config import AgentConfig
-from agent.shell.process import Arrival, await_world, join, run_agent
-from agent.shell.process import Inbox as AgentInbox
+from agent.shell.config import JoinConfig
+from agent.shell.process import AgentInbox, await_world, join, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol import keys
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import LinkError, RefusedError
+from protocol.inbox import Arrival
 from protocol.messages import PROTOCOL_VERSION, End, Join, Refused
 from protocol.session import open_client, open_router
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Sleeper, Wanderer, endless
-from world.server import Inbox, serve
+from world.inbox import WorldInbox
+from world.server import serve
 
 JOIN_S = 20.0
 
@@ -37,7 +39,7 @@ class World:
 
     def __init__(self, config: RunConfig, out: Path, secrets: dict[str, str] | None = None) -> None:
         self.secrets = secrets
-        self.inbox = Inbox()
+        self.inbox = WorldInbox()
         self.endpoint: Future[str] = Future()
         self.ended: Future[str] = Future()
         self.thread = threading.Thread(target=self._serve, args=(config, out))
@@ -61,7 +63,7 @@ class World:
 
 
 def agent(world: World, robot: str, factory: Callable[..., Any] = endless, **more: Any) -> str:
-    return run_agent(robot, world.endpoint.result(JOIN_S), AgentConfig(), robot_factory=factory, **more)
+    return run_agent(robot, world.endpoint.result(JOIN_S), AgentConfig(), make_mind=factory, **more)
 
 
 def events(out: Path) -> list[dict[str, Any]]:
@@ -71,7 +73,7 @@ def events(out: Path) -> list[dict[str, Any]]:
 def test_processes_write_the_same_bytes_as_one_process_without_zenoh(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, until="complete", seed=3)
     inprocess.run(config, config.agent, tmp_path / "one", make_mind=Wanderer)
-    result = launch(config, tmp_path / "many", command_line=[], robot_factory=Wanderer)
+    result = launch(config, tmp_path / "many", command_line=[], make_mind=Wanderer)
     assert (result.status, result.ended, result.errors) == (0, "complete", [])
     alone = digests(tmp_path / "one")
     assert alone == digests(tmp_path / "many")
@@ -97,13 +99,13 @@ def test_two_runs_at_once(tmp_path: Path) -> None:
 def test_the_world_waits_for_all_and_lets_each_name_in_once(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, robots=2, until=4.0)
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
-        first = pool.submit(agent, world, "r1", reconnect_s=0.1)
+        first = pool.submit(agent, world, "r1", patience=JoinConfig(reconnect_s=0.1))
         time.sleep(0.7)  # longer than reconnect_s: a world that is alive but waits is waited for
         with pytest.raises(RefusedError, match="another r1 is there already"):
             agent(world, "r1")
         with pytest.raises(RefusedError, match="no r7 takes part, only r1, r2"):
             agent(world, "r7")
-        with open_client(world.endpoint.result()) as session:
+        with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
             assert "version 99" in refusal(session, "r2", Join(version=99, robot="r2"))
             assert "says that it is r1" in refusal(session, "r2", Join(version=1, robot="r1"))
             assert "no msgpack" in refusal(session, "r2", b"\xc1")
@@ -117,6 +119,16 @@ def refusal(session: Any, robot: str, question: Join | bytes) -> str:
     payload = question if isinstance(question, bytes) else encode(question)
     (reply,) = session.get(keys.service(robot, keys.JOIN), payload=payload)
     return decode(Refused, reply.err.payload.to_bytes()).reason
+
+
+def test_no_question_of_a_robot_stops_the_world(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=2.0)
+    with World(config, tmp_path / "out") as world:
+        with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
+            for word in (WorldInbox.STOP, WorldInbox.GONE):
+                replies = list(session.get(keys.service("r1", word), payload=b"", timeout=5.0))
+                assert f"offers no '{word}'" in decode(Refused, replies[0].err.payload.to_bytes()).reason
+        assert agent(world, "r1") == "time"
 
 
 def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> None:
@@ -134,7 +146,7 @@ def test_a_robot_that_leaves_before_the_start_may_come_again(tmp_path: Path) -> 
 
 def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, robots=1, until=2.0)
-    with World(config, tmp_path / "out") as world, open_client(world.endpoint.result(JOIN_S)) as session:
+    with World(config, tmp_path / "out") as world, open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
         inbox = AgentInbox()
         inbox.world_up, asked = True, []
 
@@ -145,19 +157,19 @@ def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Pat
 
             def get(self, *question: Any, **more: Any) -> Any:
                 asked.append(question)
-                inbox.turns += 2 * (len(asked) == 1)
+                inbox.world_changes += 2 * (len(asked) == 1)
                 return session.get(*question, **more)
 
         joined = join(Between(), "r1", inbox, 5.0)  # type: ignore[arg-type]
-        assert joined is not None and joined[1] == inbox.turns == 2
+        assert joined is not None and joined[1] == inbox.world_changes == 2
         assert len(asked) == 2  # and the second time it was let in again
         assert "another r1 is there already" in refusal(session, "r1", Join(version=PROTOCOL_VERSION, robot="r1"))
 
 
 def test_the_last_word_of_a_world_counts_after_its_end() -> None:
     inbox = AgentInbox()
-    inbox.put(Arrival(keys.OBS, b"late"))
-    inbox.put(Arrival(keys.END, encode(End(reason="time"))))
+    inbox.put(Arrival(keys.OBS, payload=b"late"))
+    inbox.put(Arrival(keys.END, payload=encode(End(reason="time"))))
     assert await_world(inbox, 0.1) == "time"
     with pytest.raises(LinkError, match=r"the world is gone for 0\.1 s"):
         await_world(inbox, 0.1)
@@ -189,7 +201,7 @@ def test_bad_bytes_cost_the_robot_its_place_and_nobody_else(
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
         good, bad = (pool.submit(agent, world, robot) for robot in ("r1", "r2"))
         time.sleep(1.0)
-        with open_client(world.endpoint.result()) as session:
+        with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
             session.put(keys.from_robot("r2", channel), payload)
             assert bad.result(10).startswith("given up by the world:")
         world.inbox.stop()
@@ -215,11 +227,11 @@ def test_in_real_time_a_late_robot_misses_ticks_and_the_world_keeps_time(tmp_pat
 def test_an_agent_without_a_world_says_what_to_check() -> None:
     began = time.monotonic()
     with pytest.raises(LinkError, match=r"no world answers at tcp/127\.0\.0\.1:1 .* check"):
-        run_agent("r1", "tcp/127.0.0.1:1", AgentConfig(), join_timeout_s=0.3, robot_factory=endless)
+        run_agent("r1", "tcp/127.0.0.1:1", AgentConfig(), patience=JoinConfig(join_timeout_s=0.3), make_mind=endless)
     with pytest.raises(LinkError, match="write it like"):
-        run_agent("r1", "localhost", AgentConfig(), robot_factory=endless)
+        run_agent("r1", "localhost", AgentConfig(), make_mind=endless)
     with open_router() as (_, endpoint), pytest.raises(LinkError, match="does not answer r1"):
-        run_agent("r1", endpoint, AgentConfig(), join_timeout_s=0.3, robot_factory=endless)
+        run_agent("r1", endpoint, AgentConfig(), patience=JoinConfig(join_timeout_s=0.3), make_mind=endless)
     assert time.monotonic() - began < 5
 
 

@@ -1,0 +1,47 @@
+"""What a process takes from the network: a queue that callbacks and signal handlers fill, and one thread empties."""
+
+from __future__ import annotations
+
+import time
+from queue import Empty, SimpleQueue
+from typing import NamedTuple
+
+import zenoh
+
+from protocol import keys
+
+
+class Arrival(NamedTuple):
+    """One thing that came in."""
+
+    what: str
+    """Last part of its key, or one of the inbox's own words such as Inbox.STOP."""
+    robot: str = ""
+    """ID in its key."""
+    payload: bytes = b""
+    query: zenoh.Query | None = None
+    """The question that waits for a reply, if it is one."""
+
+
+class Inbox(SimpleQueue[Arrival]):
+    """Arrivals in their order."""
+
+    STOP = "stop"
+    stopped = False
+
+    def stop(self) -> None:
+        """Ask the thread that empties the inbox to end its run."""
+        self.stopped = True
+        self.put(Arrival(self.STOP))
+
+    def hear(self, sample: zenoh.Sample) -> None:
+        """Take a sample of a subscriber."""
+        key = str(sample.key_expr)
+        self.put(Arrival(keys.channel_of(key), keys.robot_of(key), sample.payload.to_bytes()))
+
+    def take(self, deadline: float) -> Arrival | None:
+        """The next arrival; None where none comes before time.monotonic() reaches `deadline`."""
+        try:
+            return self.get(timeout=max(0.0, deadline - time.monotonic()))
+        except Empty:
+            return None

@@ -1,0 +1,188 @@
+"""What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.arrays import Floats
+from protocol.messages import EVERYONE, Action, Send
+from protocol.talk import DELTA, MAP
+from protocol.wireframe import Wireframe
+from world.config import WorldConfig
+from world.coverage import Coverage
+from world.physics import Physics
+from world.radio import Books, Passage
+from world.recorder import TEAM, MetricsRow, Recorder, seconds
+from world.tick import Outputs
+from world.worldfile import World
+
+METRICS_S = 1.0
+"""Simulated time between the rows of metrics.csv."""
+
+
+class Look(NamedTuple):
+    """What one tick showed of the truth."""
+
+    rows: NDArray[np.intp]
+    """(r,) the live robots."""
+    poses: Floats
+    """(r, 3) their true poses."""
+    ranges: Floats
+    """(r, beams) m, true ranges."""
+    met: NDArray[np.intp]
+    """(r, beams) the wall that each beam met; negative for beams that returned nothing or met no wall."""
+    passages: Sequence[Passage]
+    """What became of messages."""
+
+
+class Ledger:
+    """The accounts of one run."""
+
+    def __init__(
+        self,
+        config: WorldConfig,
+        world: World,
+        robots: Sequence[str],
+        starts: Floats,
+        books: Books,
+        out: Path | None,
+    ) -> None:
+        """`starts` (k, 3): true poses at tick 0. `books`: the radio's. `out`: run directory, None records nothing."""
+        spec = config.spec
+        self.coverage = Coverage(world, starts, spec.radius_m, spec.lidar.range_max_m)
+        self.path_m = np.zeros(len(robots))
+        """(k,) metres that each robot has driven."""
+        self._robots, self._books = list(robots), books
+        self._row = {robot: row for row, robot in enumerate(robots)}
+        self._period_s, self._snapshot_s = 1 / spec.lidar.rate_hz, config.snapshot_s
+        self._maps: dict[str, Wireframe] = {}
+        self._last: dict[str, Action] = {}
+        self._step_ms: dict[str, list[float]] = {robot: [] for robot in robots}
+        self._recorder = Recorder(out, world, robots, starts, spec.radius_m, spec.lidar.range_max_m) if out else None
+
+    def look(self, tick: int, look: Look, poses: Floats) -> None:
+        """Account for what a tick showed; `poses` (k, 3) are those of all robots."""
+        self.coverage.update(self._t(tick), tick, look.rows, look.poses, look.ranges, look.met)
+        if self._recorder:
+            self._recorder.radio(look.passages)
+            self._record_poses(tick, poses)
+            if self._due(tick, METRICS_S):
+                self._record_metrics(tick)
+
+    def answer(self, tick: int, robot: str, outputs: Outputs, wireframe: Wireframe | None) -> None:
+        """Account for a robot's answer to a tick; `wireframe` is its new map, if it sent one."""
+        action = outputs.action
+        merged = {self._row[peer]: merged_tick for peer, merged_tick in action.merged.items()}
+        self.coverage.merge(tick, self._row[robot], merged)
+        self._last[robot] = action
+        self._step_ms[robot].append(action.step_ms)
+        if wireframe is not None:
+            self._maps[robot] = wireframe
+        if not self._recorder:
+            return
+        for event in action.events:
+            self._recorder.event(self._t(tick), tick, robot, event.event, event.data)
+        if robot in self._maps:
+            if self._due(tick, self._snapshot_s):
+                self._recorder.snapshot(self._t(tick), robot, self._maps[robot])
+            if told := self._told(outputs.sends):
+                self._recorder.update(self._t(tick), tick, robot, told, self._maps[robot])
+
+    def drive(self, tick: int, before: Floats, after: Floats) -> None:
+        """Account for the moves (k, 3) to (k, 3) that end a tick."""
+        self.path_m += np.hypot(*(after - before)[:, :2].T)
+        if self._recorder and self._due(tick, self._snapshot_s):
+            self._recorder.flush()
+
+    def death(self, tick: int, robot: str, reason: str) -> None:
+        """Record that a robot died."""
+        if self._recorder:
+            self._recorder.event(self._t(tick), tick, robot, "dead", {"reason": reason})
+
+    def close(
+        self,
+        tick: int,
+        passages: Sequence[Passage],
+        moved_to: Floats | None,
+        summary: Mapping[str, Any],
+        wire: Mapping[str, Any] | None,
+    ) -> None:
+        """Write what is left of the run directory.
+
+        moved_to: (k, 3) poses that the last actions led to, where no observation was made of them. wire: bytes on
+        the robots' links, if they were counted.
+        """
+        if not self._recorder:
+            return
+        self._recorder.radio(passages)
+        if moved_to is not None:
+            self._record_poses(tick, moved_to)
+        self._record_metrics(tick)
+        for robot, wireframe in self._maps.items():
+            self._recorder.snapshot(self._t(tick), robot, wireframe)
+        bandwidth = self._books.as_dict(self._robots) | ({"wire": wire} if wire else {})
+        self._recorder.close(self._maps, summary, bandwidth)
+
+    def robot_figures(self, physics: Physics) -> dict[str, dict[str, Any]]:
+        """Each robot's fields of summary.json but how it ended."""
+        figures = {}
+        for row, robot in enumerate(self._robots):
+            last, steps = self._last.get(robot), self._step_ms[robot]
+            figures[robot] = {
+                "coverage": round(float(self.coverage.covered[row]), 6),
+                **_milestones(self.coverage.reached[row]),
+                "path_m": round(float(self.path_m[row]), 4),
+                "wall_contacts": int(physics.wall_contacts[row]),
+                "robot_contacts": int(physics.robot_contacts[row]),
+                "bytes_sent": self._books.sent[robot],
+                "bytes_received": self._books.received[robot],
+                "map_bytes": last.map_bytes if last else 0,
+                "filter_bytes": last.filter_bytes if last else 0,
+                "step_ms_median": round(median(steps), 4) if steps else None,
+            }
+        return figures
+
+    def team_figures(self) -> dict[str, Any]:
+        """The team's fields of summary.json."""
+        return {
+            "coverage": round(self.coverage.team, 6),
+            **_milestones(self.coverage.team_reached),
+            "overlap": round(float(self.coverage.own.sum()) - 1, 6),
+        }
+
+    def _t(self, tick: int) -> float:
+        return seconds(tick * self._period_s)
+
+    def _due(self, tick: int, every_s: float) -> bool:
+        return tick % max(1, round(every_s / self._period_s)) == 0
+
+    def _told(self, sends: Sequence[Send]) -> list[str]:
+        """Peers to whom messages tell something new of the map: what other forms of the map are charged for."""
+        told = {send.to for send in sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}
+        return sorted(told, key=self._row.__getitem__)
+
+    def _record_poses(self, tick: int, poses: Floats) -> None:
+        assert self._recorder is not None
+        for robot, pose in zip(self._robots, poses.tolist(), strict=True):
+            self._recorder.trajectory(self._t(tick), robot, pose)
+
+    def _record_metrics(self, tick: int) -> None:
+        assert self._recorder is not None
+        t, books, cover = self._t(tick), self._books, self.coverage
+        for row, robot in enumerate(self._robots):
+            vertices = len(self._maps[robot].points) if robot in self._maps else None
+            covered, path_m = float(cover.covered[row]), float(self.path_m[row])
+            sent, received = books.sent[robot], books.received[robot]
+            self._recorder.metrics(MetricsRow(t, robot, covered, path_m, vertices, sent, received))
+        sent, received = sum(books.sent.values()), sum(books.received.values())
+        self._recorder.metrics(MetricsRow(t, TEAM, cover.team, float(self.path_m.sum()), None, sent, received))
+
+
+def _milestones(reached: Mapping[float, float]) -> dict[str, float | None]:
+    return {f"t_{round(100 * share)}": reached.get(share) for share in Coverage.MILESTONES}
