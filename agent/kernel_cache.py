@@ -195,7 +195,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 def _described(argument: Any) -> str:
     """The type of an argument; of a NamedTuple with its fields, which numba's name for it leaves out."""
-    if isinstance(argument, types.BaseNamedTuple):
+    if isinstance(argument, types.NamedTuple | types.NamedUniTuple):
         made = argument.instance_class
         return f"{made.__module__}.{made.__qualname__}{argument.fields}({', '.join(map(_described, argument.types))})"
     return f"{argument};"
