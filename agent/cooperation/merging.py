@@ -16,7 +16,7 @@ from agent.alignment.agreement import agreement
 from agent.alignment.candidates import COARSE_M, refine
 from agent.communication.hearing import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.peer import Figures, Heard, Merged, Proposed
+from agent.cooperation.peer import Figures, Merged, Met, Proposed
 from agent.geometry.transform import apart
 from agent.mapping.layers import Layer, layer_of
 from protocol.arrays import Bools, Floats
@@ -49,10 +49,10 @@ def merge(peer: Proposed, tick: int) -> Merged:
     return Merged(peer.log, peer.map, transform, peer.fit_m, walls, hidden, layer, tick, tick)
 
 
-def heard_again(peer: Proposed | Merged) -> Heard:
-    """Reject a proposal or undo a merge."""
+def given_up(peer: Proposed | Merged) -> Met:
+    """Reject a proposal or undo a merge: the peer is again one that was only met."""
     peer.log.growth = REJECTED_GROWTH
-    return Heard(peer.log)
+    return Met(peer.log)
 
 
 def hide_seen_through(peer: Merged) -> Merged:

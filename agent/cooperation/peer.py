@@ -1,4 +1,4 @@
-"""Another robot: heard, proposed or merged, and in each of these states a log of what it told."""
+"""Another robot: met, proposed or merged, and in each of these states a log of what it told."""
 
 from __future__ import annotations
 
@@ -91,8 +91,8 @@ class PeerLog:
 
 
 @dataclass(eq=False)
-class Heard:
-    """A peer whose frame is not known."""
+class Met:
+    """A peer that was heard, and whose frame is not known."""
 
     log: PeerLog
 
@@ -141,7 +141,7 @@ class Merged:
     """Newer maps in a row that contradict the own map."""
 
 
-Peer = Heard | Proposed | Merged
+Peer = Met | Proposed | Merged
 
 Figures = Mapping[str, object]
 """Numbers of an event."""

@@ -1,7 +1,7 @@
 """Trust, but verify: the proposals Z and the transforms T of Algorithm 1, from the first message to the merged map.
 
-A peer is heard, then proposed (an alignment is on trial while the robot drives to where the peer was), then merged, or
-heard again. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
+A peer is met, then proposed (an alignment is on trial while the robot drives to where the peer was), then merged, or
+given up. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from agent.alignment.by_sight import Sighting
 from agent.communication.hearing import Hearing
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
-from agent.cooperation.merging import REFUSED_MAPS, contradiction, heard_again, hide_seen_through, merge, update
-from agent.cooperation.peer import Figures, Heard, Merged, Peer, PeerLog, Proposed, fit_error_m
+from agent.cooperation.merging import REFUSED_MAPS, contradiction, given_up, hide_seen_through, merge, update
+from agent.cooperation.peer import Figures, Merged, Met, Peer, PeerLog, Proposed, fit_error_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
@@ -117,7 +117,7 @@ class Team:
         """Where peers with a transform were last heard to be, in the robot's own frame."""
         known = []
         for name, peer in sorted(self.peers.items()):
-            if isinstance(peer, Heard) or peer.log.pose_tick < 0:
+            if isinstance(peer, Met) or peer.log.pose_tick < 0:
                 continue
             x, y, theta = compose(peer.transform, np.array(peer.log.pose)).tolist()
             drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
@@ -162,7 +162,7 @@ class Team:
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
         for news in hearing.news:
-            peer = self.peers.setdefault(news.peer, Heard(PeerLog(news.peer)))
+            peer = self.peers.setdefault(news.peer, Met(PeerLog(news.peer)))
             log, beacon = peer.log, news.beacon
             if beacon is not None and log.pose_tick < min(beacon.tick, tick):
                 pose_tick = min(beacon.tick, tick)  # nobody is ahead of time
@@ -226,9 +226,9 @@ class Team:
                 return False
             self._update(peer, tick, own)
             return True
-        growth = log.growth if isinstance(peer, Heard) else GROWTH_ON_TRIAL
+        growth = log.growth if isinstance(peer, Met) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
-            return isinstance(peer, Heard) and self._align_by_sight(peer, own)
+            return isinstance(peer, Met) and self._align_by_sight(peer, own)
         if log.contact is None:
             return False
         if off_its_map(log):
@@ -243,7 +243,7 @@ class Team:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True
 
-    def _align_by_sight(self, peer: Heard, own: Wireframe) -> bool:
+    def _align_by_sight(self, peer: Met, own: Wireframe) -> bool:
         """Propose the frame that the sightings of a peer give, if the walls agree; true where walls were compared."""
         log, found = peer.log, self.aligner.align_by_sight(peer.log, own)
         if found is None:
@@ -261,7 +261,7 @@ class Team:
 
     def propose(
         self,
-        peer: Heard,
+        peer: Met,
         transform: Pose,
         own: Wireframe,
         figures: Figures,
@@ -343,7 +343,7 @@ class Team:
 
     def _reject(self, peer: Proposed, reason: str) -> None:
         self._leave_queue(peer)
-        self.peers[peer.log.name] = heard_again(peer)
+        self.peers[peer.log.name] = given_up(peer)
         self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
     # the merged map
@@ -364,7 +364,7 @@ class Team:
 
     def undo(self, peer: Merged, reason: str, figures: Figures) -> None:
         """Take a peer's map out again, and forget its transform."""
-        self.peers[peer.log.name] = heard_again(peer)
+        self.peers[peer.log.name] = given_up(peer)
         self.changed = True
         self._say("unmerged", peer.log, reason, peer.transform, figures)
 

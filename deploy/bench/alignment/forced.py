@@ -11,7 +11,7 @@ import numpy as np
 from agent.alignment import prepare
 from agent.alignment.align import pose_of
 from agent.alignment.candidates import ranked
-from agent.cooperation.peer import Heard, Merged, Proposed
+from agent.cooperation.peer import Merged, Met, Proposed
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
@@ -97,12 +97,12 @@ class ForcedRun:
                 continue
             if isinstance(peer, Merged):  # a near miss that later maps put right, or a failure: go on
                 team.undo(peer, "made free for the next", {})
-            elif isinstance(peer, Heard) and peer.log.contact is not None and peer.log.map is not None:
+            elif isinstance(peer, Met) and peer.log.contact is not None and peer.log.map is not None:
                 theirs = peer.log.map.wireframe
                 if min(len(theirs.edges), len(robot.own.edges)) >= LEAST_WALLS:
                     self._force(robot, peer, theirs, observation.tick)
 
-    def _force(self, robot: Robot, peer: Heard, theirs: Wireframe, tick: int) -> None:
+    def _force(self, robot: Robot, peer: Met, theirs: Wireframe, tick: int) -> None:
         kind = KINDS[len(self.forced) % len(KINDS)]
         name = peer.log.name
         truth = true_transform(self.frames[robot.robot], self.frames[name])
@@ -112,7 +112,7 @@ class ForcedRun:
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
         self._open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
-    def _wrong(self, kind: str, robot: Robot, peer: Heard, theirs: Wireframe, truth: Floats) -> Floats:
+    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe, truth: Floats) -> Floats:
         """(3,) a transform of that kind that is wrong."""
         mine = self.frames[robot.robot]
         if kind == "twin":
