@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.arrays import Floats, Ints
 
@@ -26,7 +29,7 @@ def points_along(walls: Floats, counts: Ints) -> tuple[Floats, Ints]:
     return start[wall] + share[:, None] * (end - start)[wall], wall
 
 
-def neighbours(edges: Ints, count: int) -> tuple[Ints, Ints]:
+def neighbours(edges: NDArray[np.signedinteger[Any]], count: int) -> tuple[Ints, Ints]:
     """The vertex before and the vertex after each of `count` vertices, (count,) each; -1 where there is none."""
     before, after = np.full(count, -1), np.full(count, -1)
     before[edges[:, 1]], after[edges[:, 0]] = edges[:, 0], edges[:, 1]

@@ -1,8 +1,9 @@
 """Where a peer's frame lies by seeing it: its beacons say where it is in its own frame, discs where in mine (ours).
 
-A disc has no name. What stands still may be a post, a wall's end or another teammate, so only places between which the
-peer has moved count; and two robots that drive straight at full speed fit each other under some transform, so the
-places must not lie on a line. This needs no wall, and tells twins of rooms apart, which no test on two maps can.
+A disc does not say which robot it is. It may even be a post or a wall's end, which stand still, so only places between
+which the peer has moved count. The places of two robots that drive straight at the same speed can be laid on each
+other whoever they are, so places on one line are no proof. The method needs no wall, and tells apart rooms that are
+alike, which no test on two maps can.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from protocol.geometry import Pose, wrapped
 
 @dataclass(frozen=True)
 class Sighting:
-    """What a robot saw when it heard a peer say where it is."""
+    """A scan of the robot at the moment when a peer says where it is."""
 
     here: Pose
     """The robot in its own frame."""

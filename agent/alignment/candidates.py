@@ -1,7 +1,7 @@
 """Candidates from pairs of like corners, counted out on all corners and walls (paper III-C; ranking ours).
 
-One pair of corners gives a transform: the corner its place, the walls that both have their turn. RANSAC draws pairs;
-looking at the likeliest ones in order finds the same transforms sooner and is repeatable. Both are here.
+One pair of corners gives a transform: the corners give its shift, and the walls that both have give its turn. RANSAC
+draws pairs at random. Taking the likeliest pairs in order finds the same transforms sooner and is repeatable.
 """
 
 from __future__ import annotations

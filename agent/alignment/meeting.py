@@ -21,7 +21,7 @@ BODY_SLACK_M = 0.03
 
 @dataclass(frozen=True)
 class Place:
-    """Where a robot can be, by one map: clear of its walls, inside its outer rings, outside its pillars."""
+    """Where a robot can be by one map: clear of walls, inside outer rings of walls and outside inner ones."""
 
     walls: Floats
     """(m, 4) x1, y1, x2, y2 in metres."""
@@ -35,8 +35,7 @@ class Place:
     def reachable(self, points: Floats, clearance_m: float) -> Bools:
         """(n,) whether points (n, 2) can be a robot's centre."""
         clear = distances_to_walls(points, self.walls) >= clearance_m
-        right: Bools = clear & _on_the_free_side(points, self.rings, self.ring, self.outer)
-        return right
+        return np.asarray(clear & _on_the_free_side(points, self.rings, self.ring, self.outer), np.bool_)
 
 
 def place_of(points: Floats, child: Ints, walls: Floats) -> Place:

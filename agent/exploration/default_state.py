@@ -10,13 +10,14 @@ import shapely
 
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
-from agent.exploration.frontiers import chains, stands_at_edges
+from agent.exploration.frontiers import stands_at_edges
 from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
+from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
 POCKET_REACH_M = 5.0
@@ -137,7 +138,7 @@ class DefaultStates:
 
 def _lap(wireframe: Wireframe) -> Floats:
     """Points (k, 2) off the longest chain, in its order."""
-    into, out_of = chains(wireframe)
+    into, out_of = neighbours(wireframe.edges, len(wireframe.points))
     left = set(range(len(into)))
     longest: list[int] = []
     best = 0.0

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Floats, Ints
+from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
 GRAZING_RAD = 0.35
@@ -74,18 +75,9 @@ class Stands(NamedTuple):
     """(s,): which goal it serves."""
 
 
-def chains(wireframe: Wireframe) -> tuple[Ints, Ints]:
-    """Per vertex (n,) the one before and the one after it along the wall, -1 where there is none."""
-    n = len(wireframe.points)
-    into, out_of = np.full(n, -1), np.full(n, -1)
-    into[wireframe.edges[:, 1]] = wireframe.edges[:, 0]
-    out_of[wireframe.edges[:, 0]] = wireframe.edges[:, 1]
-    return into, out_of
-
-
 def open_ends(wireframe: Wireframe) -> Ends:
     """The frontier and occlusion ends of the chains of a map; nominal ends ask for nothing."""
-    into, out_of = chains(wireframe)
+    into, out_of = neighbours(wireframe.edges, len(wireframe.points))
     unsure = wireframe.labels != Label.NOMINAL
     head = np.flatnonzero(unsure & (into >= 0) & (out_of < 0))
     tail = np.flatnonzero(unsure & (into < 0) & (out_of >= 0))

@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.exploration.frontiers import Ends, chains, open_ends
+from agent.exploration.frontiers import Ends, open_ends
 from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
+from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
 NODE_OFFSET_M = 0.01
@@ -272,7 +273,8 @@ class Roads:
         """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map."""
         self.clearance = clearance_m
         self.walls = np.ascontiguousarray(np.vstack((wireframe.segments(), more_walls)))
-        nodes = _corner_nodes(wireframe.points, *chains(wireframe), clearance_m + node_offset_m)
+        into, out_of = neighbours(wireframe.edges, len(wireframe.points))
+        nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
         nodes = np.vstack((nodes, more_nodes))
         self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
         joins = np.full((len(self.nodes),) * 2, _UNASKED)

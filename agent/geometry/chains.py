@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.kernels import kernel
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints, Labels
 
 
 @kernel
-def chained(
-    tips: Floats, labels: NDArray[np.uint8], following: NDArray[np.int64]
-) -> tuple[Floats, NDArray[np.uint8], NDArray[np.int32]]:
+def chained(tips: Floats, labels: Labels, following: Ints) -> tuple[Floats, Labels, NDArray[np.int32]]:
     """Vertices (n, 2), their labels (n,) and edges (m, 2) of m walls.
 
     tips (m, 2, 2): tail and head of each wall, metres; labels (m, 2) theirs; following (m,): the wall whose tail is

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.clearance import crosses
 from agent.kernels import kernel
-from protocol.arrays import Floats
+from protocol.arrays import Bools, Floats
 
 _BESIDE_RAD = 1e-4
 """Rays beside a wall's end, one to either side: what lies behind it, and the wall itself. 0.35 mm at 3.5 m."""
@@ -25,7 +24,7 @@ def hidden_by(ax: float, ay: float, bx: float, by: float, walls: Floats) -> int:
 
 
 @kernel
-def all_seen(eyes: Floats, targets: Floats, walls: Floats) -> NDArray[np.bool_]:
+def all_seen(eyes: Floats, targets: Floats, walls: Floats) -> Bools:
     """Whether each of targets (n, 2) is seen from the eye (n, 2) of the same row."""
     out = np.empty(eyes.shape[0], np.bool_)
     for k in range(eyes.shape[0]):

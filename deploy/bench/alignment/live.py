@@ -12,7 +12,6 @@ from statistics import fmean, median
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.robot import Robot, Step
 from deploy.bench.alignment.recordings import mapped
@@ -24,7 +23,7 @@ from deploy.bench.layouts import drawn_starts, path_of, written
 from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, at, columns, grouped, most, row_of, runs_of
 from deploy.bench.tables import median as middle
 from deploy.metrics import Truth, truth_of
-from protocol.arrays import Floats
+from protocol.arrays import Bools, Floats
 from protocol.messages import Observation, RobotSpec
 from world.episode import Episode
 from world.worldfile import load
@@ -160,7 +159,7 @@ class Watched:
     def _truth(self, robot: str) -> Truth:
         return _truth(self.world, float(self.starts[robot][0]), float(self.starts[robot][1]))
 
-    def _pieces(self, robot: str) -> NDArray[np.bool_]:
+    def _pieces(self, robot: str) -> Bools:
         x, y, theta = self.starts[robot].tolist()
         return mapped(self.minds[robot].own, (x, y, theta), self._truth(robot))
 

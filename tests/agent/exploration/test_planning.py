@@ -11,11 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agent.exploration.config import DrivingConfig
-from agent.exploration.frontiers import chains, open_ends
+from agent.exploration.frontiers import open_ends
 from agent.exploration.planning import Roads, hurdles_of, still_clear
 from agent.exploration.sweep import LEAST_SAMPLES, Sweep, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.messages import LidarSpec, RobotSpec
+from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
 ROOMY_M = RobotSpec().radius_m + DrivingConfig().path_air_m
@@ -147,7 +148,7 @@ def test_a_path_is_given_up_when_a_wall_appears_on_it():
 
 def test_no_walls_no_obstacles():
     empty = Wireframe()
-    into, out_of = chains(empty)
+    into, out_of = neighbours(empty.edges, len(empty.points))
     assert len(into) == len(out_of) == 0
     assert go(Roads(empty, np.zeros(2), 0.2), 3.0, 4.0)[0] == pytest.approx(5.0)
 
