@@ -18,7 +18,7 @@ OTHER_LABEL_CELLS = 0.5
 """Added to the distance of two vertices with different labels, so that of two in one place the like one is taken."""
 
 
-class Origin(IntEnum):
+class VertexOrigin(IntEnum):
     """How a vertex of a built chain comes about from the base."""
 
     COPY = 0
@@ -29,7 +29,7 @@ class Origin(IntEnum):
 class VertexRun(NamedTuple):
     """Successive vertices of a chain with one origin, whose rows in the base follow each other, too."""
 
-    origin: Origin
+    origin: VertexOrigin
     length: int
     row: int
     """The first one's row in the base; -1 for NEW."""
@@ -37,7 +37,7 @@ class VertexRun(NamedTuple):
     @property
     def rows(self) -> range:
         """Rows of the base that the run takes."""
-        return range(0) if self.origin == Origin.NEW else range(self.row, self.row + self.length)
+        return range(0) if self.origin == VertexOrigin.NEW else range(self.row, self.row + self.length)
 
 
 class Changes(NamedTuple):
@@ -80,17 +80,21 @@ def _runs(new: GridMap, base: GridMap, kept: list[int], built: list[int]) -> dic
     refs = _origins(new, base, kept, built)
     same = refs >= 0
     same[same] &= (new.cells[same] == base.cells[refs[same]]).all(1) & (new.labels[same] == base.labels[refs[same]])
-    origins = np.where(refs < 0, Origin.NEW, np.where(same, Origin.COPY, Origin.MOVED)).tolist()
+    origins = np.where(refs < 0, VertexOrigin.NEW, np.where(same, VertexOrigin.COPY, VertexOrigin.MOVED)).tolist()
     rows = refs.tolist()
     runs: dict[int, list[VertexRun]] = {}
     for chain in built:
         runs[chain] = []
         for v in range(*new.bounds(chain)):
             last = runs[chain][-1] if runs[chain] else None
-            if last and origins[v] == last.origin and (last.origin == Origin.NEW or rows[v] == last.row + last.length):
+            if (
+                last
+                and origins[v] == last.origin
+                and (last.origin == VertexOrigin.NEW or rows[v] == last.row + last.length)
+            ):
                 runs[chain][-1] = last._replace(length=last.length + 1)
             else:
-                runs[chain].append(VertexRun(Origin(origins[v]), 1, rows[v]))
+                runs[chain].append(VertexRun(VertexOrigin(origins[v]), 1, rows[v]))
     return runs
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from protocol.bits import BitReader, BitWriter, bits_of, folded
 from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size, empty
-from protocol.map_changes import Origin, VertexRun, changes
+from protocol.map_changes import VertexOrigin, VertexRun, changes
 from protocol.wireframe import Label
 
 VERSION = 1
@@ -185,22 +185,22 @@ def _write_chain(
         if changes_only:
             script.bits(*_RUN_BITS[run.origin])
         script.number(run.length - 1, 0 if changes_only else 1)
-        if run.origin != Origin.NEW:
+        if run.origin != VertexOrigin.NEW:
             script.signed_of_order(run.row - due, 2)
             due = run.row + run.length
         for row in run.rows or [-1] * run.length:
             here = (cells[v - first][0], cells[v - first][1])
             base_rows.append(row)
-            if run.origin == Origin.MOVED:
+            if run.origin == VertexOrigin.MOVED:
                 x, y = base.cells[row].tolist()
                 script.signed(here[0] - x, ACROSS)
                 script.signed(here[1] - y, ACROSS)
-            elif run.origin == Origin.NEW and v == first:
+            elif run.origin == VertexOrigin.NEW and v == first:
                 script.signed(here[0] - last[0], START)
                 script.signed(here[1] - last[1], START)
-            elif run.origin == Origin.NEW:
+            elif run.origin == VertexOrigin.NEW:
                 _write_step(script, here, last, _across(cells[: v - first]))
-            if run.origin != Origin.COPY:
+            if run.origin != VertexOrigin.COPY:
                 _write_label(script, int(new.labels[v]), v in inside, plain)
             last = here
             v += 1
@@ -211,7 +211,7 @@ def _write_chain(
     return last
 
 
-_RUN_BITS = {Origin.COPY: (0, 1), Origin.NEW: (2, 2), Origin.MOVED: (3, 2)}
+_RUN_BITS = {VertexOrigin.COPY: (0, 1), VertexOrigin.NEW: (2, 2), VertexOrigin.MOVED: (3, 2)}
 """Value and number of bits that tell the origin of a run."""
 
 
@@ -314,13 +314,19 @@ class _Rebuilt:
         base_rows: list[int] = []
         due = 0
         for left in reversed(range(reader.number() + 1 if len(base.cells) else 1)):
-            kind = Origin.NEW
+            kind = VertexOrigin.NEW
             if len(base.cells):
-                kind = Origin.COPY if not reader.bits(1) else Origin.MOVED if reader.bits(1) else Origin.NEW
+                kind = (
+                    VertexOrigin.COPY
+                    if not reader.bits(1)
+                    else VertexOrigin.MOVED
+                    if reader.bits(1)
+                    else VertexOrigin.NEW
+                )
             count = reader.number(0 if len(base.cells) else 1) + 1
             check_size(len(self.cells) + count)
             row = -1
-            if kind != Origin.NEW:
+            if kind != VertexOrigin.NEW:
                 row = due + reader.signed(2)
                 due = row + count
                 if row < 0 or due > len(base.cells) or self.used[row:due].any():
@@ -329,9 +335,9 @@ class _Rebuilt:
             for k in range(count):
                 at_end = not ring and (len(self.cells) == first or (not left and k == count - 1))
                 last = self._vertex(kind, row + k, last, first)
-                base_rows.append(row + k if kind != Origin.NEW else -1)
-                copied = int(base.labels[row + k]) if kind == Origin.COPY else -1
-                self.labels.append(copied if kind == Origin.COPY else self._label(at_end, plain))
+                base_rows.append(row + k if kind != VertexOrigin.NEW else -1)
+                copied = int(base.labels[row + k]) if kind == VertexOrigin.COPY else -1
+                self.labels.append(copied if kind == VertexOrigin.COPY else self._label(at_end, plain))
         count = len(self.cells) - first
         if ring and count < 2:
             raise ProtocolError("a ring of a map has one vertex")
@@ -345,9 +351,9 @@ class _Rebuilt:
 
     def _vertex(self, kind: int, row: int, last: Place, first: int) -> Place:
         reader = self.reader
-        if kind == Origin.COPY:
+        if kind == VertexOrigin.COPY:
             x, y = self.places[row]
-        elif kind == Origin.MOVED:
+        elif kind == VertexOrigin.MOVED:
             x, y = self.places[row]
             x, y = x + self._signed(ACROSS), y + self._signed(ACROSS)
         elif len(self.cells) == first:

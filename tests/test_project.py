@@ -70,6 +70,10 @@ def test_make_has_what_the_readme_promises() -> None:
     assert "wireswarm run --world maze-15 --robots 3 --seed 4" in run("make", "-n", "run", "ARGS=--seed 4")
 
 
+def test_the_command_passes_the_guard_before_it_imports_a_package_of_a_generic_name() -> None:
+    assert PROJECT["scripts"] == {"wireswarm": "wireswarm.__main__:main"}
+
+
 def test_ci_ends_with_the_tests() -> None:
     script = ROOT / ".ci/run"
     assert script.stat().st_mode & 0o111

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.filter.recording import HERE, Recording, record
+from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.layouts import written
 from deploy.bench.tables import Outcomes, Row, Table, columns, mean, runs_of
 from deploy.metrics import Truth, score
@@ -56,7 +56,7 @@ def measure_ambiguous(seed: int, particles: Sequence[int], limit_s: float) -> Fi
     return {str(n): _replay(run, n) for n in particles}
 
 
-def _replay(run: Recording, particles: int) -> Figures:
+def _replay(run: ScanRecording, particles: int) -> Figures:
     mind = run.new_filter(particles)
     along: list[Figures] = []
     for tick, (scan, pose) in enumerate(zip(run.scans, run.poses, strict=True)):

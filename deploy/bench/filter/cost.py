@@ -9,10 +9,10 @@ import numpy as np
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.clock import Clock, load
 from deploy.bench.explored import explore, launched, read_json
 from deploy.bench.filter.recording import record
 from deploy.bench.layouts import path_of, present
+from deploy.bench.stopwatch import Stopwatch, load
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, whole
 from protocol.messages import Observation
 
@@ -25,7 +25,7 @@ BIN_VERTICES = 25
 
 def measure_stages(world: str, limit_s: float) -> Figures:
     """Milliseconds of a step by stage, in a whole run of one robot with default settings."""
-    clock = Clock()
+    clock = Stopwatch()
     spent: dict[str, list[float]] = {"step": [], "perception": [], "filter": [], "planning": []}
 
     def watch(robot: Robot, observation: Observation, step: Step) -> None:

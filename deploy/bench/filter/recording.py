@@ -22,7 +22,7 @@ HERE: Pose = (0.0, 0.0, 0.0)
 """Pose of the frame of a recording's truth, for a score: it is the robot's own."""
 
 
-class Recording(NamedTuple):
+class ScanRecording(NamedTuple):
     """One run of one robot with exact odometry. Metres, robot's own frame."""
 
     spec: RobotSpec
@@ -43,7 +43,7 @@ class Recording(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def record(world: str, seed: int, noise_m: float | None = None, limit_s: float = 7200.0) -> Recording:
+def record(world: str, seed: int, noise_m: float | None = None, limit_s: float = 7200.0) -> ScanRecording:
     """Let a robot with default settings explore a layout and keep what it sees."""
     ranges: list[Floats] = []
     poses: list[Pose] = []
@@ -57,7 +57,7 @@ def record(world: str, seed: int, noise_m: float | None = None, limit_s: float =
     run = explore(settings, {}, watch)
     spec = run.episode.config.spec
     scans = [perceive(row, spec) for row in ranges]
-    return Recording(spec, seed, np.stack(ranges), poses, scans, _moved(run.truth(), run.frame()))
+    return ScanRecording(spec, seed, np.stack(ranges), poses, scans, _moved(run.truth(), run.frame()))
 
 
 def _moved(truth: Truth, frame: Pose) -> Truth:

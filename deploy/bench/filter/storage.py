@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.filter.recording import Recording, record
+from deploy.bench.filter.recording import ScanRecording, record
 from deploy.bench.layouts import present
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns
 from deploy.metrics import Truth, score_walls
@@ -44,12 +44,12 @@ def measure_storage(world: str, limit_s: float) -> Figures:
     return {"ours": ours, "sizes": sizes, "grids": grids}
 
 
-def _box(run: Recording) -> tuple[float, float, float, float]:
+def _box(run: ScanRecording) -> tuple[float, float, float, float]:
     x0, y0, x1, y1 = shapely.total_bounds(shapely.linestrings(run.truth.outline.reshape(-1, 2, 2))).tolist()
     return x0, y0, x1, y1
 
 
-def _cell_for(run: Recording, size: int) -> float:
+def _cell_for(run: ScanRecording, size: int) -> float:
     """Cell size of the finest grid over the box that takes no more than so many bytes."""
     x0, y0, x1, y1 = _box(run)
     cell = math.sqrt((x1 - x0) * (y1 - y0) / (size * CELLS_PER_BYTE))
@@ -58,11 +58,11 @@ def _cell_for(run: Recording, size: int) -> float:
     return max(cell, FINEST_M)
 
 
-def _grid(run: Recording, cell_m: float) -> Grid:
+def _grid(run: ScanRecording, cell_m: float) -> Grid:
     return grid_of(run.ranges, np.array(run.poses), run.spec.lidar.range_max_m, _box(run), cell_m)
 
 
-def _compressed_grid(run: Recording, size: int) -> Grid:
+def _compressed_grid(run: ScanRecording, size: int) -> Grid:
     """The finest grid that takes no more than so many bytes after zlib."""
     low, high = FINEST_M, _cell_for(run, size)
     best = _grid(run, high)

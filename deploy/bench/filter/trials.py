@@ -20,7 +20,7 @@ from agent.geometry.visibility import all_seen
 from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault, draw
-from deploy.bench.filter.recording import Recording, record
+from deploy.bench.filter.recording import ScanRecording, record
 from deploy.bench.tables import Outcomes, Row, Runs, Table, columns, runs_of
 
 WORLDS = ["maze-15", "office", "apartment", "symmetric"]
@@ -64,7 +64,7 @@ def measure_faults(world: str, trials: int, particles: int | None, scopes: Seque
 
 
 def _draw_seen(
-    kind: str, mind: WireframeFilter, run: Recording, tick: int, rng: np.random.Generator
+    kind: str, mind: WireframeFilter, run: ScanRecording, tick: int, rng: np.random.Generator
 ) -> tuple[Fault, NDArray[np.bool_]] | None:
     """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
     right = mind.wireframe()
@@ -92,7 +92,7 @@ def _draw_seen(
     return None
 
 
-def _sees(point: NDArray[np.float64], normal: NDArray[np.float64] | None, run: Recording) -> NDArray[np.bool_]:
+def _sees(point: NDArray[np.float64], normal: NDArray[np.float64] | None, run: ScanRecording) -> NDArray[np.bool_]:
     """(t,) scans that see a point in free space."""
     eyes = np.array(run.poses)[:, :2]
     away = eyes - point
@@ -125,7 +125,7 @@ def _spoil(mind: WireframeFilter, fault: Fault, scope: str, rng: np.random.Gener
 
 
 def _scans_until_gone(
-    mind: WireframeFilter, fault: Fault, views: NDArray[np.bool_], run: Recording, tick: int
+    mind: WireframeFilter, fault: Fault, views: NDArray[np.bool_], run: ScanRecording, tick: int
 ) -> int | None:
     """Replay from this tick on, round and round; None if the fault is not gone within WITHIN scans that see it."""
     seen, since = 0, 0

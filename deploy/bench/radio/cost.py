@@ -9,9 +9,9 @@ from unittest.mock import patch
 
 from agent.communication.exchange import Exchange
 from deploy.bench.cases import Case, Figures
-from deploy.bench.clock import Clock
 from deploy.bench.explored import explore, launched, read_json
 from deploy.bench.radio.traffic import BAD
+from deploy.bench.stopwatch import Stopwatch
 from deploy.bench.tables import Table, columns, whole
 from world.radio import Radio
 
@@ -40,7 +40,7 @@ def cases(quick: bool) -> list[Case]:
 
 def measure_share(world: Mapping[str, Any]) -> Figures:
     """Seconds of a run in one process, and those of them in the gate and in the robots' exchanges."""
-    clock = Clock()
+    clock = Stopwatch()
     explore({**world, "until": 2.0}, {})  # kernels are loaded
     with ExitStack() as stack:
         for name, kind, methods in (("gate_s", Radio, GATE), ("exchange_s", Exchange, EXCHANGE)):

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault, draw
-from deploy.bench.filter.recording import HERE, Recording, record
+from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
 from deploy.bench.tables import Section, columns, row_of
@@ -26,11 +26,11 @@ from world.lidar import Lidar
 
 
 @pytest.fixture(scope="module")
-def recording() -> Recording:
+def recording() -> ScanRecording:
     return record("apartment", 0, limit_s=60.0)
 
 
-def test_a_recording_replayed_gives_the_map_and_fits_its_truth(recording: Recording) -> None:
+def test_a_recording_replayed_gives_the_map_and_fits_its_truth(recording: ScanRecording) -> None:
     mind = recording.new_filter()
     for scan, pose in zip(recording.scans, recording.poses, strict=True):
         mind.update(scan, pose)
@@ -40,7 +40,7 @@ def test_a_recording_replayed_gives_the_map_and_fits_its_truth(recording: Record
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: Recording, kind: str) -> None:
+def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: ScanRecording, kind: str) -> None:
     mind = recording.new_filter(2)
     for scan, pose in zip(recording.scans, recording.poses, strict=True):
         mind.update(scan, pose)
@@ -108,7 +108,9 @@ class Scripted:
         ([False] * WITHIN, None),
     ],
 )
-def test_a_fault_is_gone_when_the_map_stays_right(recording: Recording, script: list[bool], scans: int | None) -> None:
+def test_a_fault_is_gone_when_the_map_stays_right(
+    recording: ScanRecording, script: list[bool], scans: int | None
+) -> None:
     fault = Fault(np.zeros(2), None, np.zeros((0, 2)), lambda edges, count: count, lambda wireframe: bool(wireframe))
     views = np.zeros(len(recording.scans), np.bool_)
     views[::2] = True  # only these count
@@ -130,7 +132,7 @@ def test_a_grid_has_walls_where_beams_end_and_free_space_before() -> None:
     assert grid.log_odds[0, 0] == 0  # inside the wall
 
 
-def test_a_grid_is_as_fine_as_its_bytes_allow(recording: Recording) -> None:
+def test_a_grid_is_as_fine_as_its_bytes_allow(recording: ScanRecording) -> None:
     outline = recording.truth.outline.reshape(-1, 2)
     width, height = outline.max(0) - outline.min(0)
     for size in (500, 5000):

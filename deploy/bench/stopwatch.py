@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 
-class Clock:
+class Stopwatch:
     """Seconds spent in timed calls, by name."""
 
     def __init__(self) -> None:
