@@ -1,7 +1,5 @@
 """All settings of a robot's mind, with units and reasons."""
 
-from __future__ import annotations
-
 from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
 from agent.cooperation.config import CooperationConfig

@@ -3,8 +3,6 @@
 Nothing after perception sees a range (paper I: strict adherence to sparsity).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What became of the drive to the place where a proposal is verified."""
 
-from __future__ import annotations
-
 from enum import Enum
 
 

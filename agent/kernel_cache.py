@@ -5,8 +5,6 @@ callee in another file goes unnoticed. Here a kernel is known by its bytecode, a
 records that it reads: the same in every checkout, image and time, and nothing stale is ever loaded.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle

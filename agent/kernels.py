@@ -1,7 +1,5 @@
 """How loops over walls and beams are compiled: one decorator for all kernels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 

@@ -1,7 +1,5 @@
 """One robot: takes what it senses and hears, gives what it does and says. Without clock, network or shared state."""
 
-from __future__ import annotations
-
 import time
 import zlib
 from collections.abc import Sequence
@@ -18,17 +16,7 @@ from agent.exploration.explorer import Command, Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perception import Perception
-from protocol.messages import (
-    Action,
-    Event,
-    Heard,
-    MapReport,
-    Observation,
-    PoseReport,
-    RobotSpec,
-    ScanReport,
-    Send,
-)
+from protocol.messages import Action, Event, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 

@@ -6,8 +6,6 @@ Two robots explore a made-up building, with no world and no network: they map, m
 calls every kernel with the types that real runs call it with.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import multiprocessing

@@ -45,8 +45,7 @@ Until = Annotated[
 ]
 MaxTime = Annotated[float | None, typer.Option(help="Simulated seconds at most.", show_default="7200")]
 RealTime = Annotated[
-    float | None,
-    typer.Option(help="Simulated seconds per second of the clock; without, as fast as the machine goes."),
+    float | None, typer.Option(help="Simulated seconds per second of the clock; without, as fast as the machine goes.")
 ]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file with settings.")]
 Set = Annotated[
@@ -157,14 +156,7 @@ def world_(
         print(f"listening on {endpoint}", flush=True)
         print(f"radio: {settings.radio}", flush=True)
 
-    ended = serve(
-        settings,
-        settings.server,
-        directory,
-        secrets=known,
-        inbox=inbox,
-        listening=listening,
-    )
+    ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
     print(f"ended: {ended}; {directory}")
     raise typer.Exit(ENDINGS.get(ended, Status.INTERRUPTED))
 
@@ -255,14 +247,7 @@ def agent(
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
     inbox = AgentInbox()
     _stop_on_signals(inbox.stop)
-    ended = run_agent(
-        id_,
-        connect,
-        settings.agent,
-        secret=secret,
-        patience=settings,
-        inbox=inbox,
-    )
+    ended = run_agent(id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox)
     print(f"{id_}: {ended}")
     raise typer.Exit(ENDINGS.get(ended, Status.FAILURE))
 

@@ -1,7 +1,5 @@
 """The configuration of a run: a YAML file, then the flags, then --set KEY=VALUE; later ones win."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

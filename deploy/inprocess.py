@@ -1,7 +1,5 @@
 """A run in one process without a network: the same minds in the same world, for benchmarks and tests."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path

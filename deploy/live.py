@@ -1,7 +1,5 @@
 """Progress of a run on the terminal, and the tables at its end."""
 
-from __future__ import annotations
-
 import json
 import time
 from contextlib import ExitStack

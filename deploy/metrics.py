@@ -4,8 +4,6 @@ The definitions are those of the independent scorer that judges run directories.
 where the scorer is absent; a test compares the two.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -95,12 +93,7 @@ class Truth:
     """(k, 2) corners at the end of visible wall."""
 
 
-def truth_of(
-    world: World,
-    start: tuple[float, float],
-    radius_m: float,
-    reach_m: float,
-) -> Truth:
+def truth_of(world: World, start: tuple[float, float], radius_m: float, reach_m: float) -> Truth:
     """Truth for a robot of this radius and range of lidar that starts at (x, y).
 
     Raises WorldFileError where the start is in a wall.

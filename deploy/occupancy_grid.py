@@ -4,8 +4,6 @@ Log-odds per cell; a beam adds evidence for free space in the cells that it cros
 ends. Within one scan an end outweighs crossings of the same cell, as in OctoMap: else grazing beams erase walls.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What became of each pair of robots, from the events of a run directory."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any, NamedTuple

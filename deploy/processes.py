@@ -50,12 +50,7 @@ def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: d
 
 
 def agent_process(
-    launcher: Connection,
-    robot: str,
-    endpoint: str,
-    secret: str | None,
-    config: RunConfig,
-    make_mind: MakeMind | None,
+    launcher: Connection, robot: str, endpoint: str, secret: str | None, config: RunConfig, make_mind: MakeMind | None
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
     from agent.shell.process import AgentInbox, run_agent

@@ -1,7 +1,5 @@
 """The public settings with default, unit and reason, as their models in the code hold them."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import json

@@ -1,7 +1,5 @@
 """Exit statuses of the commands."""
 
-from __future__ import annotations
-
 from enum import IntEnum
 
 
@@ -19,10 +17,5 @@ class Status(IntEnum):
     INTERRUPTED = 130
 
 
-ENDINGS = {
-    "complete": Status.OK,
-    "time": Status.OK,
-    "dead": Status.INCOMPLETE,
-    "interrupted": Status.INTERRUPTED,
-}
+ENDINGS = {"complete": Status.OK, "time": Status.OK, "dead": Status.INCOMPLETE, "interrupted": Status.INTERRUPTED}
 """Exit status by how a run ended, for a world or a robot alone."""

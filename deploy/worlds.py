@@ -1,7 +1,5 @@
 """The bundled worlds for people: sizes, walls, free area, and a small drawing for the terminal."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import asdict, dataclass

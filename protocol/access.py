@@ -3,8 +3,6 @@
 Zenoh checks name and secret when a session opens, and drops in both directions what the rules do not allow.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import secrets as random_secrets
@@ -67,23 +65,11 @@ def access_control(robots: Iterable[str]) -> dict[str, Any]:
         for number, (flow, messages, expressions) in enumerate(allowed):
             ids.append(f"{name}-{number}")
             rules.append(
-                {
-                    "id": ids[-1],
-                    "permission": "allow",
-                    "flows": [flow],
-                    "messages": messages,
-                    "key_exprs": expressions,
-                }
+                {"id": ids[-1], "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": expressions}
             )
         subjects.append({"id": name, "usernames": [name]})
         policies.append({"id": name, "subjects": [name], "rules": ids})
-    return {
-        "enabled": True,
-        "default_permission": "deny",
-        "rules": rules,
-        "subjects": subjects,
-        "policies": policies,
-    }
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 
 
 Rule = tuple[str, list[str], list[str]]

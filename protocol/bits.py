@@ -1,7 +1,5 @@
 """Numbers as few bits: writing and reading a string of bits, most significant first."""
 
-from __future__ import annotations
-
 from protocol.errors import ProtocolError
 
 MAX_PREFIX = 28

@@ -1,7 +1,5 @@
 """Messages as msgpack: small, and the same bytes on every machine."""
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import msgpack

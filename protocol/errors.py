@@ -1,7 +1,5 @@
 """Errors between processes. The text of each is one sentence for a user."""
 
-from __future__ import annotations
-
 
 class ProtocolError(ValueError):
     """Bytes that are no valid message: malformed, too large, not finite, or of another version."""

@@ -4,8 +4,6 @@ A pose x, y, theta (metres, radians counter-clockwise) says how one frame lies i
 transform that takes points of the first frame into the second: no scale, no mirror.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import TypeVar

@@ -4,8 +4,6 @@ Walls of a building are mostly rectilinear, so the grid is turned to the map's m
 coordinates hardly changes then, and small numbers take few bits (protocol.map_codec).
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Sequence
@@ -64,7 +62,7 @@ class GridMap:
         """First vertex of a chain, and the one after its last."""
         return int(self.starts[chain]), int(self.starts[chain + 1])
 
-    def of_chains(self, chains: Sequence[int]) -> GridMap:
+    def of_chains(self, chains: Sequence[int]) -> "GridMap":
         """The map of these chains, in this order."""
         parts = [np.arange(*self.bounds(chain)) for chain in chains]
         rows = np.concatenate(parts) if parts else np.zeros(0, np.int64)
@@ -79,7 +77,7 @@ class GridMap:
             self.rings[np.array(chains, np.int64)],
         )
 
-    def joined(self, other: GridMap) -> GridMap:
+    def joined(self, other: "GridMap") -> "GridMap":
         """The chains of both, of one grid, this map's first."""
         return GridMap(
             self.cell_mm,
@@ -124,7 +122,7 @@ class GridMap:
         arrays = (self.cells[part], self.labels[part], self.own[part], self.level[part], self.rings[chain])
         return b"".join(np.asarray(array, "<i4").tobytes() for array in arrays)
 
-    def alike(self, other: GridMap) -> bool:
+    def alike(self, other: "GridMap") -> bool:
         """Whether both hold the same chains on the same grid, in whatever order."""
         if (self.cell_mm, self.axis, len(self.rings)) != (other.cell_mm, other.axis, len(other.rings)):
             return False

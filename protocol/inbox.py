@@ -1,7 +1,5 @@
 """What a process takes from the network: a queue that callbacks and signal handlers fill, and one thread empties."""
 
-from __future__ import annotations
-
 import time
 from queue import Empty, SimpleQueue
 from typing import NamedTuple

@@ -4,8 +4,6 @@ A robot writes robots/ID/out/** and its token, reads robots/ID/in/** and world/p
 robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control.
 """
 
-from __future__ import annotations
-
 # World to robot: the last part of robots/ID/in/...
 OBS = "obs"
 RADIO = "radio"

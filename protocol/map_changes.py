@@ -1,7 +1,5 @@
 """How a map comes about from an earlier one: chains that stay, chains that are built, chains that are dropped."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from enum import IntEnum
 from typing import NamedTuple

@@ -5,8 +5,6 @@ a chain are nominal and most ends are frontiers. A vertex is coded as a step fro
 numbers; in rectilinear buildings, successive steps are at right angles. A whole map is the changes to an empty one.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

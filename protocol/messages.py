@@ -3,8 +3,6 @@
 Units: metres, radians, seconds; a pose is (x, y, theta), counter-clockwise.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any
 

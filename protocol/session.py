@@ -125,11 +125,7 @@ def open_client(
         "listen/endpoints": [],
         "connect/endpoints": [connect],
         "connect/timeout_ms": int(timeout_s * 1000),
-        "connect/retry": {
-            "period_init_ms": RETRY_MS[0],
-            "period_max_ms": RETRY_MS[1],
-            "period_increase_factor": 2,
-        },
+        "connect/retry": {"period_init_ms": RETRY_MS[0], "period_max_ms": RETRY_MS[1], "period_increase_factor": 2},
     }
     if secret is not None:
         settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}

@@ -1,7 +1,5 @@
 """The base of all settings, and their types."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field

@@ -1,7 +1,5 @@
 """Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/formats.md)."""
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import NamedTuple
@@ -45,7 +43,7 @@ class Beacon(NamedTuple):
         return _BEACON.pack(VERSION << 4, self.tick, round(1000 * x), round(1000 * y), turn)
 
     @classmethod
-    def decode(cls, data: bytes) -> Beacon:
+    def decode(cls, data: bytes) -> "Beacon":
         """Raises ProtocolError on anything else than a beacon."""
         check_version(data)
         if len(data) != _BEACON.size:
@@ -78,7 +76,7 @@ class Part(NamedTuple):
         return first_byte(single * _SINGLE) + b"".join(map(varint, numbers)) + self.body
 
     @classmethod
-    def decode(cls, data: bytes) -> Part:
+    def decode(cls, data: bytes) -> "Part":
         """Raises ProtocolError on anything else than a part, and on too many parts."""
         flags = check_version(data)
         version, at = take_varint(data, 1)
@@ -108,7 +106,7 @@ class Ack(NamedTuple):
         return first_byte(flags) + varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
 
     @classmethod
-    def decode(cls, data: bytes) -> Ack:
+    def decode(cls, data: bytes) -> "Ack":
         """Raises ProtocolError on anything else than an acknowledgement."""
         flags = check_version(data)
         version, at = take_varint(data, 1)

@@ -4,8 +4,6 @@ Places are on a grid of 10 cm, in the order in which the robot was there. Each i
 last step would lead on. A list covers the ticks (since, until].
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

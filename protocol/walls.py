@@ -1,7 +1,5 @@
 """Walls as arrays: segments (m, 4) x1, y1, x2, y2 in metres, or edges (m, 2) from and to vertices."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

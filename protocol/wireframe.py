@@ -1,7 +1,5 @@
 """The wireframe: a labelled, embedded, directed graph of corners and walls (paper III-A), and its bytes."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass, field
 from enum import IntEnum

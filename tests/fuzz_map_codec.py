@@ -4,8 +4,6 @@
 calls with bytes of its own.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from dataclasses import replace

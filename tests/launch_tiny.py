@@ -3,8 +3,6 @@
 Prints each progress as a line of JSON, last the result; exits with its status.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

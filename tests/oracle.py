@@ -4,8 +4,6 @@ The oracle keeps, per true wall, what the beams have hit so far, and gives it ou
 mapper would have: true corners where both walls were seen, occlusion or frontier ends elsewhere.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass, field

@@ -7,8 +7,6 @@ compares the SHA-256 of what they wrote. Status 1 where anything differs. Digest
 results/same_behaviour/, as they do not change.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

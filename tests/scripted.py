@@ -1,7 +1,5 @@
 """Robots that follow a script: they drive about, send what they are told to, and map nothing true."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

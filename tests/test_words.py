@@ -1,7 +1,5 @@
 """One word for one thing: class names are unique, and what the glossary names exists."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """A world of one room, small enough for tests that start processes."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from pathlib import Path

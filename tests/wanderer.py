@@ -1,7 +1,5 @@
 """A scripted robot for tests of the shells: drives until something is near, turns, and says a little of all."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -1,7 +1,5 @@
 """`wireswarm` and `python -m wireswarm`: the command line, after the guard of this package has been passed."""
 
-from __future__ import annotations
-
 
 def main() -> None:
     """Entry point of the command `wireswarm`."""

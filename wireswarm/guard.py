@@ -1,7 +1,5 @@
 """Whether Python finds our own packages: their names are generic, and another of the same name may be in the way."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

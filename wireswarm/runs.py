@@ -1,7 +1,5 @@
 """Runs for notebooks: robots in this process, or a run directory that is already there."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory

@@ -4,8 +4,6 @@ Everything random is drawn from (seed, model, sender, receiver, tick, number on 
 message changes no draw of another link.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Mapping
@@ -14,16 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from protocol.arrays import Floats
-from world.radio_config import (
-    Asymmetric,
-    Bernoulli,
-    Blackout,
-    GilbertElliott,
-    Latency,
-    LineOfSight,
-    LogDistance,
-    Model,
-)
+from world.radio_config import Asymmetric, Bernoulli, Blackout, GilbertElliott, Latency, LineOfSight, LogDistance, Model
 
 
 class Hop(NamedTuple):

@@ -1,7 +1,5 @@
 """What robots answer to a tick, gathered message by message."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Settings of the world, with units and reasons."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator

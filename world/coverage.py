@@ -1,7 +1,5 @@
 """Coverage: the share of the visible wall that robots' beams have hit (docs/formats.md)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -60,9 +58,7 @@ def visible_wall(world: World, region: int, radius_m: float, reach_m: float) -> 
     ends = np.vstack(pieces) if pieces else np.zeros((0, 4))
     along = ends[:, 2:] - ends[:, :2]
     return VisibleWall(
-        ends=ends,
-        lengths=np.hypot(along[:, 0], along[:, 1]),
-        visible=_visible(world, reachable, ends, reach_m),
+        ends=ends, lengths=np.hypot(along[:, 0], along[:, 1]), visible=_visible(world, reachable, ends, reach_m)
     )
 
 
@@ -123,13 +119,7 @@ class Coverage:
 
     MILESTONES = (0.90, 0.99)
 
-    def __init__(
-        self,
-        world: World,
-        starts: NDArray[np.float64],
-        radius_m: float,
-        reach_m: float,
-    ) -> None:
+    def __init__(self, world: World, starts: NDArray[np.float64], radius_m: float, reach_m: float) -> None:
         """`starts` is (k, 3): robots that start in one region share its visible wall."""
         homes = [world.region_index(x, y, radius_m) for x, y, _ in starts.tolist()]
         walls = {home: visible_wall(world, home, radius_m, reach_m) for home in sorted(set(homes))}
@@ -241,12 +231,7 @@ class Coverage:
                 self.team_reached.setdefault(share, t)
 
     def _count(
-        self,
-        tick: int,
-        robot: NDArray[np.intp],
-        wall: NDArray[np.intp],
-        place: NDArray[np.float64],
-        lookup: _Lookup,
+        self, tick: int, robot: NDArray[np.intp], wall: NDArray[np.intp], place: NDArray[np.float64], lookup: _Lookup
     ) -> None:
         nth = np.maximum(np.searchsorted(lookup.begins, place + _JOINT_M, side="right") - 1, 0)
         known = lookup.walls[nth] == wall  # a beam may meet the outside of a building, which has no pieces

@@ -1,7 +1,5 @@
 """One run of the world, tick by tick: observations out, actions in. No clock, no network."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Mapping
 from pathlib import Path

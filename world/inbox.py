@@ -1,7 +1,5 @@
 """What comes to the world: robots' samples, changes of their liveliness tokens, and their questions."""
 
-from __future__ import annotations
-
 import zenoh
 
 from protocol import keys

@@ -1,7 +1,5 @@
 """What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -45,13 +43,7 @@ class Ledger:
     """The accounts of one run."""
 
     def __init__(
-        self,
-        config: WorldConfig,
-        world: World,
-        robots: Sequence[str],
-        starts: Floats,
-        books: Books,
-        out: Path | None,
+        self, config: WorldConfig, world: World, robots: Sequence[str], starts: Floats, books: Books, out: Path | None
     ) -> None:
         """`starts` (k, 3): true poses at tick 0. `books`: the radio's. `out`: run directory, None records nothing."""
         spec = config.spec

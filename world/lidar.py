@@ -3,8 +3,6 @@
 This gives the same ranges as testing every beam against every wall, at the cost of the pairs that do meet.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

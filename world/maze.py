@@ -1,7 +1,5 @@
 """Rectilinear mazes from a seed: corridors, a few rooms, and loops."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What the wheels say: each robot's pose in its own frame, which is its start pose."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which robots take part in a run, and who is let in."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from enum import Enum
 

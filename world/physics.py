@@ -1,7 +1,5 @@
 """Differential-drive robots as rigid discs that push against walls and each other (pymunk)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pymunk
 import pymunk.batch
@@ -32,13 +30,7 @@ _WRITE = BodyFields.FORCE | BodyFields.TORQUE
 class Physics:
     """The bodies of all robots among the walls. The same calls give the same bits."""
 
-    def __init__(
-        self,
-        segments: Floats,
-        poses: Floats,
-        spec: RobotSpec,
-        period_s: float,
-    ) -> None:
+    def __init__(self, segments: Floats, poses: Floats, spec: RobotSpec, period_s: float) -> None:
         """Walls (n, 4) and start poses (k, 3) in metres, world frame; one `advance` takes period_s."""
         self.poses = np.array(poses, np.float64)
         """(k, 3) x, y, theta of the robots, world frame; theta is not wrapped."""

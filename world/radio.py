@@ -1,7 +1,5 @@
 """The gate that every message between robots must pass, and the books of what passed and what was dropped."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict, deque
 from collections.abc import Collection, Mapping, Sequence

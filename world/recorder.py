@@ -3,8 +3,6 @@
 Only `real_time_factor`, `step_ms_median` and `late_ticks` of summary.json depend on the machine.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -102,12 +100,7 @@ class Recorder:
         for file in self._files:
             file.flush()
 
-    def close(
-        self,
-        maps: Mapping[str, Wireframe],
-        summary: Mapping[str, Any],
-        bandwidth: Mapping[str, Any],
-    ) -> None:
+    def close(self, maps: Mapping[str, Wireframe], summary: Mapping[str, Any], bandwidth: Mapping[str, Any]) -> None:
         """Write the final maps, the summary and the radio's books, and close all files."""
         for robot, wireframe in maps.items():
             self._json(f"maps/{robot}.json", map_fields(robot, wireframe))

@@ -1,7 +1,5 @@
 """The shell around an episode over Zenoh: an embedded router, the join, the ticks, and robots that die."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
@@ -158,16 +156,10 @@ class Shell:
         episode = self.episode
         episode.late_ticks = self._answers.late_ticks
         clock = Clock(
-            tick=episode.tick,
-            t=episode.t,
-            status={robot: self._status(robot) for robot in episode.robots},
-            ended=ended,
+            tick=episode.tick, t=episode.t, status={robot: self._status(robot) for robot in episode.robots}, ended=ended
         )
         progress = Progress(
-            clock=clock,
-            coverage=episode.coverage,
-            team=episode.team_coverage,
-            late_ticks=episode.late_ticks,
+            clock=clock, coverage=episode.coverage, team=episode.team_coverage, late_ticks=episode.late_ticks
         )
         self._clock.put(encode(clock))
         self._links.put(encode(LinkTable(tick=episode.tick, links=episode.links)))

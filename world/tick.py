@@ -1,7 +1,5 @@
 """What a robot gets and answers in one tick, and which answers are refused."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
 from typing import NamedTuple

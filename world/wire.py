@@ -5,8 +5,6 @@ was measured with eclipse-zenoh 1.10, and a test checks it: 12 bytes of frame, s
 of the payload. A message to a robot also carries the last part of its key, because one subscriber takes all inputs.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import struct

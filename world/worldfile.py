@@ -1,7 +1,5 @@
 """World files: walls and obstacles, and where robots start."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

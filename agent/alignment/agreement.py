@@ -4,8 +4,6 @@ A wall agrees where it lies on a wall of the other map that faces the same way. 
 the free strip before a wall of the other map. The opposite face of a thin wall does neither.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Where a peer's map lies in the robot's own, or why that cannot be told (paper III-C; the tests are ours)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -6,8 +6,6 @@ other whoever they are, so places on one line are no proof. The method needs no 
 alike, which no test on two maps can.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ One pair of corners gives a transform: the corners give its shift, and the walls
 draws pairs at random. Taking the likeliest pairs in order finds the same transforms sooner and is repeatable.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

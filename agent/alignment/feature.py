@@ -4,8 +4,6 @@ A chain may end early. The rule (ours): an entry beyond the end is unknown and s
 frontier is at least as long as it was seen, and so a lower bound; an angle between two known walls is known.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What two robots know from hearing each other: they are within radio range, and each stands in free space (ours)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

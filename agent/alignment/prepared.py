@@ -1,7 +1,5 @@
 """A map made ready to be aligned: features of its corners, an index of its walls, and where a robot can be in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from agent.alignment.agreement import Walls, index_walls

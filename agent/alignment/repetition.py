@@ -7,8 +7,6 @@ agreement times the share of the matched corners that repeat, less the conflict 
 counted and not walls, because along a corridor walls repeat at every step.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -37,12 +35,7 @@ def patterns(one: Corners, drawing: str, rng: np.random.Generator) -> Floats:
 
 
 def rival_score(
-    best: Floats,
-    agreed_m: float,
-    mine: PreparedMap,
-    theirs: PreparedMap,
-    drawing: str,
-    rng: np.random.Generator,
+    best: Floats, agreed_m: float, mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.Generator
 ) -> float:
     """Score in metres of the best rival of the transform `best` (3,), under which so much wall agrees; 0 without.
 

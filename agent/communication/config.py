@@ -1,7 +1,5 @@
 """Settings of what a robot tells its peers."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import Field

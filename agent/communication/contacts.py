@@ -1,7 +1,5 @@
 """Whom a robot hears: C of Algorithm 1. Known by messages alone, never by a list from the truth."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from protocol.messages import Event

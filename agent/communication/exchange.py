@@ -4,8 +4,6 @@ Each peer is told the changes to the map that it last acknowledged, and nothing 
 is the tick at which it was so. Both sides keep the maps that the other may still refer to.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 

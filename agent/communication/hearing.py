@@ -1,7 +1,5 @@
 """What a robot hears in a tick, as values: who is in contact, and what each peer told that is new."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The maps and viewpoints of one peer, from messages that may be lost, late or doubled."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

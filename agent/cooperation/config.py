@@ -1,7 +1,5 @@
 """What of cooperation may be switched off, and how sure a robot must be. All ours; the paper gives no numbers."""
 
-from __future__ import annotations
-
 from protocol.settings import Config, Positive
 
 

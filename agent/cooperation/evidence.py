@@ -4,8 +4,6 @@ A piece of 10 cm counts once, however many scans show it, as scans are not indep
 own map are not fresh: the alignment has used them, so they count for nothing.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -126,13 +124,7 @@ def _keys(pieces: Floats) -> Ints:
 
 
 @kernel
-def _look(
-    walls: Floats,
-    on: Ints,
-    through: Ints,
-    t: Floats,
-    view: View,
-) -> None:
+def _look(walls: Floats, on: Ints, through: Ints, t: Floats, view: View) -> None:
     c, s = math.cos(t[2]), math.sin(t[2])
     for k in range(walls.shape[0]):
         x, y = move(t, walls[k, 0], walls[k, 1])

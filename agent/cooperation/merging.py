@@ -4,8 +4,6 @@ Every function returns the peer's new state. The merged map is a layer over the 
 undoing a merge is complete: the layer is left away.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

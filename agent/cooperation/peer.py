@@ -1,7 +1,5 @@
 """Another robot: met, proposed or merged, and in each of these states a log of what it told."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """When the map of a peer is aligned with the robot's own, and how: by the maps, or by seeing the peer."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ A peer is met, then proposed (an alignment is on trial while the robot drives to
 given up. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -69,11 +67,7 @@ class Team:
     """What one robot knows of all others, and makes of their maps."""
 
     def __init__(
-        self,
-        config: CooperationConfig,
-        alignment: AlignmentConfig,
-        spec: RobotSpec,
-        rng: np.random.Generator,
+        self, config: CooperationConfig, alignment: AlignmentConfig, spec: RobotSpec, rng: np.random.Generator
     ) -> None:
         """rng: for alignment methods that draw."""
         self.config, self.spec = config, spec

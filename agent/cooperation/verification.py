@@ -4,8 +4,6 @@ The trial is a sequential test on evidence that the alignment did not use. Its w
 the transform is right. At either bound the trial decides, also before the robot arrives where it wanted to look.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

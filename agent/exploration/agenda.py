@@ -1,7 +1,5 @@
 """What is worth going to, and what of it comes first (ours)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple

@@ -1,7 +1,5 @@
 """Settings of exploration and driving. All ours; the paper gives none."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """What a robot does when no frontier is left: the four default states of the paper (IV-B), and ours. All end."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,7 +1,5 @@
 """Drive control: follow a path, touch nothing (ours)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Where the paper is silent the rules are ours: goals have a memory, all trying an
 is a state that a new frontier ends.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The paper drives to the closest frontier vertex (IV, Algorithm 1). Ours stands w
 wall should come into view, and treats occlusion ends alike.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Goals that were tried, remembered by place and direction, as a map's vertices come and go (ours)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The map's open ends as goals: which are there, from where they are seen on, and what became of them (ours)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

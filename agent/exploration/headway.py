@@ -1,7 +1,5 @@
 """Whether the robot gets on along its path, waits for a teammate, or is stuck (ours)."""
 
-from __future__ import annotations
-
 import math
 from enum import Enum, auto
 

@@ -6,8 +6,6 @@ every wall, which is asked only when the answer could shorten a path. Nothing is
 walls move a little with every scan.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Where to stand for what is no exploration: near a proposal's place, away from a teammate, out of the way (ours)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is around the robot in a tick: walls of map and scan, teammates, walls found by touch, and ways around them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ driven in; it is sampled as densely as the smallest object needs, and a sample i
 radius sees it past the walls. The samples are made anew for each question; nothing of them is kept.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Teammates in the way: seen lately, standing still, as obstacles for paths (ours)."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from dataclasses import dataclass

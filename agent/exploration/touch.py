@@ -1,7 +1,5 @@
 """Walls that no scan shows, such as panes of glass: found by pushing against them (ours)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

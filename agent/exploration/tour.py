@@ -1,7 +1,5 @@
 """In which order to visit several places (ours): nearest first, improved by moves and reversals."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From where robots have looked: what was seen, kept sparsely."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

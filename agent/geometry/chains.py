@@ -1,7 +1,5 @@
 """Walls that share corners as arrays of vertices and edges (paper III-A)."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

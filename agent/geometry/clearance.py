@@ -1,7 +1,5 @@
 """How far a point or a straight motion stays from walls. Walls are (m, 4) x1, y1, x2, y2 in metres."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

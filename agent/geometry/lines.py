@@ -3,8 +3,6 @@
 A line is any record with a point x, y on it, its centroid, and a unit direction ux, uy: a piece of a scan or a wall.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

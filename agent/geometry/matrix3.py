@@ -1,7 +1,5 @@
 """Inverse and square root of symmetric 3 x 3 matrices inside kernels, where numba would want all of scipy."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 A transform is the pose of one frame in another, so it takes points of the first into the second. No scale, no mirror.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

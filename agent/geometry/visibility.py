@@ -1,7 +1,5 @@
 """What is seen from where, given the walls of a map: (m, 4) x1, y1, x2, y2 in metres."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -3,8 +3,6 @@
 A few beams over a small step, over a corner or over two faces of a post fit a line, too. Such a smear is no wall.
 """
 
-from __future__ import annotations
-
 import math
 
 from agent.corner_scan import NOMINAL, OCCLUSION

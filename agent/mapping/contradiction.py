@@ -4,8 +4,6 @@ A wall that was wrongly added often lies in solid behind the true one. So views 
 cut, unlinked or overlaid goes on probation: a few scans that should see it and do not remove it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

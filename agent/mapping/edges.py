@@ -4,8 +4,6 @@ A wall's line is the total-least-squares fit of all hits it ever got, kept as si
 closed form. Corners are where linked walls meet: they follow their lines and are stored nowhere.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ An occlusion end is an interval, from the last hit to where the next ray would h
 scans. What was confirmed often is changed only by as many more views, else distant views undo what near ones closed.
 """
 
-from __future__ import annotations
-
 import math
 
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION

@@ -6,8 +6,6 @@ added. So walls that come back are no fresh evidence, a newer map replaces the o
 complete: the layer is left away.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

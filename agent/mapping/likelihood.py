@@ -5,8 +5,6 @@ wall. It reads a particle and changes nothing, so it also judges maps that are n
 is the log-odds, in nats, of what a scan shows if the particle is right against if it is wrong.
 """
 
-from __future__ import annotations
-
 from agent.corner_scan import NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel

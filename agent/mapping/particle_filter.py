@@ -1,7 +1,5 @@
 """The map of one robot: a weighted set of whole wireframes, the particles (paper III-B; equations ours)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -244,9 +242,7 @@ def wireframe_of(edges: Records) -> Wireframe:
 
 
 @kernel
-def _published(
-    edges: Records,
-) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
+def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
     """The arrays of that wireframe, in the order of its fields."""
     place = np.full(len(edges), -1)
     m = 0

@@ -4,8 +4,6 @@ Robust least squares on walls and their ends with the odometry as prior. Where w
 axis holds the heading; where they are not, only the walls themselves do.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

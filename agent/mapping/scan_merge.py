@@ -1,7 +1,5 @@
 """A corner scan merged into one particle: lines fused, ends moved, corners linked, walls joined and inserted (ours)."""
 
-from __future__ import annotations
-
 import math
 
 from agent.corner_scan import NOMINAL, OCCLUSION
@@ -9,17 +7,7 @@ from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import GATE_SIGMAS, Gates, cost, overlap
 from agent.mapping.candidates import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
-from agent.mapping.edges import (
-    WALL,
-    add_hits,
-    line_sd,
-    part,
-    piece_scatter,
-    remove,
-    set_tip,
-    settle_corner,
-    tip_at,
-)
+from agent.mapping.edges import WALL, add_hits, line_sd, part, piece_scatter, remove, set_tip, settle_corner, tip_at
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
 from protocol.arrays import Floats, Ints, Records
 

@@ -1,7 +1,5 @@
 """What one scan saw of a place or of a wall: nothing, free space through it, or a wall on it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Settings of perception."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from protocol.settings import Config

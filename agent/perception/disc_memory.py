@@ -1,7 +1,5 @@
 """What is remembered of discs in scans: teammates seen a moment ago, and posts that only look like teammates (ours)."""
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Teammates in a scan: discs of known radius, whose beams tell nothing about walls (ours)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """From a lidar scan to a corner scan (paper II): discs left out, then straight pieces, corners and labels."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The only reader of ranges (paper I, "strictly sparse"): each scan becomes a corner scan, with what is remembered."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agent.corner_scan import CornerScan

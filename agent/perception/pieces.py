@@ -1,7 +1,5 @@
 """From straight runs of beams to the pieces of a corner scan: lines, shared corners, and labels of ends (paper II)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ With weights r^4 / sigma^2, prefix sums give fit and chi-square of any interval 
 programming finds the cheapest cut. Grazing walls, dropouts and mixed pixels need no rule of their own.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Split and merge: the paper's way to cut a scan into straight pieces (paper II, its ref. 17)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Settings of a robot's process."""
 
-from __future__ import annotations
-
 from protocol.settings import Config, NotNegative, Positive
 
 

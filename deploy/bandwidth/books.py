@@ -1,7 +1,5 @@
 """The books of a run, and that they balance: radio.csv, line by line, against the sums of bandwidth.json."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import Counter

@@ -1,7 +1,5 @@
 """bandwidth.png: bytes over time, per square metre explored, and against the quality of the maps."""
 
-from __future__ import annotations
-
 import csv
 from collections import defaultdict
 from pathlib import Path

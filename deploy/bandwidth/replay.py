@@ -3,8 +3,6 @@
 So a run pays nothing for baselines that it does not send.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

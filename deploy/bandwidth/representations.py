@@ -5,8 +5,6 @@ current map, `scans_*` the scans since the last update to that peer, `grid_delta
 Baselines pay for their bytes alone; only ours pays for headers, acknowledgements and what was sent again.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

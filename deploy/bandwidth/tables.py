@@ -1,7 +1,5 @@
 """The bandwidth measurement as tables for people and a document for programs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

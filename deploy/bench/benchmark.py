@@ -1,7 +1,5 @@
 """A benchmark: the declared cases and tables of its parts, measured, printed and written."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform

@@ -4,8 +4,6 @@ A case is a function of plain arguments. Its figures are kept under a key of the
 the arguments, so that an interrupted benchmark goes on where it stopped, and a change of the code starts anew.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import multiprocessing

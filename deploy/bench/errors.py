@@ -1,7 +1,5 @@
 """How far off a transform between two robots' frames is."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

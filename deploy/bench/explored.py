@@ -1,7 +1,5 @@
 """One whole run in this process, and what it shows: scores against the truth, times and bytes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The layouts that benchmarks run in: bundled worlds, real ones beside the repository, and those that are made."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable, Mapping

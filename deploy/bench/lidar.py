@@ -1,7 +1,5 @@
 """`wireswarm bench lidar`: how many rays a second the lidar casts in each bundled world."""
 
-from __future__ import annotations
-
 import sys
 import time
 

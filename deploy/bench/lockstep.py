@@ -1,7 +1,5 @@
 """`wireswarm bench lockstep`: what processes and Zenoh cost, by ticks a second of robots that do not think."""
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Sequence

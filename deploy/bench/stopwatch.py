@@ -1,7 +1,5 @@
 """Where the time of a run goes: calls that are timed by name."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections import defaultdict

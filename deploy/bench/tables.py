@@ -1,7 +1,5 @@
 """Declared tables: which cases make a row, what is made of their figures, and the bars that it must meet."""
 
-from __future__ import annotations
-
 import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence

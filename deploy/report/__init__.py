@@ -1,7 +1,5 @@
 """The report of a finished run, from the files of its run directory alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from deploy.report.page import write_page

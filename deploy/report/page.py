@@ -1,7 +1,5 @@
 """report.html: one file that opens without a network."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -34,11 +32,7 @@ ROBOT_COLUMNS = (
     ("received", "bytes_received", size),
     ("map", "map_bytes", size),
     ("filter", "filter_bytes", size),
-    (
-        "step, median",
-        "step_ms_median",
-        lambda value: NONE if number(value) == NONE else f"{number(value, 2)} ms",
-    ),
+    ("step, median", "step_ms_median", lambda value: NONE if number(value) == NONE else f"{number(value, 2)} ms"),
 )
 
 PAGE = Template("""<!doctype html>

@@ -1,7 +1,5 @@
 """report.png: the maps over the truth, each map alone, and the curves. Also the curves of the page."""
 
-from __future__ import annotations
-
 import io
 import math
 from pathlib import Path

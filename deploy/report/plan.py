@@ -4,8 +4,6 @@ A drawing's unit is the metre, y up. All marks of a kind are one path string, so
 few strings. A dot is a stroke of zero length with a round cap, a square one with a square cap.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from html import escape

@@ -1,7 +1,5 @@
 """Colours and marks, the same in the picture and on the page."""
 
-from __future__ import annotations
-
 from protocol.wireframe import Label
 
 INK = "#1f2933"

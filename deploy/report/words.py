@@ -1,7 +1,5 @@
 """Headline and subtitle of a run, and numbers as texts."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Strictly sparse (paper I): beyond perception, and the shells that hand it on, nothing touches a range."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

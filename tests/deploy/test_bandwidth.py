@@ -1,7 +1,5 @@
 """The bandwidth measurement: books that balance or say where not, scans seen once more, and each form's bytes."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -160,9 +158,7 @@ def test_the_books_balance_and_say_where_they_do_not(
         read_books(tmp_path)
 
 
-def test_the_command_prints_and_keeps_the_figures(
-    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]],
-) -> None:
+def test_the_command_prints_and_keeps_the_figures(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
     out, _, _ = recorded
     printed = CliRunner().invoke(app, ["bandwidth", str(out), "--json"])
     (figures,) = json.loads(printed.stdout)

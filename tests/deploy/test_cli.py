@@ -1,7 +1,5 @@
 """The command: options of the contract, exit statuses, and one sentence for what a user can act on."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What happens when a process dies: noticed at once, the others go on, nothing is left behind."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

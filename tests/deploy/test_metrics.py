@@ -1,7 +1,5 @@
 """Our own score of a map: by hand on small maps, and against the independent scorer."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import math

@@ -1,7 +1,5 @@
 """The table of pairs at the end of a run tells what the events say."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

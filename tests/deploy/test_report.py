@@ -42,12 +42,7 @@ def seen(corners: int, start: list[float]) -> dict[str, Any]:
         edges.append([corners - 1, 0])
     else:
         labels[0], labels[-1] = "occlusion", "frontier"
-    return {
-        "vertices": points.tolist(),
-        "labels": labels,
-        "edges": edges,
-        "edge_likelihood": [0.9] * len(edges),
-    }
+    return {"vertices": points.tolist(), "labels": labels, "edges": edges, "edge_likelihood": [0.9] * len(edges)}
 
 
 def write_run(path: Path, name: str = "two-rooms") -> Path:
@@ -60,14 +55,7 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
     manifest = {"version": "0.1.0", "seed": 7, "ended": "complete", "command": ["wireswarm", "run"]}
     (path / "manifest.json").write_text(json.dumps(manifest))
     robots = {
-        r: {
-            "coverage": 1.0,
-            "t_90": 40.0,
-            "t_99": None,
-            "path_m": 12.5,
-            "bytes_sent": 5300,
-            "ended": "complete",
-        }
+        r: {"coverage": 1.0, "t_90": 40.0, "t_99": None, "path_m": 12.5, "bytes_sent": 5300, "ended": "complete"}
         for r in STARTS
     }
     team = {"coverage": 1.0, "t_90": 31.0, "t_99": 47.0, "overlap": 0.8}
@@ -77,14 +65,7 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
     (path / "bandwidth.json").write_text(json.dumps({"robots": dict.fromkeys(STARTS, books)}))
     events = [
         {"t": 3.0, "tick": 15, "robot": "r1", "event": "contact", "peer": "r2"},
-        {
-            "t": 30.0,
-            "tick": 150,
-            "robot": "r1",
-            "event": "accepted",
-            "peer": "r2",
-            "transform": [1.0, 2.0, 0.25],
-        },
+        {"t": 30.0, "tick": 150, "robot": "r1", "event": "accepted", "peer": "r2", "transform": [1.0, 2.0, 0.25]},
         {"t": 60.0, "tick": 300, "robot": "r2", "event": "complete"},
     ]
     (path / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
@@ -158,14 +139,7 @@ def test_the_page_is_whole_and_fetches_nothing(whole: Path) -> None:
     assert "url(" not in page.source.replace("url(#", "") and "@import" not in page.source
     assert page.open == []
     assert "not whole" not in page.text
-    for words in (
-        "two-rooms: 2 robots",
-        "seed 7",
-        "100.0 %",
-        "5.3 kB",
-        "transform [1, 2, 0.25]",
-        "1 accepted",
-    ):
+    for words in ("two-rooms: 2 robots", "seed 7", "100.0 %", "5.3 kB", "transform [1, 2, 0.25]", "1 accepted"):
         assert words in page.text
 
 

@@ -1,7 +1,5 @@
 """`wireswarm config`: every setting of the models is listed with its reason, and the file loads to the defaults."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """`wireswarm worlds`: sizes that follow from the geometry, and a drawing of the solids."""
 
-from __future__ import annotations
-
 from dataclasses import astuple
 
 from deploy.worlds import drawing, size_of, to_text

@@ -1,7 +1,5 @@
 """A rogue with a robot's own secret: what it reads, says and fakes, by the rules of the router."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

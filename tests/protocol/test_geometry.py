@@ -1,7 +1,5 @@
 """Poses, points and angles."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The map as the radio carries it: exact to the cell, small, told as changes, and safe from any bytes."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What travels: round trips, and any other bytes raise ProtocolError and nothing else."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import struct
@@ -57,11 +55,7 @@ events = st.builds(Event, event=ids, data=st.dictionaries(texts, json_values, ma
     lambda data: depth(data) <= MAX_EVENT_DEPTH
 ))  # fmt: skip
 clocks = st.builds(
-    Clock,
-    tick=ticks,
-    t=st.floats(0, 1e9),
-    status=st.dictionaries(ids, texts, max_size=5),
-    ended=st.none() | texts,
+    Clock, tick=ticks, t=st.floats(0, 1e9), status=st.dictionaries(ids, texts, max_size=5), ended=st.none() | texts
 )
 messages = st.one_of(
     st.builds(Join, version=st.integers(0, 100), robot=ids),
@@ -163,16 +157,7 @@ def test_deep_nesting_is_refused() -> None:
 
 @pytest.mark.parametrize(
     "value",
-    [
-        math.nan,
-        math.inf,
-        [{"a": -math.inf}],
-        b"bytes",
-        "x" * 1001,
-        {"x" * 1001: 1},
-        [0] * 10_001,
-        msgpack.Timestamp(0),
-    ],
+    [math.nan, math.inf, [{"a": -math.inf}], b"bytes", "x" * 1001, {"x" * 1001: 1}, [0] * 10_001, msgpack.Timestamp(0)],
     ids=lambda value: type(value).__name__,
 )
 def test_event_data_is_finite_and_bounded_json(value: Any) -> None:

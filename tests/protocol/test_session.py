@@ -1,7 +1,5 @@
 """Bytes on the wires: the sockets' counts, and that payload and overhead explain them."""
 
-from __future__ import annotations
-
 import json
 import socket
 import sys

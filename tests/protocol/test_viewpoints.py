@@ -1,7 +1,5 @@
 """Where teammates have looked from: few bits, told to those who ask and have the map, and taken back with a merge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

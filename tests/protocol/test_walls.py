@@ -1,7 +1,5 @@
 """Walls as arrays."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

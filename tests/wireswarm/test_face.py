@@ -1,7 +1,5 @@
 """The public face: what it holds, that it stays light, and that the worked example runs."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A user who has another package of one of our names in the way is told so in one sentence."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

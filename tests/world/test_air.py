@@ -1,7 +1,5 @@
 """The models of the air: what each loses and delays, alone and together, and whose luck moves whose."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

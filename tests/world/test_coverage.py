@@ -1,7 +1,5 @@
 """Visible wall as the independent scorer defines it, and what beams cover of it."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from types import ModuleType
@@ -88,13 +86,7 @@ def test_the_same_look_twice_adds_nothing() -> None:
 
 
 def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> None:
-    boxes = [
-        [0, 0, 0, 9, 0.2],
-        [0, 4, 0, 9, 0.2],
-        [-4.4, 2, 0, 0.2, 4],
-        [4.4, 2, 0, 0.2, 4],
-        [1, 2, 0, 0.2, 4],
-    ]
+    boxes = [[0, 0, 0, 9, 0.2], [0, 4, 0, 9, 0.2], [-4.4, 2, 0, 0.2, 4], [4.4, 2, 0, 0.2, 4], [1, 2, 0, 0.2, 4]]
     world = worldfile.from_document({"boxes": boxes, "spawns": [[-2, 2, 0], [3, 2, 0]]})
     coverage = Coverage(world, world.spawns, RADIUS, 10.0)
     ranges, met = Lidar(world.segments, LidarSpec(beams=2000, range_max_m=10)).trace(world.spawns)

@@ -1,7 +1,5 @@
 """Whole runs in one process with scripted robots: determinism, the run directory, hostile answers, ends."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
@@ -170,9 +168,7 @@ HOSTILE = {
     "these bytes are no wireframe": answer(0)._replace(map=MapReport(tick=0, wireframe=bytes(40))),
     "is not 40 bytes long": answer(0)._replace(map=MapReport(tick=0, wireframe=encode_wireframe(CUT) + bytes(9))),
     "no other robot of this run": Outputs(
-        [Send(tick=0, to="r9", kind="map", payload=b"")],
-        Action(tick=0, speed_mps=0, turn_rps=0, sent=1),
-        None,
+        [Send(tick=0, to="r9", kind="map", payload=b"")], Action(tick=0, speed_mps=0, turn_rps=0, sent=1), None
     ),
     "a drive command is not finite": answer(0)._replace(action=unchecked(0, math.nan)),
 }

@@ -1,7 +1,5 @@
 """The lidar against a plain reference that tests every beam against every wall."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Robots drive as commanded, stop at walls, push each other, and do it the same each time."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import subprocess

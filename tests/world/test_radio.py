@@ -1,7 +1,5 @@
 """The gate: who hears what, when, and what the books say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,10 +24,7 @@ def test_a_broadcast_reaches_those_in_range_one_tick_later() -> None:
     heard, passages = radio.deliver(1, NAMES)
     assert [(m.tick, m.sender, m.kind, m.payload) for m in heard["r2"]] == [(1, "r1", "map", b"hello")]
     assert heard["r1"] == [] and heard["r3"] == []
-    assert passages == [
-        Passage(0, "r1", "r2", "map", 5, "delivered"),
-        Passage(0, "r1", "r3", "map", 5, "range"),
-    ]
+    assert passages == [Passage(0, "r1", "r2", "map", 5, "delivered"), Passage(0, "r1", "r3", "map", 5, "range")]
     assert radio.deliver(2, NAMES) == ({"r1": [], "r2": [], "r3": []}, [])  # once
 
 

@@ -1,7 +1,5 @@
 """World files: what loads, what is refused and how it says so; bundled worlds and mazes."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 
@@ -52,10 +50,7 @@ def test_slits_are_closed_and_gaps_are_not() -> None:
 
 def test_walls_without_thickness_and_polygons_with_holes() -> None:
     world = worldfile.from_document(
-        {
-            "walls": [[0, 0, 1, 0]],
-            "polygons": [[[[2, 0], [6, 0], [6, 4], [2, 4]], [[3, 1], [5, 1], [5, 3], [3, 3]]]],
-        }
+        {"walls": [[0, 0, 1, 0]], "polygons": [[[[2, 0], [6, 0], [6, 4], [2, 4]], [[3, 1], [5, 1], [5, 3], [3, 3]]]]}
     )
     assert len(world.segments) == 4 + 4 + 4
     assert any(region.contains(shapely.Point(4, 2)) for region in world.regions(RADIUS))

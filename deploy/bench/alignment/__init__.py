@@ -1,7 +1,5 @@
 """`wireswarm bench alignment`: pairs of partial maps, our features against 4PCS and ICP, and robots that merge."""
 
-from __future__ import annotations
-
 from deploy.bench.alignment import cost, forced, hostile, live, plots, trials
 from deploy.bench.benchmark import Benchmark
 

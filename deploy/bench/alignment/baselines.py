@@ -3,8 +3,6 @@
 Both know corners only, and have one test: enough of them must match.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

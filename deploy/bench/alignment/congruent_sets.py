@@ -8,8 +8,6 @@ As in the paper's use of it, the four points lie within a radius. Ours: in the p
 are drawn until their diagonals cross; the angle's sign rules out mirrored sets; the best are refined as our own are.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Time of one alignment of two whole maps of at least 150 vertices."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from statistics import median

@@ -1,7 +1,5 @@
 """Wrong proposals forced into the queue of live robots: twins, near misses, quarter turns, the best wrong candidate."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

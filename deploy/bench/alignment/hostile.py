@@ -1,7 +1,5 @@
 """Hostile maps against a live robot: nothing may be merged, nothing may crash."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

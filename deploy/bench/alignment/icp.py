@@ -1,7 +1,5 @@
 """Iterated closest points over corners, from several turns."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Whole runs of several robots that meet: what is merged, rightly or wrongly, and what sharing is worth."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Pairs of partial maps with known truth, chosen evenly over worlds and overlaps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

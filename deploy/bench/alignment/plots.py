@@ -1,7 +1,5 @@
 """Pictures of two tables: what division does by number of robots, and what the radio's range does."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Two recordings in one world make pairs of maps that share no frame, and their starts say how the frames lie.
 """
 
-from __future__ import annotations
-
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping

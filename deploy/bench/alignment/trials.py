@@ -1,7 +1,5 @@
 """All methods on the same pairs of partial maps: right, wrong or none."""
 
-from __future__ import annotations
-
 import math
 import time
 import zlib

@@ -1,7 +1,5 @@
 """`wireswarm bench exploration`: whether exploration finishes, what it costs, and the bars it must meet."""
 
-from __future__ import annotations
-
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.exploration import dense, mazes, policies, runs, speed, teams, tours
 

@@ -6,8 +6,6 @@ second, as explore_lite does. Groups that stay though the robot stood before the
 frontier is left.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 import time

@@ -1,7 +1,5 @@
 """Generated mazes of 8 to 20 m: none may hold a robot for ever."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from deploy.bench.cases import Case, Figures, each

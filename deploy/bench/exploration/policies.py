@@ -1,7 +1,5 @@
 """The default states: the four of the paper, and ours. What each finds after the last frontier, and at what cost."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 from agent.exploration.config import DefaultState

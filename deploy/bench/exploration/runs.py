@@ -1,7 +1,5 @@
 """Whole runs of one robot: the bundled worlds and the real layouts, each from five starts drawn from the seed."""
 
-from __future__ import annotations
-
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
 from deploy.bench.layouts import FURNISHED, present

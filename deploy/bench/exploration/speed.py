@@ -1,7 +1,5 @@
 """What a step costs and how fast whole runs are: no worse than after the filter, by the filter's own measures."""
 
-from __future__ import annotations
-
 from deploy.bench.cases import Case
 from deploy.bench.filter.cost import speed_cases, speed_table, stages_table
 

@@ -1,7 +1,5 @@
 """Several robots that do not know of each other: who touches whom, and whether two in a narrow corridor both get on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise

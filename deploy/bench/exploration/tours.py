@@ -17,8 +17,6 @@ Each step errs downwards only:
 It bounds the path that sees those places, and so all of the visible wall, not 99 % of it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

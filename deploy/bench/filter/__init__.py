@@ -1,7 +1,5 @@
 """`wireswarm bench filter`: what the particle filter shows, and the bars it must meet."""
 
-from __future__ import annotations
-
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.filter import ambiguous, cost, runs, storage, sweep, trials
 

@@ -4,8 +4,6 @@ Every filter gets the same scans of the same run, so that the maps differ by the
 driven. A map is judged all along the run, not only at its end, where one hypothesis has had time to mend itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

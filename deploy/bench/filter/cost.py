@@ -1,7 +1,5 @@
 """What a step costs, by stage, by particles and by the size of the map; and how fast whole runs are."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

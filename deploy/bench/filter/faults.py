@@ -4,8 +4,6 @@ Kinds: `false-wall` (across a free room), `missing-wall`, `moved-corner` (by 0.5
 `false-gap`. Everything is in the robot's own frame.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What one robot saw on a whole run, to be replayed into other filters, and the truth in the robot's own frame."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Whole exploration runs of one robot: plain and furnished layouts, noisy ranges, noisy odometry."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from deploy.bench.cases import Case, each

@@ -5,8 +5,6 @@ log-odds and only then counted as two bits a cell (free, unknown, occupied), and
 a piece of wall as long as the cell in the direction of the true wall nearest to it.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 
@@ -33,11 +31,7 @@ def measure_storage(world: str, limit_s: float) -> Figures:
         mind.update(scan, pose)
     wireframe = mind.wireframe()
     codec = len(encode_wireframe(wireframe))
-    sizes = {
-        "codec": codec,
-        "one particle": round(mind.nbytes / len(mind.edges)),
-        "whole filter": mind.nbytes,
-    }
+    sizes = {"codec": codec, "one particle": round(mind.nbytes / len(mind.edges)), "whole filter": mind.nbytes}
     ours = score_walls(wireframe.segments(), run.truth)._asdict()
     grids = {which: _grid_figures(_grid(run, _cell_for(run, size)), size, run.truth) for which, size in sizes.items()}
     grids["codec, zlib"] = _grid_figures(_compressed_grid(run, codec), codec, run.truth)

@@ -1,7 +1,5 @@
 """How many particles: quality and cost side by side, over a few cases of every hard kind."""
 
-from __future__ import annotations
-
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
 from deploy.bench.filter.cost import PARTICLES

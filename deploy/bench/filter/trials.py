@@ -5,8 +5,6 @@ where it is a wall, not flatter than the scorer's 8 degrees. A fault is gone at 
 after each of which the map agrees with the truth at the place.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """Bytes a vertex of robots' own maps: whole ones at the end of a run, partial ones on the way."""
 
-from __future__ import annotations
-
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore

@@ -1,7 +1,5 @@
 """What the radio costs: its share of a run's time, and whether payload and overhead explain the wires."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import ExitStack
 from typing import Any

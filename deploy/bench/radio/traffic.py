@@ -1,7 +1,5 @@
 """Whole runs of three robots in the maze: bytes in every form, and what a bad radio does to the maps."""
 
-from __future__ import annotations
-
 import csv
 import math
 import tempfile
@@ -20,11 +18,7 @@ from deploy.bench.errors import errors
 from deploy.bench.explored import explore
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, median, runs_of, total
 
-BAD = [
-    {"kind": "bernoulli", "loss": 0.3},
-    {"kind": "latency", "ticks": 5},
-    {"kind": "capacity", "bytes_per_s": 5000},
-]
+BAD = [{"kind": "bernoulli", "loss": 0.3}, {"kind": "latency", "ticks": 5}, {"kind": "capacity", "bytes_per_s": 5000}]
 """30 % loss, 1 s of latency, 5 kB/s."""
 JUDGED = "3 robots in maze-15"
 """What the bars on bytes are for; a quick bench has a smaller run, in which first contacts weigh more."""

@@ -1,7 +1,5 @@
 """Alignment of two maps: found where they share enough, and no word where they do not."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The frame of a peer from where it says it is and the discs seen then."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Maps between robots over a radio that loses, delays and doubles: they arrive, at the least cost, and only once."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Robots that meet: right proposals are merged, wrong ones never, wrong merges are undone, hostile maps do nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A proposal on trial: what each kind of evidence weighs, and when it decides."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from agent.cooperation.config import VerificationConfig

@@ -1,7 +1,5 @@
 """What a robot does first: tours through its tasks, and that it does not dither between them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

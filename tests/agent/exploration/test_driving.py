@@ -1,7 +1,5 @@
 """Drive control: arrives, and touches nothing."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

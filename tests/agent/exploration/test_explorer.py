@@ -1,7 +1,5 @@
 """Exploration as a whole, on the maps of an oracle: it sees everything, touches nothing, and ends."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from pathlib import Path
@@ -107,9 +105,7 @@ def test_the_sweep_finds_posts_that_no_wall_following_sees():
 def test_behind_a_cabinet_it_looks_into_the_slot_that_it_cannot_enter():
     """Without a view from close by, the cabinet's side and the wall's end beside it are given up (recall 0.942)."""
     room = drawn(
-        [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0)],
-        [(0.2, 3), (0.2, 2.55), (0.7, 2.55), (0.7, 3)],
-        spawn=(1.5, 1.0, 0.0),
+        [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0)], [(0.2, 3), (0.2, 2.55), (0.7, 2.55), (0.7, 3)], spawn=(1.5, 1.0, 0.0)
     )
     trial = explore(room, 200)[0]
     assert_well_explored(trial, 0.965)

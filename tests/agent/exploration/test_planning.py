@@ -1,7 +1,5 @@
 """Paths around known walls."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Distances to walls, and motions that keep clear of them."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rigid transforms of the plane: composed, inverted, fitted and compared."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

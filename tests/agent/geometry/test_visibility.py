@@ -1,7 +1,5 @@
 """What is seen from where."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A received map over the own one: frontiers closed, own walls unmoved, no fresh evidence, undone completely."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The map: complete rooms are rings of corners, wrong walls die, teammates leave no wall, noise is corrected."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is round like a teammate and stands still while nobody is heard is a post; a teammate never is one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

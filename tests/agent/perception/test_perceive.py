@@ -1,7 +1,5 @@
 """Perception against the truth: corners within noise, ends labelled by what the wall does, teammates left out."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The shells around robot and episode: join, lockstep, real time, hostile bytes; and bytes equal to no shell at all."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -53,7 +51,7 @@ class World:
         except BaseException as error:
             self.ended.set_exception(error)
 
-    def __enter__(self) -> World:
+    def __enter__(self) -> "World":
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -1,7 +1,5 @@
 """Benchmarks: cases are measured once, in processes of their own, and kept."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The benchmark of exploration measures what it says: bounds are bounds, the dense robot explores, bars judge."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """The filter's benchmark measures what it says: faults are faults, the grid is a grid, bars judge."""
 
-from __future__ import annotations
-
 import copy
 import io
 import math

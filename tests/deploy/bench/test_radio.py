@@ -1,7 +1,5 @@
 """The radio's benchmark: false merges are found, medians are judged, and a quick run has all its tables."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The declarations of the benchmarks fit the results that are committed, and each other."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

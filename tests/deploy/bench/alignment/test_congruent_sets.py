@@ -1,7 +1,5 @@
 """4PCS, the baseline: it succeeds where it must, and is fooled where the paper says so (figure 5)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
