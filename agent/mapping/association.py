@@ -1,7 +1,8 @@
 """Which wall of a particle a piece of a scan belongs to: edges are matched, corners follow (ours).
 
 With a wrong pose, walls are matched more safely than corners: at 0.2 m and 4 degrees of error 0 to 13 % of the walls go
-wrong, and 28 to 51 % of the nearest vertices."""
+wrong, and 28 to 51 % of the nearest vertices.
+"""
 
 import math
 from typing import NamedTuple

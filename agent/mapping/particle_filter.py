@@ -17,7 +17,7 @@ from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, PUBLISH_AFTER, WALL
 from agent.mapping.layers import Layer, merged
 from agent.mapping.likelihood import log_likelihood
-from agent.mapping.pose_correction import AXIS_SD, AXIS_TRUST, Axis, correct_pose, motion_covariance
+from agent.mapping.pose_correction import AXIS_SD, HEADING_TRUST, Axis, correct_pose, motion_covariance
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.views import View, scan_margin
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
@@ -94,7 +94,7 @@ def _correct(
     predicted = (pose[0], pose[1], pose[2])
     angle, trust = main_axis(edges, count)
     walls = associate(edges, count, to_map_frame(raw, predicted), gates, dice)
-    axis = Axis(angle, AXIS_SD if trust > AXIS_TRUST else math.inf)
+    axis = Axis(angle, AXIS_SD if trust > HEADING_TRUST else math.inf)
     found, corrected = correct_pose(edges, raw, walls, predicted, covariance, axis, gates.noise)
     shift = times(lower_root(corrected), dice[len(raw) :])
     for i in range(3):

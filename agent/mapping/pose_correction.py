@@ -20,7 +20,7 @@ from protocol.geometry import Pose, wrapped
 AXIS_SD = math.radians(0.5)
 """rad, how well rectilinear walls keep their axis; the outer walls of eight real layouts do within 0.3 degrees."""
 
-AXIS_TRUST = 0.95
+HEADING_TRUST = 0.95
 """Agreement of the walls' directions above which their axis holds the heading."""
 
 MAX_OFF_AXIS = 0.2
