@@ -9,11 +9,12 @@ from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from rich.console import Console
 
 from deploy.bench.cases import Case, measure_all
-from deploy.bench.tables import Outcomes, Section, Table
+from deploy.bench.tables import Outcomes, Section
 
 WIDTH = 150
 """Characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost."""
@@ -38,8 +39,7 @@ class Benchmark:
 
     def sections(self, figures: Outcomes) -> list[Section]:
         """All tables that have rows."""
-        tables: list[Table] = [table for part in self.parts for table in part.TABLES]
-        made = [table.section(figures) for table in tables]
+        made = [table.section(figures) for part in self.parts for table in part.TABLES]
         return [section for section in made if section.rows]
 
     def run(self, quick: bool, folder: Path, jobs: int | None) -> bool:
@@ -70,16 +70,11 @@ def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], ou
         section.print(console)
     for case, reason in failed.items():
         console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
-    document = {
-        "bench": name,
-        "version": version("wireswarm"),
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "cpus": os.cpu_count(),
-        "met": {section.name: section.met for section in sections},
-        "sections": {section.name: section.as_dict() for section in sections},
-        "failed": dict(failed),
-    }
+    machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
+    met = {section.name: section.met for section in sections}
+    found = {section.name: section.as_dict() for section in sections}
+    document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), **machine}
+    document |= {"met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     console.print(f"written to {out}", highlight=False)

@@ -81,7 +81,7 @@ class Outcome:
 
 @cache
 def _sources(ignored: str) -> str:
-    """Hash of the packages and what comes with them, as they are when first asked, but for a part of them."""
+    """Hash of the packages and their worlds, as they are when first asked, without what `Case.ignores`."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for source in sorted((ROOT / package).rglob("*")):
@@ -110,10 +110,8 @@ def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, qu
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet) as progress:
         bar = progress.add_task("measuring", total=len(cases), completed=len(figures))
-        for part, workers in (
-            ([case for case in left if not case.alone], jobs or os.cpu_count() or 1),
-            ([case for case in left if case.alone], 1),
-        ):
+        for alone, workers in ((False, jobs or os.cpu_count() or 1), (True, 1)):
+            part = [case for case in left if case.alone == alone]
             for case, found, seconds in _measured(part, workers):
                 if isinstance(found, str):
                     failed[case.name] = found
@@ -135,11 +133,10 @@ def _measured(cases: Sequence[Case], workers: int) -> Iterator[tuple[Case, Figur
         waiting: dict[Future[tuple[Figures, float]], Case] = {pool.submit(_measure, case): case for case in cases}
         try:
             for future in as_completed(waiting):
-                error = future.exception()
-                if error is None:
-                    yield waiting[future], *future.result()
-                else:
+                if error := future.exception():
                     yield waiting[future], f"{type(error).__name__}: {error}", 0.0
+                else:
+                    yield waiting[future], *future.result()
         except BaseException:  # Ctrl-C: what is half done is not worth waiting for
             pool.shutdown(wait=False, cancel_futures=True)
             for child in multiprocessing.active_children():
@@ -149,11 +146,10 @@ def _measured(cases: Sequence[Case], workers: int) -> Iterator[tuple[Case, Figur
 
 def _become_worker() -> None:
     """End with the process that started this one, even if it was killed."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
 
     def watch() -> None:
-        parent.join()
+        if parent := multiprocessing.parent_process():
+            parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -165,14 +161,10 @@ def _measure(case: Case) -> tuple[Figures, float]:
     return figures, time.perf_counter() - begin
 
 
-def _path(case: Case, folder: Path) -> Path:
-    return folder / f"{case.name}.json"
-
-
 def _kept(case: Case, key: str, folder: Path) -> Figures | None:
     """Figures of an earlier run under the same key."""
     try:
-        kept = json.loads(_path(case, folder).read_text(encoding="utf-8"))
+        kept = json.loads((folder / f"{case.name}.json").read_text(encoding="utf-8"))
         figures: Figures = kept["figures"]
         return figures if kept["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
@@ -180,14 +172,8 @@ def _kept(case: Case, key: str, folder: Path) -> Figures | None:
 
 
 def _keep(case: Case, key: str, folder: Path, figures: Figures, seconds: float) -> None:
-    path = _path(case, folder)
+    path = folder / f"{case.name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    document = {
-        "case": case.name,
-        "key": key,
-        "arguments": dict(case.arguments),
-        "seconds": round(seconds, 2),
-        "python": sys.version.split()[0],
-        "figures": figures,
-    }
+    document = {"case": case.name, "key": key, "arguments": dict(case.arguments), "seconds": round(seconds, 2)}
+    document |= {"python": sys.version.split()[0], "figures": figures}
     path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")

@@ -1,6 +1,8 @@
 """One whole run in this process, and what it shows: scores against the truth, times and bytes."""
 
 import json
+import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,28 +28,37 @@ Watch = Callable[[Robot, Observation, Step], None]
 """Called with every step of every robot."""
 
 
+class Stopwatch:
+    """Seconds spent in timed calls, by name."""
+
+    def __init__(self) -> None:
+        self.seconds: defaultdict[str, float] = defaultdict(float)
+
+    def timed(self, name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        """The call, whose time counts under a name."""
+
+        def run(*arguments: Any, **named: Any) -> Any:
+            begin = time.perf_counter()
+            try:
+                return call(*arguments, **named)
+            finally:
+                self.seconds[name] += time.perf_counter() - begin
+
+        return run
+
+
 class Driven:
     """Metres driven by each robot until its beams had hit 90 and 99 % of the visible wall; follows an episode."""
 
-    SHARES = (0.90, 0.99)
-
     def __init__(self) -> None:
-        self.until: dict[str, dict[float, float]] = {}
+        self.until: defaultdict[str, Figures] = defaultdict(lambda: {"path_90_m": None, "path_99_m": None})
 
     def __call__(self, episode: Episode) -> None:
         """Look at the episode after a tick."""
-        paths = None
         for robot, coverage in episode.coverage.items():
-            reached = self.until.setdefault(robot, {})
-            for share in self.SHARES:
-                if share not in reached and coverage >= share - 1e-9:
-                    paths = paths or episode.paths
-                    reached[share] = round(paths[robot], 4)
-
-    def figures(self, robot: str = "r1") -> Figures:
-        """path_90_m and path_99_m; None where never reached."""
-        reached = self.until.get(robot, {})
-        return {f"path_{round(100 * share)}_m": reached.get(share) for share in self.SHARES}
+            for key, share in (("path_90_m", 0.90), ("path_99_m", 0.99)):
+                if self.until[robot][key] is None and coverage >= share - 1e-9:
+                    self.until[robot][key] = round(episode.paths[robot], 4)
 
 
 class Explored(NamedTuple):
@@ -63,9 +74,7 @@ class Explored(NamedTuple):
     def truth(self, robot: str = "r1") -> Truth:
         """What the robot could have mapped."""
         spec = self.episode.config.spec
-        start = self.episode.starts[self.episode.robots.index(robot)]
-        place = float(start[0]), float(start[1])
-        return truth_of(self.episode.world, place, spec.radius_m, spec.lidar.range_max_m)
+        return truth_of(self.episode.world, self.frame(robot)[:2], spec.radius_m, spec.lidar.range_max_m)
 
     def frame(self, robot: str = "r1") -> Pose:
         """Pose of the robot's own frame in the world."""
@@ -74,15 +83,10 @@ class Explored(NamedTuple):
 
     def figures(self, robot: str = "r1") -> Figures:
         """Score of a robot's map, its fields of summary.json, and how the run ended."""
-        mind = self.robots[robot]
-        scored = score(mind.wireframe, self.frame(robot), self.truth(robot))
-        return {
-            **scored._asdict(),
-            **self.summary["robots"][robot],
-            **self.driven.figures(robot),
-            "ended_at": self.episode.t,
-            "vertices": len(mind.wireframe.points),
-        }
+        wireframe = self.robots[robot].wireframe
+        scored = score(wireframe, self.frame(robot), self.truth(robot))
+        found = scored._asdict() | self.summary["robots"][robot] | self.driven.until[robot]
+        return {**found, "ended_at": self.episode.t, "vertices": len(wireframe.points)}
 
     def told(self, robot: str = "r1") -> Figures:
         """What a robot's events and its last map say.
@@ -104,19 +108,6 @@ class Explored(NamedTuple):
         }
 
 
-class _Watched:
-    """A robot whose steps are seen from outside."""
-
-    def __init__(self, robot: Robot, watches: Sequence[Watch]) -> None:
-        self._robot, self._watches = robot, watches
-
-    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        step = self._robot.step(observation, heard)
-        for watch in self._watches:
-            watch(self._robot, observation, step)
-        return step
-
-
 def explore(
     world: Mapping[str, Any],
     agent: Mapping[str, Any],
@@ -135,17 +126,21 @@ def explore(
     driven = Driven()
     events: list[tuple[float, str, Event]] = []
 
-    def listen(robot: Robot, observation: Observation, step: Step) -> None:
-        t = observation.tick / robot.spec.lidar.rate_hz
-        events.extend((t, robot.robot, event) for event in step.action.events)
+    class Watched(Robot):
+        def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
+            step = super().step(observation, heard)
+            t = observation.tick / self.spec.lidar.rate_hz
+            events.extend((t, self.robot, event) for event in step.action.events)
+            if watch is not None:
+                watch(self, observation, step)
+            return step
 
     def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> Mind:
-        robots[name] = Robot(name, spec, settings, seed)
-        return _Watched(robots[name], [listen, *([watch] if watch else [])])
+        robots[name] = Watched(name, spec, settings, seed)
+        return robots[name]
 
     def keep(episode: Episode) -> None:
-        if not episodes:
-            episodes.append(episode)
+        episodes[:] = [episode]
         driven(episode)
         if enough is not None and episode.ended is None and enough(episode):
             episode.ended = "time"

@@ -15,8 +15,10 @@ from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"
 """Layouts made by others, which are not part of the project."""
+PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]
+"""Those of them without furniture."""
 FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]
-"""Those of them with furniture."""
+"""Those with furniture."""
 KEEP = Path(gettempdir()) / "wireswarm-bench"
 """What is too large for the repository, or only in between; made again where it is missing."""
 

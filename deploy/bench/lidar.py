@@ -7,8 +7,7 @@ import numpy as np
 
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.tables import Table, columns, whole
-from protocol.arrays import Floats
+from deploy.bench.tables import Table, whole
 from protocol.messages import LidarSpec, RobotSpec
 from world.lidar import Lidar
 from world.worldfile import bundled, load
@@ -25,22 +24,18 @@ def measure(world: str, robots: int, places: int, seconds: float) -> Figures:
     """Every cast is at new poses, of so many."""
     spec, radius_m, place, rng = LidarSpec(), RobotSpec().radius_m, load(world), np.random.default_rng(0)
     poses = [place.starts(robots, radius_m, rng, drawn=True) for _ in range(places)]
+    scenes = [(pose, np.hstack([pose[:, :2], np.full((robots, 1), radius_m)])) for pose in poses]
     lidar = Lidar(place.segments, spec, one_sided=True)
-    for pose in poses:  # fills the cache of candidates
-        lidar.trace(pose, _discs(pose, radius_m))
+    for pose, discs in scenes:  # fills the cache of candidates
+        lidar.trace(pose, discs)
     casts, began = 0, time.perf_counter()
     while (took := time.perf_counter() - began) < seconds:
-        pose = poses[casts % len(poses)]
-        lidar.trace(pose, _discs(pose, radius_m))
+        lidar.trace(*scenes[casts % places])
         casts += 1
     rays_per_s, us_per_scan = round(casts * robots * spec.beams / took), round(1e6 * took / (casts * robots), 1)
     return {"walls": len(place.segments), "robots": robots, "rays_per_s": rays_per_s, "us_per_scan": us_per_scan}
 
 
-def _discs(poses: Floats, radius_m: float) -> Floats:
-    return np.hstack([poses[:, :2], np.full((len(poses), 1), radius_m)])
-
-
-COLUMNS = columns("world; walls; robots; rays_per_s: rays / s; us_per_scan: us a scan")
-TABLES = [Table("lidar", "Rays a second, one core", whole("lidar/{world}/*"), COLUMNS)]
+HEADS = "world; walls; robots; rays_per_s: rays / s; us_per_scan: us a scan"
+TABLES = [Table("lidar", "Rays a second, one core", whole("lidar/{world}/*"), HEADS)]
 BENCHMARK = Benchmark("lidar", (sys.modules[__name__],))

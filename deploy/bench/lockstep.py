@@ -10,7 +10,7 @@ from deploy import inprocess
 from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import launched, read_json
-from deploy.bench.tables import Table, columns, whole
+from deploy.bench.tables import Table, whole
 from deploy.config import RunConfig
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
@@ -25,13 +25,8 @@ class Thoughtless:
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Answer at once."""
         tick = observation.tick
-        return Step(
-            action=Action(tick=tick, speed_mps=0.0, turn_rps=0.0),
-            sends=[],
-            scan=ScanReport(tick=tick, wireframe=self._nothing),
-            pose=PoseReport(tick=tick, pose=observation.odometry),
-            map=None,
-        )
+        scan, pose = ScanReport(tick=tick, wireframe=self._nothing), PoseReport(tick=tick, pose=observation.odometry)
+        return Step(Action(tick=tick, speed_mps=0.0, turn_rps=0.0), [], scan, pose, None)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -42,12 +37,14 @@ def cases(quick: bool) -> list[Case]:
 
 def measure(world: str, robots: int, ticks: int) -> Figures:
     """Ticks a second with processes and in one process."""
-    spec = RobotSpec()
-    settings = {"world": world, "robots": robots, "until": ticks / spec.lidar.rate_hz}
-    alone = _one_process(RunConfig.model_validate(settings))
+    rate_hz = RobotSpec().lidar.rate_hz
+    settings = {"world": world, "robots": robots, "until": ticks / rate_hz}
+    config = RunConfig.model_validate(settings)
+    times: list[float] = []  # of the ends of ticks
+    inprocess.run(config, config.agent, None, lambda _: times.append(time.perf_counter()), Thoughtless)
+    alone = (len(times) - 1) / (times[-1] - times[0])
     with launched(settings, Thoughtless) as (folder, _):
-        factor = read_json(folder / "summary.json")["real_time_factor"]
-    shells = factor * spec.lidar.rate_hz
+        shells = rate_hz * read_json(folder / "summary.json")["real_time_factor"]
     return {
         "robots": robots,
         "ticks_per_s": round(shells),
@@ -56,13 +53,6 @@ def measure(world: str, robots: int, ticks: int) -> Figures:
     }
 
 
-def _one_process(config: RunConfig) -> float:
-    """Ticks a second without processes and network, from the end of the first tick."""
-    times: list[float] = []
-    inprocess.run(config, config.agent, None, lambda episode: times.append(time.perf_counter()), Thoughtless)
-    return (len(times) - 1) / (times[-1] - times[0])
-
-
-COLUMNS = columns("robots; ticks_per_s; ticks_per_s_one_process; shell_ms_per_tick_and_robot: shell ms / tick, robot")
-TABLES = [Table("lockstep", "Robots that do not think, in processes and in one", whole("lockstep/*"), COLUMNS)]
+HEADS = "robots; ticks_per_s; ticks_per_s_one_process; shell_ms_per_tick_and_robot: shell ms / tick, robot"
+TABLES = [Table("lockstep", "Robots that do not think, in processes and in one", whole("lockstep/*"), HEADS)]
 BENCHMARK = Benchmark("lockstep", (sys.modules[__name__],))

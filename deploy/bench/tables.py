@@ -3,7 +3,7 @@
 import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -23,15 +23,14 @@ Reduce = Callable[[Runs, str], Any]
 """Makes one value of the figure of that key of some runs."""
 
 
-# what becomes of a figure of several runs; None where a run lacks it
-
-
 def only(runs: Runs, key: str) -> Any:
     """The figure of the only run."""
     return runs[0].get(key)
 
 
 def _of_all(make: Callable[[list[Any]], Any]) -> Reduce:
+    """Makes one value of the figures of all runs; None where a run lacks it."""
+
     def reduce(runs: Runs, key: str) -> Any:
         values = [run.get(key) for run in runs]
         return make(values) if values and None not in values else None
@@ -45,7 +44,7 @@ mean = _of_all(lambda values: float(statistics.fmean(values)))
 
 
 def count(runs: Runs, key: str) -> int:
-    """How many runs there are."""
+    """Number of the runs."""
     return len(runs)
 
 
@@ -70,9 +69,6 @@ REDUCTIONS: dict[str, Reduce] = {
 }  # fmt: skip
 
 
-# tables
-
-
 @dataclass(frozen=True)
 class Column:
     """One value of every row, and its bar, if it has one."""
@@ -81,22 +77,20 @@ class Column:
     head: str
     of: Reduce = only
     """Makes the value, where rows are groups of cases."""
-    at_least: float | None = None
-    at_most: float | None = None
+    sign: str = ""
+    """What a value must be of the bound: >= or <=; empty without a bar."""
+    bound: float = 0.0
 
-    def met(self, value: object) -> bool | None:
-        """Whether a value meets the bar; None where there is nothing to judge. A missing value meets no bar."""
-        if not self.bar:
-            return None
+    def misses(self, value: object) -> bool:
+        """Whether a value misses the bar, as a missing value does."""
         if not isinstance(value, int | float):
-            return False
-        return (self.at_least is None or value >= self.at_least) and (self.at_most is None or value <= self.at_most)
+            return bool(self.sign)
+        return (self.sign == ">=" and value < self.bound) or (self.sign == "<=" and value > self.bound)
 
     @property
     def bar(self) -> str:
         """The bar in words; empty without."""
-        words = [f">= {self.at_least:g}"] if self.at_least is not None else []
-        return " ".join(words + ([f"<= {self.at_most:g}"] if self.at_most is not None else []))
+        return f"{self.sign} {self.bound:g}" if self.sign else ""
 
 
 _COLUMN = re.compile(r"(?P<key>[\w-]+)(?: (?P<of>\w+))?(?: (?P<sign>[<>]=) (?P<bound>\S+))?(?:: (?P<head>.+))?")
@@ -116,14 +110,11 @@ def columns(text: str, **made: Reduce) -> list[Column]:
             raise ValueError(f"{words!r} is no column")
         key, of, sign, bound, head = found.groups()
         reduce = REDUCTIONS[of] if of else made.get(key, only)
-        bar = None if bound is None else float(bound)
-        least_, most_ = (bar, None) if sign == ">=" else (None, bar)
-        out.append(Column(key, head or key.replace("_", " "), reduce, least_, most_))
+        out.append(Column(key, head or key.replace("_", " "), reduce, sign or "", float(bound or 0.0)))
     return out
 
 
 def _text(value: object) -> str:
-    """A value in words."""
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return "-" if value is None else str(value)
@@ -137,15 +128,14 @@ class Section:
     title: str
     columns: Sequence[Column]
     rows: Sequence[Row]
-    beside: frozenset[int] = field(default_factory=frozenset)
+    beside: frozenset[int] = frozenset()
     note: str = ""
 
     def missed(self, number: int) -> list[str] | None:
         """Keys of the bars that a row misses; None where it has none."""
-        verdicts = {c.key: c.met(self.rows[number].get(c.key)) for c in self.columns if c.bar}
-        if number in self.beside or not verdicts:
+        if number in self.beside or not any(column.bar for column in self.columns):
             return None
-        return [key for key, verdict in verdicts.items() if not verdict]
+        return [column.key for column in self.columns if column.misses(self.rows[number].get(column.key))]
 
     @property
     def met(self) -> bool | None:
@@ -156,14 +146,9 @@ class Section:
     def print(self, console: Console) -> None:
         """The table, each value beside its bar green if met and red with an ! if not."""
         verdict = _verdict(self.met)
-        table = Printed(
-            title=f"{self.title}: {verdict}" if verdict else self.title,
-            title_justify="left",
-            caption=self.note or None,
-            caption_justify="left",
-            box=SIMPLE_HEAD,
-            padding=(0, 1, 0, 0),
-        )
+        title = f"{self.title}: {verdict}" if verdict else self.title
+        table = Printed(title=title, caption=self.note or None, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        table.title_justify = table.caption_justify = "left"
         for column in self.columns:
             named = any(isinstance(row.get(column.key), str) for row in self.rows)
             head = f"{column.head}\n{column.bar}".strip()
@@ -203,12 +188,18 @@ class Table:
     """A pattern of case names (see `grouped`), each group of which is a row; or a function that makes the rows.
 
     A row that holds "judged": False need not meet the bars; that key does not come into the table."""
-    columns: Sequence[Column]
+    heads: str | Sequence[Column]
+    """The columns, or their words (see `columns`)."""
     total: str = ""
     """First value of a last row over all groups; none without."""
     judged: Callable[[Row], bool] = lambda row: True
     """Which rows must meet the bars."""
     note: str | Callable[[Outcomes], str] = ""
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        """One value of every row each."""
+        return columns(self.heads) if isinstance(self.heads, str) else self.heads
 
     def section(self, figures: Outcomes) -> Section:
         """The table with the figures of a benchmark; without rows where its cases have none."""
@@ -219,11 +210,9 @@ class Table:
         return Section(self.name, words[0], self.columns, rows, beside, words[1])
 
     def _grouped(self, figures: Outcomes, pattern: str) -> list[Row]:
-        groups = grouped(figures, pattern)
-        rows = [row_of(self.columns, runs, labels) for labels, runs in groups]
+        rows = [row_of(self.columns, runs, labels) for labels, runs in grouped(figures, pattern)]
         if rows and self.total:
-            every = [run for _, runs in groups for run in runs]
-            rows.append(row_of(self.columns, every, {self.columns[0].key: self.total}))
+            rows.append(row_of(self.columns, runs_of(figures, pattern), {self.columns[0].key: self.total}))
         return rows
 
 

@@ -25,7 +25,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
 from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, median, most
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, median, most
 from deploy.occupancy_grid import GrowingGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
@@ -42,6 +42,8 @@ LEAST_CELLS = 4
 """Smaller groups are no frontiers: slivers between beams; a doorway of 0.5 m shows four cells."""
 GIVEN_UP_M = 0.6
 """What is given up of a frontier: cells this near to where it was to be reached."""
+LEAVE_M = 0.3
+"""A robot that stands where it may not drive crosses cells up to this far to leave."""
 REPLAN_TICKS = 5
 PATIENCE_TICKS = 25
 """Neither nearer nor anything new for so long: the frontier is given up."""
@@ -58,66 +60,46 @@ MOST_RATIO = 1.1
 @kernel
 def _frontiers(log_odds: Floats, candidates: Bools, least: int) -> Bools:
     """Those of the candidates that lie beside unknown cells, in 8-connected groups of at least so many."""
-    nx, ny = log_odds.shape
-    edge = np.zeros((nx, ny), np.bool_)
-    for i in range(1, nx - 1):
-        for j in range(1, ny - 1):
-            if candidates[i, j]:
-                edge[i, j] = (
-                    log_odds[i - 1, j] == 0.0
-                    or log_odds[i + 1, j] == 0.0
-                    or log_odds[i, j - 1] == 0.0
-                    or log_odds[i, j + 1] == 0.0
-                )
-    out = np.zeros((nx, ny), np.bool_)
-    group = np.empty((nx * ny, 2), np.int64)
-    for i0 in range(nx):
-        for j0 in range(ny):
-            if not edge[i0, j0]:
-                continue
-            edge[i0, j0] = False
-            group[0, 0], group[0, 1] = i0, j0
-            n, k = 1, 0
-            while k < n:
-                i, j = group[k]
-                for a in range(i - 1, i + 2):
-                    for b in range(j - 1, j + 2):
-                        if 0 <= a < nx and 0 <= b < ny and edge[a, b]:
-                            edge[a, b] = False
-                            group[n, 0], group[n, 1] = a, b
-                            n += 1
-                k += 1
-            if n >= least:
-                for k in range(n):
-                    out[group[k, 0], group[k, 1]] = True
+    unknown, edge, out = log_odds == 0.0, np.zeros(log_odds.shape, np.bool_), np.zeros(log_odds.shape, np.bool_)
+    beside = unknown[:-2, 1:-1] | unknown[2:, 1:-1] | unknown[1:-1, :-2] | unknown[1:-1, 2:]
+    edge[1:-1, 1:-1] = candidates[1:-1, 1:-1] & beside
+    for i0, j0 in np.argwhere(edge):
+        if not edge[i0, j0]:
+            continue  # in an earlier group
+        edge[i0, j0] = False
+        group, k = [(i0, j0)], 0
+        while k < len(group):
+            i, j = group[k]
+            k += 1
+            for a in range(i - 1, i + 2):
+                for b in range(j - 1, j + 2):
+                    if edge[a, b]:
+                        edge[a, b] = False
+                        group.append((a, b))
+        if len(group) >= least:
+            for i, j in group:
+                out[i, j] = True
     return out
 
 
 @kernel
 def _grown(cells: Bools, radius: float) -> Bools:
     """All cells whose middle is nearer than the radius (in cells) to that of a given one."""
-    nx, ny = cells.shape
+    (nx, ny), r = cells.shape, math.ceil(radius)
     out = np.zeros((nx, ny), np.bool_)
-    r = math.ceil(radius)
-    for i in range(nx):
-        for j in range(ny):
-            if not cells[i, j]:
-                continue
-            for a in range(max(0, i - r), min(nx, i + r + 1)):
-                for b in range(max(0, j - r), min(ny, j + r + 1)):
-                    if (a - i) ** 2 + (b - j) ** 2 < radius * radius:
-                        out[a, b] = True
+    for i, j in np.argwhere(cells):
+        for a in range(max(0, i - r), min(nx, i + r + 1)):
+            for b in range(max(0, j - r), min(ny, j + r + 1)):
+                if (a - i) ** 2 + (b - j) ** 2 < radius * radius:
+                    out[a, b] = True
     return out
 
 
 @kernel
 def _heard(ranges: Floats, blind: float) -> Floats:
     """Ranges (beams,), nan where silence may come of a wall too near to be seen."""
-    n = len(ranges)
-    out = ranges.copy()
-    for b in range(n):
-        if math.isfinite(ranges[b]):
-            continue
+    n, out = len(ranges), ranges.copy()
+    for b in np.flatnonzero(~np.isfinite(ranges)):
         for step in (-1, 1):
             k = 1
             while k < n and not math.isfinite(ranges[(b + step * k) % n]):
@@ -145,17 +127,11 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
         if goals[i, j] and free[i, j]:
             way = [(i, j)]
             while before[i, j] >= 0:
-                at = before[i, j]
-                i, j = at // ny, at % ny
+                i, j = before[i, j] // ny, before[i, j] % ny
                 way.append((i, j))
-            out = np.empty((len(way), 2), np.int64)
-            for k in range(len(way)):
-                out[k, 0], out[k, 1] = way[len(way) - 1 - k]
-            return out
+            return np.array(way[::-1])
         for a in range(max(0, i - 1), min(nx, i + 2)):
             for b in range(max(0, j - 1), min(ny, j + 2)):
-                if a == i and b == j:
-                    continue
                 step = math.sqrt(float((a - i) ** 2 + (b - j) ** 2))
                 if not free[a, b]:
                     if (a - i0) ** 2 + (b - j0) ** 2 > leave * leave:
@@ -207,22 +183,15 @@ class DenseRobot:
         self._known_cells, self._steps, self._vain, self._nothing = 0, 0, 0, 0
         self._goal = np.zeros(2)
 
-    def _cell(self, x: float, y: float) -> tuple[int, int]:
-        return math.floor((x - self.corner) / CELL_M), math.floor((y - self.corner) / CELL_M)
-
     def _known(self) -> tuple[slice, slice]:
         """The box of cells that are known, and one around it."""
-        rows, columns = (np.flatnonzero((self.log_odds != 0).any(axis)) for axis in (1, 0))
-        n = len(self.log_odds)
-        return (
-            slice(max(0, int(rows[0]) - 1), min(n, int(rows[-1]) + 2)),
-            slice(max(0, int(columns[0]) - 1), min(n, int(columns[-1]) + 2)),
-        )
+        known = np.argwhere(self.log_odds)
+        (i0, j0), (i1, j1) = np.maximum(0, known.min(0) - 1).tolist(), (known.max(0) + 2).tolist()
+        return slice(i0, i1), slice(j0, j1)
 
     def grid_bytes(self) -> tuple[int, int]:
         """Bytes of the known box at one byte a cell, and of its three states after zlib."""
-        part = self.log_odds[self._known()]
-        states = np.sign(part).astype(np.int8)
+        states = np.sign(self.log_odds[self._known()]).astype(np.int8)
         return states.size, len(zlib.compress(states.tobytes(), 9))
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
@@ -238,37 +207,31 @@ class DenseRobot:
         if self.path is not None:
             motion = self.driver.follow(self.path, pose, Obstacles(walls, np.zeros((0, 2))), self.clearance)
             speed, turn = motion.speed_mps, motion.turn_rps
-        action = Action(
-            tick=observation.tick, speed_mps=speed, turn_rps=turn, sent=0, complete=self.complete,
-            step_ms=1e3 * (time.perf_counter() - started),
-        )  # fmt: skip
-        empty = ScanReport(tick=observation.tick, wireframe=encode_wireframe(Wireframe()))
-        return Step(action, [], empty, PoseReport(tick=observation.tick, pose=pose), None)
+        tick, step_ms = observation.tick, 1e3 * (time.perf_counter() - started)
+        action = Action(tick=tick, speed_mps=speed, turn_rps=turn, complete=self.complete, step_ms=step_ms)
+        empty = ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe()))
+        return Step(action, [], empty, PoseReport(tick=tick, pose=pose), None)
 
     def _plan(self, pose: Pose) -> None:
         box = self._known()
         log_odds = np.ascontiguousarray(self.log_odds[box])
-        i, j = self._cell(pose[0], pose[1])
-        i, j = i - box[0].start, j - box[1].start
+        i, j = (math.floor((at - self.corner) / CELL_M) - part.start for at, part in zip(pose, box, strict=False))
+        roomy, tight = ((log_odds < 0) & ~_grown(log_odds > 0, room_m / CELL_M) for room_m in (ROOMY_M, TIGHT_M))
         while True:
-            roomy, tight = (
-                (log_odds < 0) & ~_grown(log_odds > 0, inflate_m / CELL_M) for inflate_m in (ROOMY_M, TIGHT_M)
-            )
             frontiers = _frontiers(log_odds, tight & ~self.given_up[box], LEAST_CELLS)
-            free, clearance_m = roomy, ROOMY_M - CELL_M
-            way = _way(free, frontiers, i, j, 0.3 / CELL_M)
-            if not len(way):
-                free, clearance_m = tight, TIGHT_M - CELL_M
-                way = _way(free, frontiers, i, j, 0.3 / CELL_M)
-            if not len(way):  # no frontier left, or none that can be reached
+            for free, room_m in ((roomy, ROOMY_M), (tight, TIGHT_M)):
+                self.clearance = room_m - CELL_M
+                way = _way(free, frontiers, i, j, LEAVE_M / CELL_M)
+                if len(way):
+                    break
+            else:  # no frontier left, or none that can be reached
                 self.complete, self.path = True, None
                 return
-            self.clearance = clearance_m
             goal = self._at(way[-1], box)
             if not self._in_vain(int(np.count_nonzero(log_odds)), len(way), goal):
                 break
             end = np.zeros(log_odds.shape, np.bool_)
-            end[way[-1][0], way[-1][1]] = True
+            end[tuple(way[-1])] = True
             self.given_up[box] |= frontiers & _grown(end, GIVEN_UP_M / CELL_M)
         free[i, j] = True
         path = self._at(_pulled(free, way), box)
@@ -310,7 +273,7 @@ def measure_dense(world: str, seed: int) -> Figures:
     driven = Driven()
     summary: Figures = inprocess.run(config, AgentConfig(), None, driven, make)["robots"]["r1"]
     raw, packed = minds[0].grid_bytes()
-    return summary | driven.figures() | {"grid_bytes": raw, "grid_zlib_bytes": packed}
+    return summary | driven.until["r1"] | {"grid_bytes": raw, "grid_zlib_bytes": packed}
 
 
 def cases(quick: bool) -> list[Case]:
@@ -322,18 +285,17 @@ def _compared(mine: Runs, theirs: Runs) -> Row:
     """Our and the dense paths to 99 % of starts where both got so far, and of how many starts each did."""
     both = [(a["path_99_m"], b["path_99_m"]) for a, b in zip(mine, theirs, strict=True)]
     reached = [(a, b) for a, b in both if a is not None and b is not None]
-    return {
-        "path": float(np.median([a for a, _ in reached])) if reached else None,
-        "dense_path": float(np.median([b for _, b in reached])) if reached else None,
-        "ratio": sum(a for a, _ in reached) / sum(b for _, b in reached) if reached else None,
-        "reached": f"{sum(a is not None for a, _ in both)} / {sum(b is not None for _, b in both)}",
-    }
+    shares = f"{sum(a is not None for a, _ in both)} / {sum(b is not None for _, b in both)}"
+    if not reached:
+        return {"path": None, "dense_path": None, "ratio": None, "reached": shares}
+    path, dense_path = np.median(reached, 0).tolist()
+    ratio = sum(a for a, _ in reached) / sum(b for _, b in reached)
+    return {"path": path, "dense_path": dense_path, "ratio": ratio, "reached": shares}
 
 
 def _rows(figures: Outcomes) -> list[Row]:
     """Ours and the dense one, a row a layout and one for all."""
-    ours = by_label(figures, "runs/{world}/*")
-    dense = by_label(figures, "dense/{world}/*")
+    ours, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
     worlds = [world for world, theirs in dense.items() if len(theirs) == len(ours.get(world, []))]
     rows = [
         {
@@ -341,10 +303,8 @@ def _rows(figures: Outcomes) -> list[Row]:
             **_compared(mine, theirs),
             "path_90": median(mine, "path_90_m"),
             "dense_path_90": median(theirs, "path_90_m"),
-            "map_bytes": median(mine, "map_bytes"),
-            "filter_bytes": median(mine, "filter_bytes"),
-            "grid_bytes": median(theirs, "grid_bytes"),
-            "grid_zlib_bytes": median(theirs, "grid_zlib_bytes"),
+            **{key: median(mine, key) for key in ("map_bytes", "filter_bytes")},
+            **{key: median(theirs, key) for key in ("grid_bytes", "grid_zlib_bytes")},
             "dense_contacts": most(theirs, "wall_contacts"),
         }
         for world in worlds
@@ -359,11 +319,9 @@ TABLES = [
         "dense",
         "Ours and nearest frontier on a grid of 5 cm",
         _rows,
-        columns(
-            f"world; path_90: m to 90 %; dense_path_90: dense; path: m to 99 %; dense_path: dense; "
-            f"ratio <= {MOST_RATIO}: ours / dense; reached: 99 % reached; map_bytes: map B; filter_bytes: filter B; "
-            "grid_bytes: grid B; grid_zlib_bytes: grid zlib B; dense_contacts: dense wall contacts"
-        ),
+        f"world; path_90: m to 90 %; dense_path_90: dense; path: m to 99 %; dense_path: dense; "
+        f"ratio <= {MOST_RATIO}: ours / dense; reached: 99 % reached; map_bytes: map B; filter_bytes: filter B; "
+        "grid_bytes: grid B; grid_zlib_bytes: grid zlib B; dense_contacts: dense wall contacts",
         judged=lambda row: row["world"] == "all",  # a world has few starts from which the dense one sees 99 % at all
         note="Medians of paths over starts where both reached 99 %; the ratio is that of their sums. Reached: ours / "
         "dense. The bar is that of all worlds together. Grid: one byte a cell of the box that is known.",

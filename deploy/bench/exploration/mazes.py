@@ -5,7 +5,7 @@ import numpy as np
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import measure_run
 from deploy.bench.layouts import written
-from deploy.bench.tables import Outcomes, Row, Table, columns, grouped, row_of, share
+from deploy.bench.tables import Outcomes, Row, Table, columns, grouped, row_of, runs_of, share
 from world.maze import MAX_SIDE_M, MIN_SIDE_M, generate
 
 MAZES = 50
@@ -37,10 +37,9 @@ COLUMNS = columns(
 
 def _rows(figures: Outcomes) -> list[Row]:
     """All mazes in one row, and those that miss a bar by themselves."""
-    groups = grouped(figures, "mazes/{mazes}")
-    rows = [row_of(COLUMNS, runs, labels) for labels, runs in groups]
-    bad = [row for row in rows if any(column.met(row[column.key]) is False for column in COLUMNS)]
-    every = [run for _, runs in groups for run in runs]
+    rows = [row_of(COLUMNS, runs, labels) for labels, runs in grouped(figures, "mazes/{mazes}")]
+    bad = [row for row in rows if any(column.misses(row[column.key]) for column in COLUMNS)]
+    every = runs_of(figures, "mazes/*")
     return [row_of(COLUMNS, every, {"mazes": f"all {len(every)}"}), *bad] if every else []
 
 

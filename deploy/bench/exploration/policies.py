@@ -1,5 +1,6 @@
 """The default states: the four of the paper, and ours. What each finds after the last frontier, and at what cost."""
 
+from itertools import product
 from typing import get_args
 
 from agent.exploration.config import DefaultState
@@ -16,11 +17,10 @@ SEEDS = 3
 def cases(quick: bool) -> list[Case]:
     """Every state in every world. Sweeps on the way belong to the states that sweep, not to the others."""
     made = []
-    for world in [] if quick else WORLDS:
-        for state in get_args(DefaultState):
-            fixed = {"agent": {"exploration": {"default_state": state}}, "world": world}
-            name = f"policies/{world}/{state}/{{seed}}"
-            made += each(name, measure_run, {"limit_s": LIMIT_S, "starts": "random", **fixed}, seed=range(SEEDS))
+    for world, state in product([] if quick else WORLDS, get_args(DefaultState)):
+        fixed = {"world": world, "limit_s": LIMIT_S, "starts": "random"}
+        fixed |= {"agent": {"exploration": {"default_state": state}}}
+        made += each(f"policies/{world}/{state}/{{seed}}", measure_run, fixed, seed=range(SEEDS))
     return made
 
 

@@ -2,11 +2,10 @@
 
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
-from deploy.bench.layouts import FURNISHED, present
+from deploy.bench.layouts import FURNISHED, PLAIN, present
 from deploy.bench.tables import Outcomes, Row, Table, at, by_label, columns, row_of, share, spread
 
 BUNDLED = ["apartment", "hall", "maze-15", "office", "symmetric"]
-SHARED = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]
 SEEDS = 5
 LIMIT_S = 4000.0
 """Simulated seconds after which a run counts as not finished: twice what the largest layout takes."""
@@ -16,7 +15,7 @@ MAZE_15_S = 600.0
 
 def worlds(quick: bool) -> list[str]:
     """The layouts that are there."""
-    return ["apartment"] if quick else BUNDLED + present(SHARED + FURNISHED)
+    return ["apartment"] if quick else BUNDLED + present(PLAIN + FURNISHED)
 
 
 def seeds(quick: bool) -> range:

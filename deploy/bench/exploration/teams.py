@@ -11,7 +11,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S
 from deploy.bench.explored import explore
 from deploy.bench.layouts import written
-from deploy.bench.tables import Table, columns, whole
+from deploy.bench.tables import Table, whole
 
 CORRIDOR = [
     *[[-5.0, -1.5], [-2.0, -1.5], [-2.0, -0.3], [2.0, -0.3], [2.0, -1.5], [5.0, -1.5]],
@@ -33,17 +33,16 @@ def corridor(seed: int) -> dict[str, Any]:
 def measure_team(seed: int) -> Figures:
     """Contacts of each robot, and how each ended."""
     settings = {"world": "maze-15", "robots": 5, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
-    return _figures(explore(settings, {}).summary)
+    return _figures(settings)
 
 
 def measure_meeting(seed: int) -> Figures:
     """Two robots that start head-on in the corridor."""
-    world = written(corridor(seed))
-    return _figures(explore({"world": world, "robots": 2, "seed": seed, "max_time_s": 1000.0}, {}).summary)
+    return _figures({"world": written(corridor(seed)), "robots": 2, "seed": seed, "max_time_s": 1000.0})
 
 
-def _figures(summary: Mapping[str, Any]) -> Figures:
-    robots = summary["robots"].values()
+def _figures(settings: Mapping[str, Any]) -> Figures:
+    robots = explore(settings, {}).summary["robots"].values()
     return {
         "complete": sum(robot["ended"] == "complete" for robot in robots) / len(robots),
         "coverage": min(robot["coverage"] for robot in robots),
@@ -67,18 +66,14 @@ TABLES = [
         "teams",
         "Five robots in maze-15",
         whole("teams/maze-15/{seed}"),
-        columns(
-            "seed; complete >= 1; robot_contacts <= 1: contacts of a robot; robot_contacts_all: of all; "
-            "wall_contacts <= 0: with walls; coverage: least coverage"
-        ),
+        "seed; complete >= 1; robot_contacts <= 1: contacts of a robot; robot_contacts_all: of all; "
+        "wall_contacts <= 0: with walls; coverage: least coverage",
     ),
     Table(
         "head-on",
         "Two robots head-on in a corridor of 0.6 m, worst run",
         "head-on/*",
-        columns(
-            "runs count; complete least >= 1: both complete; coverage least >= 0.99: least coverage; "
-            "robot_contacts most: contacts of a robot; wall_contacts most <= 0: with walls"
-        ),
+        "runs count; complete least >= 1: both complete; coverage least >= 0.99: least coverage; "
+        "robot_contacts most: contacts of a robot; wall_contacts most <= 0: with walls",
     ),
 ]

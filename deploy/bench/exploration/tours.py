@@ -29,10 +29,11 @@ from agent.kernels import kernel
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import seeds, worlds
 from deploy.bench.layouts import drawn_starts, path_of
-from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label
 from protocol.arrays import Floats
+from protocol.messages import RobotSpec
+from protocol.walls import directions
 from protocol.wireframe import Wireframe
-from world.config import WorldConfig
 from world.coverage import visible_wall
 from world.worldfile import World, load
 
@@ -75,29 +76,25 @@ def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
 
 def outline_of(world: World) -> Wireframe:
     """The true outline as a map."""
-    points, edges, first = [], [], 0
+    edges: list[tuple[int, int]] = []
     for ring in world.rings:
-        n = len(ring) - 1
-        points.append(ring[:-1])
-        edges.append(first + np.stack((np.arange(n), (np.arange(n) + 1) % n), 1))
-        first += n
-    m = sum(map(len, edges))
-    return Wireframe(
-        np.vstack(points), np.zeros(first, np.uint8), np.vstack(edges).astype(np.int32),
-        np.ones(m, np.float32), np.ones(m, np.bool_),
-    )  # fmt: skip
+        first, n = len(edges), len(ring) - 1
+        edges += [(first + k, first + (k + 1) % n) for k in range(n)]
+    points, m = np.vstack([ring[:-1] for ring in world.rings]), len(edges)
+    ends, likelihoods, own = np.array(edges, np.int32), np.ones(m, np.float32), np.ones(m, np.bool_)
+    return Wireframe(points, np.zeros(m, np.uint8), ends, likelihoods, own)
 
 
 class _Sets:
     """V(p) of many places of one region: polygons, their lattice points, and their distances along point ways."""
 
-    def __init__(self, world: World, start: Floats, radius_m: float, reach_m: float, config: WorldConfig) -> None:
-        regions = world.regions(radius_m)
+    def __init__(self, world: World, start: Floats, spec: RobotSpec) -> None:
+        reach_m = spec.lidar.range_max_m
+        regions = world.regions(spec.radius_m)
         home = min(range(len(regions)), key=lambda k: regions[k].distance(shapely.Point(start[:2])))
-        wall = visible_wall(world, home, radius_m, reach_m)
+        wall = visible_wall(world, home, spec.radius_m, reach_m)
         ends = wall.ends[wall.visible]
-        along = ends[:, 2:] - ends[:, :2]
-        unit = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+        unit = directions(ends)
         self.places = 0.5 * (ends[:, :2] + ends[:, 2:]) + OFF_M * np.stack((-unit[:, 1], unit[:, 0]), 1)
         self.region, self.walls = regions[home], np.ascontiguousarray(world.segments)
         x0, y0, x1, y1 = self.region.bounds
@@ -106,15 +103,11 @@ class _Sets:
         self.slack = LATTICE_M / math.sqrt(2)
         self.lattice = self.lattice[shapely.dwithin(self.region, shapely.points(self.lattice), self.slack)]
         circle = reach_m / math.cos(math.pi / RAYS)
-        self.views = [self._view(x, y, circle) for x, y in self.places.tolist()]
+        self.views = []
+        for x, y in self.places.tolist():
+            view = shapely.make_valid(shapely.Polygon(visible_ring(x, y, self.walls, circle, RAYS))).buffer(OFF_M)
+            self.views.append(shapely.intersection(view, self.region))
         self._roads = Roads(outline_of(world), np.asarray(start[:2], np.float64), OFF_M, node_offset_m=1e-4)
-        self.nodes = self._roads.nodes
-        self.ways: Floats = np.zeros((0, 0))
-
-    def _view(self, x: float, y: float, circle: float) -> shapely.Geometry:
-        ring = visible_ring(x, y, self.walls, circle, RAYS)
-        view = shapely.make_valid(shapely.Polygon(ring)).buffer(OFF_M)
-        return shapely.intersection(view, self.region)
 
     def hardest(self) -> list[int]:
         """Places seen from the least area, spread over the walls."""
@@ -127,18 +120,17 @@ class _Sets:
 
     def distances(self, starts: Floats, chosen: list[int]) -> Floats:
         """(s + k, s + k): least way between starts (s, 2) and sets, and between sets; zero between starts."""
-        if not len(self.ways):
-            self.ways = np.array([self._roads.to_nodes(node) for node in self.nodes])
+        ways = np.array([self._roads.to_nodes(node) for node in self._roads.nodes])
         samples = [start[None] for start in starts]
         for k in chosen:
             near = shapely.dwithin(self.views[k], shapely.points(self.lattice), self.slack)
             samples.append(np.ascontiguousarray(self.lattice[near]))
         views = [shapely.Point(start) for start in starts] + [self.views[k] for k in chosen]
         s, n = len(starts), len(samples)
-        to_nodes = np.array([_to_nodes(points, self.nodes, self.walls) for points in samples])
+        to_nodes = np.array([_to_nodes(points, self._roads.nodes, self.walls) for points in samples])
         out = np.zeros((n, n))
         for i in range(n):
-            by = (to_nodes[i][:, None] + self.ways).min(0)  # to every node
+            by = (to_nodes[i][:, None] + ways).min(0)  # to every node
             for j in range(max(i + 1, s), n):
                 way = float((by + to_nodes[j]).min())
                 if shapely.distance(views[i], views[j]) < way:
@@ -224,10 +216,8 @@ def best_bound(cost: Floats) -> tuple[float, int]:
 
 def measure_bound(world: str, seeds: list[int]) -> Figures:
     """Lower bounds in metres for the starts of these seeds, of a robot alone."""
-    true, config = load(path_of(world)), WorldConfig()
-    spec = config.spec
     starts = np.vstack([drawn_starts(world, 1, seed)[:, :2] for seed in seeds])
-    sets = _Sets(true, starts[0], spec.radius_m, spec.lidar.range_max_m, config)
+    sets = _Sets(load(path_of(world)), starts[0], RobotSpec())
     cost = sets.distances(starts, sets.hardest())
     s = len(starts)
     found = [best_bound(cost[np.ix_(rows, rows)]) for k in range(s) if (rows := [k, *range(s, len(cost))])]
@@ -246,7 +236,6 @@ def _ratio(bounds: list[float], runs: Runs, key: str) -> float | None:
 
 
 def _rows(figures: Outcomes) -> list[Row]:
-    """Paths over the bound, a row a layout."""
     runs, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
     return [
         {
@@ -266,10 +255,8 @@ TABLES = [
         "tours",
         "Paths over a lower bound of the shortest tour",
         _rows,
-        columns(
-            "world; places; bound: bound m; to_99: path to 99 % / bound; whole: whole path / bound; "
-            "dense_99: dense to 99 % / bound"
-        ),
+        "world; places; bound: bound m; to_99: path to 99 % / bound; whole: whole path / bound; "
+        "dense_99: dense to 99 % / bound",
         note="No path that sees all visible wall is shorter than the bound. Medians over the starts.",
     )
 ]

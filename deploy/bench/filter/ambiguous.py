@@ -12,7 +12,7 @@ import numpy as np
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.layouts import written
-from deploy.bench.tables import Outcomes, Row, Table, columns, mean, runs_of
+from deploy.bench.tables import Outcomes, Row, Table, mean, runs_of
 from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
 
@@ -27,13 +27,8 @@ def double_walls() -> dict[str, Any]:
     Steps, depths and distances go from 0.15 to 0.30 m, so that at 0.03 m noise the wall behind and the wall before
     are each other's rival.
     """
-    thickness = 0.1
-    boxes: list[list[float]] = [
-        [3.5, -0.05, 0.0, 7.2, thickness],
-        [3.5, 5.05, 0.0, 7.2, thickness],
-        [-0.05, 2.5, 0.0, thickness, 5.2],
-        [7.05, 2.5, 0.0, thickness, 5.2],
-    ]
+    boxes: list[list[float]] = [[3.5, y, 0.0, 7.2, 0.1] for y in (-0.05, 5.05)]
+    boxes += [[x, 2.5, 0.0, 0.1, 5.2] for x in (-0.05, 7.05)]
     depth = 0.0
     for step, rise in enumerate((0.15, 0.2, 0.25, 0.3)):  # stairs along the lower wall
         depth += rise
@@ -43,8 +38,7 @@ def double_walls() -> dict[str, Any]:
     for plate, away in enumerate((0.15, 0.2, 0.25)):  # thin plates before the right wall
         boxes.append([7.0 - away, 0.8 + 1.5 * plate, 0.0, 0.03, 0.9])
     for k, gap in enumerate((0.15, 0.3)):  # two pairs of parallel plates in the room
-        boxes.append([2.2 + 2.2 * k, 2.9, 0.0, 0.8, 0.03])
-        boxes.append([2.2 + 2.2 * k, 2.9 + gap, 0.0, 0.8, 0.03])
+        boxes += [[2.2 + 2.2 * k, y, 0.0, 0.8, 0.03] for y in (2.9, 2.9 + gap)]
     return {"name": "double-walls", "units": "m", "boxes": boxes, "spawns": [[1.0, 2.0, 0.3]]}
 
 
@@ -68,15 +62,9 @@ def _replay(run: ScanRecording, particles: int) -> Figures:
 def _judge(wireframe: Wireframe, truth: Truth) -> Figures:
     """The score, and its recall and precision as one figure each for walls and corners (F1)."""
     got = score(wireframe, HERE, truth)
-    return {
-        **got._asdict(),
-        "walls": _f1(got.wall_recall, got.wall_precision),
-        "corners": _f1(got.corner_recall or 0.0, got.corner_precision or 0.0),
-    }
-
-
-def _f1(recall: float, precision: float) -> float:
-    return 2 * recall * precision / max(recall + precision, 1e-9)
+    rates = {"walls": (got.wall_recall, got.wall_precision), "corners": (got.corner_recall, got.corner_precision)}
+    known = {key: (recall or 0.0, precision or 0.0) for key, (recall, precision) in rates.items()}
+    return got._asdict() | {key: 2 * r * p / max(r + p, 1e-9) for key, (r, p) in known.items()}
 
 
 def cases(quick: bool) -> list[Case]:
@@ -85,24 +73,17 @@ def cases(quick: bool) -> list[Case]:
     return each("ambiguous/{seed}", measure_ambiguous, fixed, seed=range(1 if quick else 10))
 
 
-JUDGED = ("along_walls", "along_corners")
-"""What `ahead` asks: F1 of walls and of corners, mean over the run."""
-
-
 def _rows(figures: Outcomes) -> list[Row]:
     """Means over the runs by size of the filter."""
     runs = runs_of(figures, "ambiguous/*")
     rows: list[Row] = []
     for n in runs[0] if runs else ():
         means = {key: mean([run[n] for run in runs], key) for key in runs[0][n]}
-        wins = [_win(run[n][key], run["1"][key]) for run in runs for key in JUDGED]
+        pairs = [(run[n][key], run["1"][key]) for run in runs for key in ("along_walls", "along_corners")]
+        wins = [0.5 if ours == one else float(ours > one) for ours, one in pairs]
         ahead = {} if n == "1" else {"ahead": 100.0 * sum(wins) / len(wins)}
         rows.append({"particles": int(n), "runs": len(runs), **means, **ahead})
     return rows
-
-
-def _win(ours: float, one: float) -> float:
-    return 0.5 if ours == one else float(ours > one)
 
 
 TABLES = [
@@ -110,11 +91,8 @@ TABLES = [
         "ambiguous",
         f"Parallel walls 0.15 to 0.3 m apart, {NOISE_M} m range noise",
         _rows,
-        columns(
-            "particles; runs; wall_recall: recall; wall_precision: precision; wall_rmse_m; corners: corner F1; "
-            "repeated; along_walls: walls F1, along; "
-            "along_corners: corner F1, along; ahead >= 50.1: ahead of one, along %"
-        ),
+        "particles; runs; wall_recall: recall; wall_precision: precision; wall_rmse_m; corners: corner F1; repeated; "
+        "along_walls: walls F1, along; along_corners: corner F1, along; ahead >= 50.1: ahead of one, along %",
         judged=lambda row: row["particles"] != 1,
         note="Means over runs; along: mean over the run, every 10 s. Ahead: share of runs and figures, a tie is half.",
     )

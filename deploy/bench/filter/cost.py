@@ -1,5 +1,6 @@
 """What a step costs, by stage, by particles and by the size of the map; and how fast whole runs are."""
 
+import os
 import time
 
 import numpy as np
@@ -7,11 +8,10 @@ import numpy as np
 from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.explored import explore, launched, read_json
+from deploy.bench.explored import Stopwatch, explore, launched, read_json
 from deploy.bench.filter.recording import record
 from deploy.bench.layouts import path_of, present
-from deploy.bench.stopwatch import Stopwatch, load
-from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, whole
+from deploy.bench.tables import Outcomes, Row, Table, by_label, whole
 from protocol.messages import Observation
 
 PARTICLES = (1, 5, 10, 30, 100)
@@ -19,6 +19,11 @@ WARM = 25
 """Steps before the clock counts: kernels are compiled or loaded in them."""
 BIN_VERTICES = 25
 """Maps are put together by size in steps of this."""
+
+
+def load() -> float:
+    """Processes that wanted a core in the last minute: above the number of cores, times are too long."""
+    return round(os.getloadavg()[0], 2)
 
 
 def measure_stages(world: str, limit_s: float) -> Figures:
@@ -58,14 +63,8 @@ def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures
     times, vertices = times[WARM:], vertices[WARM:]
     bins = vertices // BIN_VERTICES
     by_size = {str(BIN_VERTICES * b): float(np.median(times[bins == b])) for b in np.unique(bins).tolist()}
-    return {
-        "particles": len(mind.edges),
-        "median": float(np.median(times)),
-        "p99": float(np.percentile(times, 99)),
-        "by_vertices": by_size,
-        "bytes": mind.nbytes,
-        "load": load(),
-    }
+    figures = {"particles": len(mind.edges), "median": np.median(times), "p99": np.percentile(times, 99)}
+    return figures | {"by_vertices": by_size, "bytes": mind.nbytes, "load": load()}
 
 
 def measure_speed(world: str, robots: int, until: float | str) -> Figures:
@@ -74,12 +73,8 @@ def measure_speed(world: str, robots: int, until: float | str) -> Figures:
     with launched(config) as (folder, ended):
         summary = read_json(folder / "summary.json")
     steps = [robot["step_ms_median"] for robot in summary["robots"].values()]
-    return {
-        "real_time_factor": summary["real_time_factor"],
-        "step_ms_median": max(steps),
-        "ended": ended,
-        "load": load(),
-    }
+    factor = summary["real_time_factor"]
+    return {"real_time_factor": factor, "step_ms_median": max(steps), "ended": ended, "load": load()}
 
 
 def speed_cases(stages: str, run: str, quick: bool) -> list[Case]:
@@ -97,19 +92,16 @@ def cases(quick: bool) -> list[Case]:
     world, limit_s = ("apartment", 60.0) if quick else ("maze-15", 3600.0)
     worlds = ["apartment"] if quick else ["maze-15", *present(["gbeltramo_building", "pal_home_w"])]
     sizes = PARTICLES[: 3 if quick else None]
-    particles = {"world": world, "limit_s": limit_s}
-    vertices = {"particles": None, "limit_s": limit_s}
-    stages, speed = speed_cases("cost/stages", "cost/speed", quick)
+    fixed = {"world": world, "particles": None, "limit_s": limit_s}
     return [
-        stages,
-        *each("cost/particles/{particles}", measure_growth, particles, alone=True, particles=sizes),
-        *each("cost/vertices/{world}", measure_growth, vertices, alone=True, world=worlds),
-        speed,
+        *speed_cases("cost/stages", "cost/speed", quick),
+        *each("cost/particles/{particles}", measure_growth, fixed, alone=True, particles=sizes),
+        *each("cost/vertices/{world}", measure_growth, fixed, alone=True, world=worlds),
     ]
 
 
 def stages_table(case: str) -> Table:
-    """The table of `measure_stages`."""
+    """The table of `measure_stages` under that case's name."""
 
     def rows(figures: Outcomes) -> list[Row]:
         found = figures.get(case)
@@ -120,7 +112,7 @@ def stages_table(case: str) -> Table:
         "stages",
         lambda figures: f"A step of one robot, {figures[case]['particles']} particles",
         rows,
-        columns("stage; median <= 5: median ms; mean: mean ms; p99: 99 % ms"),
+        "stage; median <= 5: median ms; mean: mean ms; p99: 99 % ms",
         judged=lambda row: row["stage"] == "whole step",
         note=lambda figures: (
             f"The whole step has radio and coding, too. Load of the machine {figures[case]['load']:g}."
@@ -129,8 +121,8 @@ def stages_table(case: str) -> Table:
 
 
 def speed_table(case: str) -> Table:
-    """The table of `measure_speed`."""
-    heads = columns("real_time_factor >= 30: times real time; step_ms_median: median step ms; ended; load")
+    """The table of `measure_speed` under that case's name."""
+    heads = "real_time_factor >= 30: times real time; step_ms_median: median step ms; ended; load"
     return Table("speed", "wireswarm run, 3 robots", whole(case), heads)
 
 
@@ -148,13 +140,13 @@ TABLES = [
         "particles",
         "Filter update by particles",
         whole("cost/particles/*"),
-        columns("particles; median: median ms; p99: 99 % ms; bytes: filter bytes; load"),
+        "particles; median: median ms; p99: 99 % ms; bytes: filter bytes; load",
     ),
     Table(
         "vertices",
         "Filter update by vertices of the map",
         _by_vertices,
-        columns(f"world; particles; vertices: vertices, from (to {BIN_VERTICES} more); median: median ms"),
+        f"world; particles; vertices: vertices, from (to {BIN_VERTICES} more); median: median ms",
     ),
     speed_table("cost/speed"),
 ]

@@ -14,9 +14,10 @@ import shapely
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.filter.recording import ScanRecording, record
 from deploy.bench.layouts import present
-from deploy.bench.tables import Outcomes, Row, Table, by_label, columns
+from deploy.bench.tables import Outcomes, Row, Table, by_label
 from deploy.metrics import Truth, score_walls
 from deploy.occupancy_grid import CELLS_PER_BYTE, Grid, grid_of, two_bits
+from protocol.walls import directions
 from protocol.wireframe import encode_wireframe
 
 FINEST_M = 0.005
@@ -39,7 +40,8 @@ def measure_storage(world: str, limit_s: float) -> Figures:
 
 
 def _box(run: ScanRecording) -> tuple[float, float, float, float]:
-    x0, y0, x1, y1 = shapely.total_bounds(shapely.linestrings(run.truth.outline.reshape(-1, 2, 2))).tolist()
+    points = run.truth.outline.reshape(-1, 2)
+    (x0, y0), (x1, y1) = points.min(0).tolist(), points.max(0).tolist()
     return x0, y0, x1, y1
 
 
@@ -75,8 +77,7 @@ def _grid_figures(grid: Grid, size: int, truth: Truth) -> Figures:
     cells = grid.occupied()
     lines = shapely.linestrings(truth.outline.reshape(-1, 2, 2))
     nearest = shapely.STRtree(lines).nearest(shapely.points(cells)) if len(cells) else np.zeros(0, np.intp)
-    along = (truth.outline[:, 2:] - truth.outline[:, :2])[nearest]
-    half = 0.5 * grid.cell_m * along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)[:, None]
+    half = 0.5 * grid.cell_m * directions(truth.outline[nearest])
     walls = score_walls(np.hstack([cells - half, cells + half]), truth)
     return {**walls._asdict(), "cell_m": grid.cell_m, "bytes": size}
 
@@ -90,24 +91,15 @@ def cases(quick: bool) -> list[Case]:
 
 def _rows(figures: Outcomes) -> list[Row]:
     """A row a layout and size."""
-    return [
-        {
-            "world": world,
-            "storage": which,
-            "bytes": grid["bytes"],
-            "cell_m": grid["cell_m"],
-            "ours_rmse_m": ours["rmse_m"],
-            "grid_rmse_m": grid["rmse_m"],
-            "rmse_ahead_m": grid["rmse_m"] - ours["rmse_m"],
-            "recall_ahead": ours["recall"] - grid["recall"],
-            "precision_ahead": ours["precision"] - grid["precision"],
-            "grid_recall": grid["recall"],
-            "grid_precision": grid["precision"],
-        }
-        for world, (found,) in by_label(figures, "storage/{world}").items()
-        for which, grid in found["grids"].items()
-        for ours in (found["ours"],)
-    ]
+    rows: list[Row] = []
+    for world, (found,) in by_label(figures, "storage/{world}").items():
+        for which, grid in found["grids"].items():
+            row = {"world": world, "storage": which, "bytes": grid["bytes"], "cell_m": grid["cell_m"]}
+            row |= {f"grid_{key}": grid[key] for key in ("recall", "precision", "rmse_m")}
+            row |= {f"{key}_ahead": found["ours"][key] - grid[key] for key in ("recall", "precision")}
+            rmse_m = found["ours"]["rmse_m"]
+            rows.append({**row, "ours_rmse_m": rmse_m, "rmse_ahead_m": grid["rmse_m"] - rmse_m})
+    return rows
 
 
 TABLES = [
@@ -115,11 +107,9 @@ TABLES = [
         "storage",
         "Equal storage: occupancy grid against wireframe",
         _rows,
-        columns(
-            "world; storage; bytes; cell_m: grid's cell m; ours_rmse_m: our rmse m; grid_rmse_m: grid's rmse m; "
-            "rmse_ahead_m >= 0.0001; recall_ahead >= -0.01; precision_ahead >= -0.01; grid_recall: grid's recall; "
-            "grid_precision: grid's precision"
-        ),
+        "world; storage; bytes; cell_m: grid's cell m; ours_rmse_m: our rmse m; grid_rmse_m: grid's rmse m; "
+        "rmse_ahead_m >= 0.0001; recall_ahead >= -0.01; precision_ahead >= -0.01; grid_recall: grid's recall; "
+        "grid_precision: grid's precision",
         judged=lambda row: row["storage"] in ("codec", "one particle"),
         note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction.",
     )

@@ -7,7 +7,7 @@ from deploy.bench.filter.faults import KINDS
 from deploy.bench.filter.runs import NOISY_ODOMETRY, NOISY_RANGES
 from deploy.bench.filter.trials import SCOPES, counts_of, gone_percent, measure_faults
 from deploy.bench.layouts import present
-from deploy.bench.tables import Outcomes, Row, Runs, Table, columns, mean, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, mean, runs_of
 
 
 def cases(quick: bool) -> list[Case]:
@@ -65,22 +65,18 @@ TABLES = [
         "sweep",
         "How many particles: noise and ambiguity",
         _rows,
-        columns(
-            "particles; ranges_recall: noisy ranges recall; ranges_precision: noisy ranges precision; "
-            "ranges_corner: noisy ranges corner rmse m; odometry_recall: noisy odometry recall; "
-            "odometry_precision: noisy odometry precision; odometry_rmse: noisy odometry wall rmse m; "
-            "ambiguous: ambiguous walls F1 along"
-        ),
+        "particles; ranges_recall: noisy ranges recall; ranges_precision: noisy ranges precision; "
+        "ranges_corner: noisy ranges corner rmse m; odometry_recall: noisy odometry recall; "
+        "odometry_precision: noisy odometry precision; odometry_rmse: noisy odometry wall rmse m; "
+        "ambiguous: ambiguous walls F1 along",
         note="Means over the cases.",
     ),
     Table(
         "sweep-faults",
         "How many particles: faults and cost",
         _rows,
-        columns(
-            f"particles; {'; '.join(f'{kind}: {kind} gone %' for kind in KINDS)}; half: faults in half gone %; "
-            "update_ms: filter update ms; filter_bytes"
-        ),
+        f"particles; {'; '.join(f'{kind}: {kind} gone %' for kind in KINDS)}; half: faults in half gone %; "
+        "update_ms: filter update ms; filter_bytes",
         note="Gone: within 50 scans that see the place.",
     ),
 ]

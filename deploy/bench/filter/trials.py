@@ -19,7 +19,7 @@ from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault, draw
 from deploy.bench.filter.recording import ScanRecording, record
-from deploy.bench.tables import Outcomes, Row, Runs, Table, columns, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, runs_of
 
 WORLDS = ["maze-15", "office", "apartment", "symmetric"]
 SCOPES = ("all", "half with the best", "half without the best")
@@ -197,10 +197,8 @@ TABLES = [
         "faults",
         "Discrete faults injected in mid-run",
         _rows,
-        columns(
-            "fault; scope: in which particles; particles; trials; gone >= 95: gone in 50 scans %; "
-            "median: median scans; p90: 90 % scans"
-        ),
+        "fault; scope: in which particles; particles; trials; gone >= 95: gone in 50 scans %; median: median scans; "
+        "p90: 90 % scans",
         note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50.",
     )
 ]

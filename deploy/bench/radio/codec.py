@@ -3,24 +3,20 @@
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
-from deploy.bench.layouts import present
-from deploy.bench.tables import Reduce, Runs, Table, columns, total
+from deploy.bench.layouts import FURNISHED, PLAIN, present
+from deploy.bench.tables import Runs, Table, columns
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import Observation
 from protocol.wireframe import Wireframe
 
-SHARED = [
-    "drlnav_house_tomas", "drlnav_stage7", "gbeltramo_building", "hurtado_apartment", "pal_home_w",
-    "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building",
-]  # fmt: skip
 EVERY_TICKS = 50
 """Partial maps are taken every 10 s."""
 
 
 def cases(quick: bool) -> list[Case]:
     """One exploration run per layout."""
-    worlds = ["apartment"] if quick else present(SHARED)
+    worlds = ["apartment"] if quick else sorted(present(FURNISHED + PLAIN))
     return each("codec/{world}", measure_maps, world=worlds)
 
 
@@ -49,30 +45,24 @@ def _sizes(maps: list[Wireframe]) -> dict[str, int]:
     return {"maps": len(maps), "vertices": vertices, "bytes": bare, "with_likelihoods": with_likelihoods}
 
 
-PARTS = ("full", "partial")
+def _vertices(runs: Runs, key: str) -> int:
+    """Vertices of all maps of the part that the key names."""
+    return sum(run[key.partition("_")[0]]["vertices"] for run in runs)
 
 
-def _a_vertex(part: str, key: str) -> Reduce:
-    """Bytes of all maps over their vertices."""
-
-    def bytes_a_vertex(runs: Runs, _: str) -> float | None:
-        parts = [run[part] for run in runs]
-        vertices = total(parts, "vertices")
-        return total(parts, key) / vertices if vertices else None
-
-    return bytes_a_vertex
-
-
-def _vertices(part: str) -> Reduce:
-    return lambda runs, _: sum(run[part]["vertices"] for run in runs)
+def _a_vertex(runs: Runs, key: str) -> float | None:
+    """Bytes of all maps of the part that the key names, over their vertices."""
+    part, _, size = key.partition("_")
+    vertices = _vertices(runs, key)
+    return sum(run[part][size] for run in runs) / vertices if vertices else None
 
 
 COLUMNS = columns(
     "world; full_vertices: vertices of the full map; full_bytes <= 2.5: bytes a vertex; "
     "full_with_likelihoods: with likelihoods; partial_vertices: vertices of partial maps; "
     "partial_bytes <= 3.2: bytes a vertex; partial_with_likelihoods: with likelihoods",
-    **{f"{part}_vertices": _vertices(part) for part in PARTS},
-    **{f"{part}_{key}": _a_vertex(part, key) for part in PARTS for key in ("bytes", "with_likelihoods")},
+    **{f"{part}_vertices": _vertices for part in ("full", "partial")},
+    **{f"{part}_{key}": _a_vertex for part in ("full", "partial") for key in ("bytes", "with_likelihoods")},
 )
 TABLES = [
     Table(

@@ -7,22 +7,15 @@ from unittest.mock import patch
 
 from agent.communication.exchange import Exchange
 from deploy.bench.cases import Case, Figures
-from deploy.bench.explored import explore, launched, read_json
+from deploy.bench.explored import Stopwatch, explore, launched, read_json
 from deploy.bench.radio.traffic import BAD
-from deploy.bench.stopwatch import Stopwatch
-from deploy.bench.tables import Table, columns, whole
+from deploy.bench.tables import Table, whole
 from world.radio import Radio
 
-MODELS = [
-    {"kind": "line_of_sight"},
-    {"kind": "log_distance"},
-    {"kind": "gilbert_elliott"},
-    {"kind": "asymmetric"},
-    *BAD,
-]
-"""About all that there is."""
-GATE, EXCHANGE = ("offer", "deliver", "check"), ("hear", "talk")
-"""Methods that are timed."""
+MODELS = [{"kind": kind} for kind in ("line_of_sight", "log_distance", "gilbert_elliott", "asymmetric")] + BAD
+"""Nearly all models that there are."""
+TIMED = {"gate_s": (Radio, ("offer", "deliver", "check")), "exchange_s": (Exchange, ("hear", "talk"))}
+"""Classes and their methods whose calls are timed."""
 
 
 def cases(quick: bool) -> list[Case]:
@@ -41,7 +34,7 @@ def measure_share(world: Mapping[str, Any]) -> Figures:
     clock = Stopwatch()
     explore({**world, "until": 2.0}, {})  # kernels are loaded
     with ExitStack() as stack:
-        for name, kind, methods in (("gate_s", Radio, GATE), ("exchange_s", Exchange, EXCHANGE)):
+        for name, (kind, methods) in TIMED.items():
             for method in methods:
                 stack.enter_context(patch.object(kind, method, clock.timed(name, getattr(kind, method))))
         run = clock.timed("total_s", explore)(world, {})
@@ -69,17 +62,15 @@ TABLES = [
         "cost",
         "Share of a run's time",
         whole("cost/{radio}"),
-        columns("radio; ticks; total_s: run s; gate_s; exchange_s; share <= 0.05"),
+        "radio; ticks; total_s: run s; gate_s; exchange_s; share <= 0.05",
         note="Three robots in maze-15, in one process, which is all work.",
     ),
     Table(
         "wire",
         "Bytes on the wires",
         whole("wire/{run}"),
-        columns(
-            "run; messages; payload_bytes; overhead_bytes; wire_bytes; unexplained <= 0.01: unexplained, worst link; "
-            "real_time_factor"
-        ),
+        "run; messages; payload_bytes; overhead_bytes; wire_bytes; unexplained <= 0.01: unexplained, worst link; "
+        "real_time_factor",
         note="Of all links and directions.",
     ),
 ]

@@ -3,6 +3,7 @@
 import csv
 import math
 import tempfile
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
@@ -57,7 +58,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
         "beacon_bytes": measurement.beacon_bytes,
         "viewpoint_bytes": measurement.viewpoint_bytes,
         "updates": len(measurement.updates),
-        "kinds": {kind: sum(row["kind"] == kind for row in rows) for kind in sorted({row["kind"] for row in rows})},
+        "kinds": dict(sorted(Counter(row["kind"] for row in rows).items())),
         "links": len(books["links"]),
         "recall": [score["wall_recall"] for score in scores],
         "precision": [score["wall_precision"] for score in scores],
@@ -109,10 +110,8 @@ TABLES = [
         "traffic",
         "Map traffic",
         _forms,
-        columns(
-            f"seed; updates; delta: delta bytes; full <= {1 / 3}: delta / full; viewed: with viewpoints; json; "
-            "grid_raw; grid_zlib <= 0.1; grid_delta_zlib <= 1; grid_png; scans_raw <= 0.001; scans_zlib; points"
-        ),
+        f"seed; updates; delta: delta bytes; full <= {1 / 3}: delta / full; viewed: with viewpoints; json; "
+        "grid_raw; grid_zlib <= 0.1; grid_delta_zlib <= 1; grid_png; scans_raw <= 0.001; scans_zlib; points",
         judged=lambda row: row["seed"] == "median",
         note=lambda figures: (
             f"{_run(figures)}: bytes of delta over those of each form. The median of the seeds is judged, for {JUDGED} "
@@ -123,12 +122,9 @@ TABLES = [
         "bad",
         "A bad radio against a perfect one",
         _compared,
-        columns(
-            "seed; perfect: recall, perfect; bad: recall, bad; less <= 0.02; precision: precision, bad; "
-            "merges: merges, bad; false_merges <= 0; delta: delta bytes; resent: sent again"
-        ),
-        note="Bad: 30 % loss, 1 s latency, 5 kB/s. Wall recall, mean of the robots. "
-        "`merges` counts accepted proposals.",
+        "seed; perfect: recall, perfect; bad: recall, bad; less <= 0.02; precision: precision, bad; "
+        "merges: merges, bad; false_merges <= 0; delta: delta bytes; resent: sent again",
+        note="Bad: 30 % loss, 1 s latency, 5 kB/s. Wall recall, mean of the robots. `merges`: accepted proposals.",
     ),
     Table(
         "range",

@@ -51,8 +51,7 @@ def test_what_must_be_driven_down_a_corridor_is_known() -> None:
     """From one end of 20 m the other end's wall is seen from 3.5 m before it: nearly as far must a robot drive."""
     world = from_document(room(20.0, 1.0))
     start = np.array([[0.5, 0.5]])
-    config = WorldConfig()
-    sets = _Sets(world, start[0], config.spec.radius_m, config.spec.lidar.range_max_m, config)
+    sets = _Sets(world, start[0], RobotSpec())
     cost = sets.distances(start, sets.hardest())
     assert (cost == cost.T).all() and (cost >= 0).all()
     bound, _ = best_bound(cost)
@@ -64,9 +63,8 @@ def test_no_run_is_shorter_than_its_bound(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(json.dumps(room(7.0, 4.0, [3.0, 0.0, 3.0, 2.9], [5.0, 4.0, 5.0, 1.1])))
     run = explore({"world": str(path), "robots": 1, "max_time_s": 300.0}, {})
-    config = run.episode.config
     world, start = run.episode.world, run.episode.starts[:, :2]
-    sets = _Sets(world, start[0], config.spec.radius_m, config.spec.lidar.range_max_m, config)
+    sets = _Sets(world, start[0], run.episode.config.spec)
     bound, places = best_bound(sets.distances(start, sets.hardest()))
     figures = run.figures()
     assert figures["coverage"] > 0.99
@@ -123,7 +121,7 @@ def test_the_dense_robot_explores(tmp_path: Path) -> None:
     robot = inprocess.run(config, AgentConfig(), None, driven, make)["robots"]["r1"]
     assert robot["ended"] == "complete" and robot["coverage"] > 0.9 and robot["wall_contacts"] == 0
     assert (minds[0].log_odds < 0).sum() > 0.93 * 6.9 * 3.9 / 0.05**2  # beams step over walls, yet all floor is known
-    reached = driven.figures()["path_90_m"]
+    reached = driven.until["r1"]["path_90_m"]
     assert reached is not None and 1.0 < reached <= robot["path_m"] < 40.0
     raw, packed = minds[0].grid_bytes()
     assert 7.0 * 4.0 / 0.05**2 < raw < 1.6 * 7.0 * 4.0 / 0.05**2 and packed < raw / 10
