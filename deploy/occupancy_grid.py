@@ -5,7 +5,7 @@ ends. Within one scan an end outweighs crossings of the same cell, as in OctoMap
 """
 
 import math
-from typing import NamedTuple
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,62 +19,44 @@ LOW, HIGH = -2.0, 3.5
 """Clamp: OctoMap's defaults, probabilities 0.12 and 0.97."""
 CELLS_PER_BYTE = 4
 """Two bits hold a cell's state."""
+States = NDArray[np.uint8]
+"""Of cells: 0 unknown, 1 free, 2 occupied."""
 
 
-class Grid(NamedTuple):
-    """Log-odds of being occupied; 0 is unknown."""
-
-    corner: tuple[float, float]
-    """m, outer corner of cell (0, 0)."""
-    cell_m: float
-    log_odds: Floats
-    """(nx, ny)."""
-
-    def occupied(self) -> Floats:
-        """(n, 2) middles of the cells that are rather occupied than free, metres."""
-        cells = np.argwhere(self.log_odds > 0)
-        middles: Floats = (cells + 0.5) * self.cell_m + np.array(self.corner)
-        return middles
-
-    def states(self) -> NDArray[np.uint8]:
-        """(nx, ny) 0 unknown, 1 free, 2 occupied: what two bits a cell hold."""
-        return np.where(self.log_odds > 0, 2, np.where(self.log_odds < 0, 1, 0)).astype(np.uint8)
-
-
-def two_bits(states: NDArray[np.uint8]) -> bytes:
-    """States of cells (see `Grid.states`), four a byte, the first in the lowest bits."""
-    padded = np.zeros((-(-states.size // CELLS_PER_BYTE), CELLS_PER_BYTE), np.uint8)
-    padded.reshape(-1)[: states.size] = states.reshape(-1)
-    packed: NDArray[np.uint8] = (padded << np.array([0, 2, 4, 6], np.uint8)).sum(1).astype(np.uint8)
+def two_bits(states: States) -> bytes:
+    """States of cells, four a byte, the first in the lowest bits."""
+    padded = np.pad(states.reshape(-1), (0, -states.size % CELLS_PER_BYTE)).reshape(-1, CELLS_PER_BYTE)
+    packed: States = (padded << np.array([0, 2, 4, 6], np.uint8)).sum(1).astype(np.uint8)
     return packed.tobytes()
 
 
-class GrowingGrid:
-    """A grid that takes scans as they come."""
+class OccupancyGrid:
+    """Log-odds of being occupied over a box, from scans as they come; 0 is unknown."""
 
     def __init__(self, box: tuple[float, float, float, float], cell_m: float, range_max_m: float) -> None:
         """box: x0, y0, x1, y1 in metres; what is seen beyond is not kept."""
         x0, y0, x1, y1 = box
-        shape = max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))
-        self.grid = Grid((x0, y0), cell_m, np.zeros(shape))
+        self.corner, self.cell_m = (x0, y0), cell_m
+        self.log_odds = np.zeros((max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))))
         self._range_max_m = range_max_m
-        self._marks = np.zeros(shape, np.int64)
+        self._marks = np.zeros(self.log_odds.shape, np.int64)
         self._scans = 0
 
-    def add(self, ranges: Floats, poses: Floats) -> None:
-        """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known."""
-        log_odds, (x0, y0), cell_m = self.grid.log_odds, self.grid.corner, self.grid.cell_m
-        _integrate(log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, x0, y0, cell_m)
+    def add(self, ranges: Floats, poses: Floats) -> Self:
+        """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known. Returns the grid."""
+        where = self.corner[0], self.corner[1], self.cell_m
+        _integrate(self.log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, *where)
         self._scans += len(poses)
+        return self
 
+    def occupied(self) -> Floats:
+        """(n, 2) middles of the cells that are rather occupied than free, metres."""
+        middles: Floats = (np.argwhere(self.log_odds > 0) + 0.5) * self.cell_m + np.array(self.corner)
+        return middles
 
-def grid_of(
-    ranges: Floats, poses: Floats, range_max_m: float, box: tuple[float, float, float, float], cell_m: float
-) -> Grid:
-    """Grid over a box (x0, y0, x1, y1) from ranges (t, beams), inf: nothing within range_max_m, at poses (t, 3)."""
-    grid = GrowingGrid(box, cell_m, range_max_m)
-    grid.add(ranges, poses)
-    return grid.grid
+    def states(self) -> States:
+        """(nx, ny) of all cells."""
+        return np.where(self.log_odds > 0, 2, np.where(self.log_odds < 0, 1, 0)).astype(np.uint8)
 
 
 @kernel

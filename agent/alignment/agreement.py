@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.feature import LIKE_COS
+from agent.geometry.cells import by_cell
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
@@ -30,8 +31,6 @@ STRIP_FAR_M = 0.5
 STRIP_END_M = 0.1
 """The ground before the last piece of a wall does not count as free, as other walls may begin there."""
 REACH_M = max(AGREE_M, STRIP_NEAR_M, STRIP_FAR_M)
-LENGTH = 4
-"""Column of a sample's length."""
 
 
 class Walls(NamedTuple):
@@ -43,8 +42,10 @@ class Walls(NamedTuple):
     """(k, 5) x, y, unit direction, and metres of wall that the sample stands for."""
     origin: Floats
     """(3,) lower left corner of the index and size of its square cells."""
-    first: Ints
-    """(columns, rows + 1) where a cell's walls begin in `members`."""
+    shape: tuple[int, int]
+    """Columns and rows of the index."""
+    begins: Ints
+    """(columns * rows + 1,) where the walls of a cell, column by column, begin in `members`."""
     members: Ints
     """Walls that come near each cell."""
     free: Floats
@@ -73,49 +74,34 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
     low, high = corners.min(0) - REACH_M, corners.max(0) + REACH_M
     cell = max(2.0 * REACH_M, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
-    first, members = _fill(segments, low[0], low[1], cell, columns, rows)
+    begins, members = _walls_by_cell(segments, low[0], low[1], cell, columns, rows)
     begin = np.where(juts[:, 0], -STRIP_FAR_M, STRIP_END_M)
     end = length + np.where(juts[:, 1], STRIP_FAR_M, -STRIP_END_M)
-    free = np.column_stack([begin, end])
-    ways = np.column_stack([direction, length])
-    return Walls(segments, samples, np.array([low[0], low[1], cell]), first, members, free, ways)
+    free, ways = np.column_stack([begin, end]), np.column_stack([direction, length])
+    origin = np.array([low[0], low[1], cell])
+    return Walls(segments, samples, origin, (columns, rows), begins, members, free, ways)
 
 
 @kernel
-def _fill(segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int) -> tuple[Ints, Ints]:
-    """`Walls.first` and `Walls.members`: each cell with all walls that come within reach of its circumcircle."""
-    counts = np.zeros((columns, rows + 1), np.int64)
-    members = np.zeros(0, np.int64)
+def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int) -> tuple[Ints, Ints]:
+    """`Walls.begins` and `Walls.members`: each cell with all walls that come within reach of its circumcircle."""
+    cells, members = [0 for _ in range(0)], [0 for _ in range(0)]
     radius = REACH_M + 0.7072 * cell
-    for fill in range(2):
-        if fill == 1:
-            total = 0
-            for i in range(columns):
-                for j in range(rows):
-                    here = counts[i, j]
-                    counts[i, j] = total
-                    total += here
-                counts[i, rows] = total
-            members = np.empty(total, np.int64)
-        at = counts.copy()
-        for e in range(segments.shape[0]):
-            ax, ay, bx, by = segments[e]
-            length = math.hypot(bx - ax, by - ay)
-            ux, uy = (bx - ax) / length, (by - ay) / length
-            i0, i1 = int((min(ax, bx) - REACH_M - x0) // cell), int((max(ax, bx) + REACH_M - x0) // cell)
-            j0, j1 = int((min(ay, by) - REACH_M - y0) // cell), int((max(ay, by) + REACH_M - y0) // cell)
-            for i in range(max(i0, 0), min(i1, columns - 1) + 1):
-                for j in range(max(j0, 0), min(j1, rows - 1) + 1):
-                    cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
-                    t = min(max(cx * ux + cy * uy, 0.0), length)
-                    if (cx - t * ux) ** 2 + (cy - t * uy) ** 2 > radius * radius:
-                        continue
-                    if fill == 0:
-                        counts[i, j] += 1
-                    else:
-                        members[at[i, j]] = e
-                        at[i, j] += 1
-    return counts, members
+    for e in range(segments.shape[0]):
+        ax, ay, bx, by = segments[e]
+        length = math.hypot(bx - ax, by - ay)
+        ux, uy = (bx - ax) / length, (by - ay) / length
+        i0, i1 = int((min(ax, bx) - REACH_M - x0) // cell), int((max(ax, bx) + REACH_M - x0) // cell)
+        j0, j1 = int((min(ay, by) - REACH_M - y0) // cell), int((max(ay, by) + REACH_M - y0) // cell)
+        for i in range(max(i0, 0), min(i1, columns - 1) + 1):
+            for j in range(max(j0, 0), min(j1, rows - 1) + 1):
+                cx, cy = x0 + (i + 0.5) * cell - ax, y0 + (j + 0.5) * cell - ay
+                t = min(max(cx * ux + cy * uy, 0.0), length)
+                if (cx - t * ux) ** 2 + (cy - t * uy) ** 2 <= radius * radius:
+                    cells.append(i * rows + j)
+                    members.append(e)
+    begins, order = by_cell(np.array(cells), columns * rows)
+    return begins, np.array(members)[order]
 
 
 NEITHER, AGREES, CONFLICTS = 0, 1, 2
@@ -130,18 +116,17 @@ def agreement(mine: Walls, theirs: Walls, transform: Floats) -> tuple[float, flo
     agreed = conflict = 0.0
     for samples, into, walls in ((theirs.samples, transform, mine), (mine.samples, inverse(transform), theirs)):
         said = _verdicts(samples, into, walls)
-        agreed += 0.5 * float(samples[said == AGREES, LENGTH].sum())
-        conflict += float(samples[said == CONFLICTS, LENGTH].sum())
+        agreed += 0.5 * float(samples[said == AGREES, 4].sum())
+        conflict += float(samples[said == CONFLICTS, 4].sum())
     return agreed, conflict
 
 
 @kernel
 def _verdicts(samples: Floats, t: Floats, walls: Walls) -> Labels:
     """(k,) what the walls say of samples (k, 5) of another map that the transform t (3,) takes into their frame."""
-    segments, origin, first, members = walls.segments, walls.origin, walls.first, walls.members
-    free, ways = walls.free, walls.ways
+    segments, origin, free, ways = walls.segments, walls.origin, walls.free, walls.ways
+    columns, rows = walls.shape
     c, s = math.cos(t[2]), math.sin(t[2])
-    columns, rows = first.shape[0], first.shape[1] - 1
     out = np.zeros(samples.shape[0], np.uint8)
     for k in range(samples.shape[0]):
         x, y = t[0] + c * samples[k, 0] - s * samples[k, 1], t[1] + s * samples[k, 0] + c * samples[k, 1]
@@ -150,8 +135,8 @@ def _verdicts(samples: Floats, t: Floats, walls: Walls) -> Labels:
             continue
         ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
         touches = blocked = False
-        for n in range(first[i, j], first[i, j + 1]):
-            e = members[n]
+        for n in range(walls.begins[i * rows + j], walls.begins[i * rows + j + 1]):
+            e = walls.members[n]
             dx, dy = x - segments[e, 0], y - segments[e, 1]
             vx, vy, length = ways[e, 0], ways[e, 1], ways[e, 2]
             off = dy * vx - dx * vy

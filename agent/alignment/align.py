@@ -8,12 +8,11 @@ import numpy as np
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.meeting import Meeting
-from agent.alignment.prepared import PreparedMap, prepare
+from agent.alignment.prepared import PreparedMap
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
 from protocol.arrays import Floats
 from protocol.geometry import Pose
-from protocol.wireframe import Wireframe
 
 
 @dataclass(frozen=True)
@@ -53,21 +52,6 @@ Method = Callable[[PreparedMap, PreparedMap, AlignmentConfig, np.random.Generato
 """Finds and judges the best transform between two maps. Benchmarks compare others with `by_features`."""
 
 
-def align(
-    mine: Wireframe,
-    theirs: Wireframe,
-    config: AlignmentConfig,
-    rng: np.random.Generator,
-    meeting: Meeting | None = None,
-) -> Alignment:
-    """Find the transform of a peer's map into mine from the walls that each owner saw itself.
-
-    Both maps must have passed `Wireframe.check`. rng is used by the methods that draw. Work is bounded by the maps'
-    size and by constants, never by time.
-    """
-    return align_prepared(prepare(mine, config), prepare(theirs, config), config, rng, meeting)
-
-
 def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Alignment:
     """The best transform by pairs of like corners, if it is good enough and no other is nearly as good."""
     found = ranked(mine, theirs, config.drawing, rng)
@@ -92,10 +76,13 @@ def align_prepared(
     meeting: Meeting | None = None,
     method: Method = by_features,
 ) -> Alignment:
-    """As `align`, for maps made ready."""
+    """Find the transform of a peer's map into mine from the walls that each owner saw itself.
+
+    rng is used by the methods that draw. Work is bounded by the maps' size and by constants, never by time.
+    """
     if mine is None or theirs is None:
         return Alignment(None, "large")
-    if min(mine.true_corners, theirs.true_corners) < config.min_corners:
+    if min(mine.corners.true.sum(), theirs.corners.true.sum()) < config.min_corners:
         return Alignment(None, "small")
     said = method(mine, theirs, config, rng)
     if said.transform is None or meeting is None:

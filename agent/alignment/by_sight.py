@@ -72,13 +72,19 @@ def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Co
     places = np.array([one.theirs[:2] for one in sightings])
     first = np.cumsum([0, *(len(one.discs) for one in sightings)])
     discs = np.vstack([one.discs for one in sightings])
-    best, count, rival = _consensus(places, first, discs, gate_m, base_m)
+    middle = places.mean(0)
+    best, count = _best_of_pairs(places, first, discs, gate_m, base_m, np.zeros((0, 3)), middle)
     if count < 2:
         return None
-    which = np.empty(len(places), np.int64)
-    _explained(best, places, first, discs, gate_m, which)
-    across = float(np.linalg.eigvalsh(np.cov(places[which >= 0].T, ddof=0))[0])
-    return Consensus(best, count, rival, places.mean(0), math.sqrt(max(across, 0.0)))
+    for _ in range(3):
+        which = _discs_at(best, places, first, discs, gate_m)
+        seen = which >= 0
+        if seen.sum() >= 2:
+            best = fit(places[seen], discs[which[seen]], int(seen.sum()))
+    seen = _discs_at(best, places, first, discs, gate_m) >= 0
+    rival = _best_of_pairs(places, first, discs, gate_m, base_m, best[None], middle)[1]
+    across = float(np.linalg.eigvalsh(np.cov(places[seen].T, ddof=0))[0])
+    return Consensus(best, int(seen.sum()), rival, middle, math.sqrt(max(across, 0.0)))
 
 
 def align_by_sight(
@@ -130,62 +136,43 @@ def _main_way(walls: Floats) -> float:
 
 
 @kernel
-def _explained(t: Floats, places: Floats, first: Ints, discs: Floats, gate_m: float, which: Ints) -> int:
-    """Sightings that a transform explains; which (n,): the disc of each, or -1."""
-    count = 0
+def _discs_at(t: Floats, places: Floats, first: Ints, discs: Floats, gate_m: float) -> Ints:
+    """(n,) the disc on which a transform lays the peer in each sighting, or -1."""
+    which = np.full(places.shape[0], -1)
     for i in range(places.shape[0]):
         x, y = move(t, places[i, 0], places[i, 1])
-        which[i] = -1
         best = gate_m * gate_m
         for k in range(first[i], first[i + 1]):
             d2 = (discs[k, 0] - x) ** 2 + (discs[k, 1] - y) ** 2
             if d2 <= best:
-                best = d2
-                which[i] = k
-        if which[i] >= 0:
-            count += 1
-    return count
+                best, which[i] = d2, k
+    return which
 
 
 @kernel
-def _consensus(places: Floats, first: Ints, discs: Floats, gate_m: float, base_m: float) -> tuple[Floats, int, int]:
-    """The best transform (3,), the sightings that it explains, and those that its best distinct rival explains.
+def _best_of_pairs(
+    places: Floats, first: Ints, discs: Floats, gate_m: float, base_m: float, taken: Floats, middle: Floats
+) -> tuple[Floats, int]:
+    """The transform (3,) that explains most sightings, distinct from the one in taken (0 or 1, 3), and how many.
 
     places (n, 2) of the peer; discs (d, 2), those of sighting i from row first[i] to first[i + 1].
     """
     n = places.shape[0]
-    middle = np.array([places[:, 0].mean(), places[:, 1].mean()])
-    which, source, target = np.empty(n, np.int64), np.empty((n, 2)), np.empty((n, 2))
-    best, t = np.zeros(3), np.zeros(3)
-    count = rival = 0
-    for look in range(2):  # the best, then the best that is distinct from it
-        for i in range(n):
-            for j in range(i + 1, n):
-                px, py = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
-                if math.hypot(px, py) < base_m:
-                    continue
-                for a in range(first[i], first[i + 1]):
-                    for b in range(first[j], first[j + 1]):
-                        qx, qy = discs[b, 0] - discs[a, 0], discs[b, 1] - discs[a, 1]
-                        if abs(math.hypot(px, py) - math.hypot(qx, qy)) > gate_m:
-                            continue
-                        source[0], source[1], target[0], target[1] = places[i], places[j], discs[a], discs[b]
-                        t[:] = fit(source, target, 2)
-                        found = _explained(t, places, first, discs, gate_m, which)
-                        if look == 0 and found > count:
-                            count = found
-                            best[:] = t
-                        elif look == 1 and found > rival and apart(best, t, middle, DISTINCT_M, DISTINCT_RAD):
-                            rival = found
-        if look == 0 and count >= 2:
-            for _ in range(3):
-                _explained(best, places, first, discs, gate_m, which)
-                m = 0
-                for i in range(n):
-                    if which[i] >= 0:
-                        source[m], target[m] = places[i], discs[which[i]]
-                        m += 1
-                if m >= 2:
-                    best[:] = fit(source, target, m)
-            count = _explained(best, places, first, discs, gate_m, which)
-    return best, count, rival
+    best, count = np.zeros(3), 0
+    for i in range(n):
+        for j in range(i + 1, n):
+            px, py = places[j, 0] - places[i, 0], places[j, 1] - places[i, 1]
+            if math.hypot(px, py) < base_m:
+                continue
+            for a in range(first[i], first[i + 1]):
+                for b in range(first[j], first[j + 1]):
+                    qx, qy = discs[b, 0] - discs[a, 0], discs[b, 1] - discs[a, 1]
+                    if abs(math.hypot(px, py) - math.hypot(qx, qy)) > gate_m:
+                        continue
+                    t = fit(np.stack((places[i], places[j])), np.stack((discs[a], discs[b])), 2)
+                    found = (_discs_at(t, places, first, discs, gate_m) >= 0).sum()
+                    if found <= count:
+                        continue
+                    if taken.shape[0] == 0 or apart(taken[0], t, middle, DISTINCT_M, DISTINCT_RAD):
+                        best, count = t, found
+    return best, count

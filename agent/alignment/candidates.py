@@ -61,38 +61,27 @@ def ranked(mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.
     """Transforms from pairs of like corners, refined, with walls held against each other. rng: only if drawn."""
     first = like_transforms(mine.corners, theirs.corners, drawing, rng)
     refined = refine(first, mine.corners, theirs.corners)
-    keep = slice(0, MAX_SCORED)
-    walls = np.array([agreement(mine.walls, theirs.walls, t) for t in refined.transforms[keep]]).reshape(-1, 2)
-    scores = walls[:, 0] - CONFLICT_WEIGHT * walls[:, 1]
-    order = np.lexsort((-refined.inliers[keep], -scores))
+    transforms, inliers, residuals = refined.transforms[:MAX_SCORED], refined.inliers[:MAX_SCORED], refined.residuals
+    agreed, conflict = np.array([agreement(mine.walls, theirs.walls, t) for t in transforms]).reshape(-1, 2).T
+    scores = agreed - CONFLICT_WEIGHT * conflict
+    order = np.lexsort((-inliers, -scores))
     return Candidates(
-        refined.transforms[order],
-        refined.inliers[order],
-        refined.residuals[order],
-        walls[order, 0],
-        walls[order, 1],
-        scores[order],
+        transforms[order], inliers[order], residuals[order], agreed[order], conflict[order], scores[order]
     )
 
 
 def like_transforms(mine: Corners, theirs: Corners, drawing: str, rng: np.random.Generator) -> Floats:
     """(k, 3) distinct transforms from pairs of like corners; first those that most likely pairs give."""
-    pairs, likelihoods = _like_pairs(mine, theirs, drawing, rng)
-    transforms, votes = _transforms(mine, theirs, pairs, likelihoods, theirs.centre)
+    scores = likeness(mine, theirs)
+    found = np.flatnonzero(scores.reshape(-1) > 0.0)  # likelier the same corner than not
+    likelihoods = scores.reshape(-1)[found]
+    # Gumbel noise draws by likelihood without putting back
+    keys = likelihoods + rng.gumbel(size=len(found)) if drawing == "random" else likelihoods
+    order = np.argsort(-keys, kind="stable")[:MAX_PAIRS]
+    pairs = np.column_stack(np.divmod(found[order], scores.shape[1] or 1)).astype(np.int64)
+    transforms, votes = _transforms(mine, theirs, pairs, likelihoods[order], theirs.centre)
     ordered: Floats = transforms[np.argsort(-votes, kind="stable")]
     return ordered
-
-
-def _like_pairs(mine: Corners, theirs: Corners, drawing: str, rng: np.random.Generator) -> tuple[Ints, Floats]:
-    """(k, 2) pairs of vertices (mine, theirs) that are likelier the same corner than not, and (k,) nats."""
-    scores = likeness(mine, theirs)
-    found = np.flatnonzero(scores.reshape(-1) > 0.0)
-    likelihoods = scores.reshape(-1)[found]
-    keys = likelihoods
-    if drawing == "random":  # Gumbel noise: drawn without putting back, by likelihood
-        keys = likelihoods + rng.gumbel(size=len(found))
-    order = np.argsort(-keys, kind="stable")[:MAX_PAIRS]
-    return np.column_stack(np.divmod(found[order], scores.shape[1] or 1)).astype(np.int64), likelihoods[order]
 
 
 class Refined(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
-from protocol.walls import lengths, neighbours
+from protocol.walls import directions, lengths, neighbours
 from protocol.wireframe import Label, Wireframe
 
 UNKNOWN, EXACT, AT_LEAST = 0, 1, 2
@@ -87,18 +87,10 @@ def corners(wireframe: Wireframe) -> Corners:
     sd = np.where(labels == Label.NOMINAL, CORNER_SD_M, OCCLUSION_SD_M)
     values, kinds, sds = _features(points, true, sd, parent, child)
     juts = true & (kinds[:, TURN] == EXACT) & (values[:, TURN] < 0.0)
-    walls, ways = points[ends].reshape(-1, 4), _directions(points, parent, child)
-    return Corners(points, true, parent, child, walls, juts[ends], ways, values, kinds, sds)
-
-
-def _directions(points: Floats, parent: Ints, child: Ints) -> Floats:
-    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
-    out = np.zeros((len(points), 2, 2))
-    into, out_of = np.flatnonzero(parent >= 0), np.flatnonzero(child >= 0)
-    out[into, 0] = points[into] - points[parent[into]]
-    out[out_of, 1] = points[child[out_of]] - points[out_of]
-    unit: Floats = out / np.maximum(np.linalg.norm(out, axis=2, keepdims=True), 1e-12)
-    return unit
+    itself = np.arange(len(used))
+    before, after = (points[np.where(other >= 0, other, itself)] for other in (parent, child))
+    ways = np.stack([directions(np.hstack([before, points])), directions(np.hstack([points, after]))], 1)
+    return Corners(points, true, parent, child, points[ends].reshape(-1, 4), juts[ends], ways, values, kinds, sds)
 
 
 @kernel

@@ -7,7 +7,6 @@ import numpy as np
 
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import compose, inverse
-from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose
 
@@ -23,67 +22,35 @@ class Place:
 
     walls: Floats
     """(m, 4) x1, y1, x2, y2 in metres."""
-    rings: Floats
-    """(k, 4) those of the walls that belong to closed rings."""
-    ring: Ints
-    """(k,) which ring each belongs to, ascending from 0."""
-    outer: Bools
-    """(rings,) whether free space is inside."""
+    rings: list[Floats]
+    """(k, 4) walls of each closed ring, free space on their left."""
 
     def reachable(self, points: Floats, clearance_m: float) -> Bools:
         """(n,) whether points (n, 2) can be a robot's centre."""
-        clear = distances_to_walls(points, self.walls) >= clearance_m
-        return np.asarray(clear & _on_the_free_side(points, self.rings, self.ring, self.outer), np.bool_)
+        free = distances_to_walls(points, self.walls) >= clearance_m
+        x, y = points[:, :1], points[:, 1:]
+        for ring in self.rings:
+            ax, ay, bx, by = ring.T
+            with np.errstate(divide="ignore", invalid="ignore"):  # a wall along x crosses no line along x
+                crossed = ((ay > y) != (by > y)) & (x < ax + (y - ay) / (by - ay) * (bx - ax))
+            outer = (ax * by - bx * ay).sum() > 0
+            free &= (crossed.sum(1) % 2 == 1) == outer
+        return free
 
 
 def place_of(points: Floats, child: Ints, walls: Floats) -> Place:
     """Place by a map's vertices (n, 2), the vertex after each (n,) or -1, and its walls (m, 4)."""
-    ring_of, count = _rings(child)
-    members = np.flatnonzero(ring_of >= 0)
-    members = members[np.argsort(ring_of[members], kind="stable")]
-    rings = np.hstack([points[members], points[child[members]]])
-    twice_area = rings[:, 0] * rings[:, 3] - rings[:, 2] * rings[:, 1]
-    area = np.bincount(ring_of[members], twice_area, minlength=count)
-    return Place(walls, rings, ring_of[members], area > 0)
-
-
-@kernel
-def _rings(child: Ints) -> tuple[Ints, int]:
-    """(n,) the closed ring that each vertex belongs to, or -1, and how many there are."""
-    n = child.shape[0]
-    ring, seen = np.full(n, -1), np.zeros(n, np.int64)
-    count = 0
-    for start in range(n):
-        v = start
-        while v >= 0 and seen[v] == 0:
-            seen[v] = start + 1
-            v = child[v]
-        if v >= 0 and seen[v] == start + 1:
-            while ring[v] < 0:
-                ring[v] = count
-                v = child[v]
-            count += 1
-    return ring, count
-
-
-@kernel
-def _on_the_free_side(points: Floats, rings: Floats, ring: Ints, outer: Bools) -> Bools:
-    """Whether each point is inside all outer rings and outside all others."""
-    out = np.ones(points.shape[0], np.bool_)
-    for p in range(points.shape[0]):
-        x, y = points[p]
-        k = 0
-        while k < rings.shape[0]:
-            here, inside = ring[k], False
-            while k < rings.shape[0] and ring[k] == here:
-                ax, ay, bx, by = rings[k]
-                if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
-                    inside = not inside
-                k += 1
-            if inside != outer[here]:
-                out[p] = False
-                break
-    return out
+    after, seen, rings = child.tolist(), set[int](), []
+    for start in range(len(after)):
+        chain, v = [], start
+        while v >= 0 and v not in seen:
+            seen.add(v)
+            chain.append(v)
+            v = after[v]
+        if v in chain:
+            ring = chain[chain.index(v) :]
+            rings.append(np.hstack([points[ring], points[child[ring]]]))
+    return Place(walls, rings)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,6 @@ class PreparedMap:
     corners: Corners
     walls: Walls
     place: Place
-    true_corners: int
-    """Vertices that are no frontier."""
 
 
 def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
@@ -26,4 +24,4 @@ def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None
         return None
     found = corners(wireframe)
     place = place_of(found.points, found.child, found.walls)
-    return PreparedMap(found, index_walls(found.walls, found.juts), place, int(found.true.sum()))
+    return PreparedMap(found, index_walls(found.walls, found.juts), place)

@@ -55,13 +55,8 @@ def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float
 @kernel
 def fit(source: Floats, target: Floats, count: int) -> Floats:
     """Least-squares transform (3,) of the first `count` source points (n, 2) onto the targets (n, 2); count >= 1."""
-    sx = sy = tx = ty = 0.0
-    for k in range(count):
-        sx += source[k, 0]
-        sy += source[k, 1]
-        tx += target[k, 0]
-        ty += target[k, 1]
-    sx, sy, tx, ty = sx / count, sy / count, tx / count, ty / count
+    sx, sy = source[:count, 0].mean(), source[:count, 1].mean()
+    tx, ty = target[:count, 0].mean(), target[:count, 1].mean()
     cosine = sine = 0.0
     for k in range(count):
         ax, ay = source[k, 0] - sx, source[k, 1] - sy

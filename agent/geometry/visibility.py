@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from agent.geometry.clearance import crosses
+from agent.geometry.clearance import crosses, walls_near
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 
@@ -36,18 +36,8 @@ def visible_ring(x: float, y: float, walls: Floats, radius: float, rays: int) ->
 
     Besides the given number of evenly spread rays, two go past each end of a wall in range.
     """
-    near = np.empty(walls.shape, np.float64)
-    m = 0
-    for k in range(walls.shape[0]):
-        ax, ay = walls[k, 0] - x, walls[k, 1] - y
-        bx, by = walls[k, 2] - x, walls[k, 3] - y
-        dx, dy = bx - ax, by - ay
-        length2 = dx * dx + dy * dy
-        t = min(1.0, max(0.0, -(ax * dx + ay * dy) / length2)) if length2 > 0.0 else 0.0
-        ex, ey = ax + t * dx, ay + t * dy
-        if ex * ex + ey * ey <= radius * radius:
-            near[m, 0], near[m, 1], near[m, 2], near[m, 3] = ax, ay, bx, by
-            m += 1
+    near = walls_near(walls, x, y, radius) - np.array([x, y, x, y])
+    m = len(near)
     angles = np.empty(rays + 4 * m)
     for k in range(rays):
         angles[k] = -math.pi + 2.0 * math.pi * k / rays

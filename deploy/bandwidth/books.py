@@ -3,11 +3,11 @@
 import csv
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-UNITS = ("messages", "bytes")
+Sums = Counter[tuple[str, ...]]
 
 
 class NoRunError(ValueError):
@@ -19,50 +19,43 @@ def read_books(run: Path) -> dict[str, Any]:
     try:
         books: dict[str, Any] = json.loads((run / "bandwidth.json").read_text(encoding="utf-8"))
         with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-        summed = Counter(dict(_sums(books)))
-        listed: Counter[tuple[str, ...]] = Counter()
-        for row in rows:
-            for unit, value in zip(UNITS, (1, int(row["bytes"])), strict=True):
-                listed[row["sender"], row["receiver"], row["kind"], row["outcome"], unit] += value
-        addressed = Counter(dict(_addressed(books)))
-        offered = Counter(dict(_offered(books)))
+            listed = _of_lines(csv.DictReader(file))
+        summed = _of_books(books)
+        off = (summed - listed) + (listed - summed)
     except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
-    if +summed != +listed:
-        first = min((summed - listed) + (listed - summed))
+    if off:
+        first = min(off, key=lambda key: (-len(key), key))
         raise NoRunError(
-            f"{run}: the books do not balance: {' '.join(first)} is {listed[first]} in radio.csv, "
-            f"{summed[first]} in bandwidth.json"
+            f"{run}: what was addressed is not what was delivered and dropped, the books do not balance: "
+            f"{' '.join(first)} is {listed[first]} in radio.csv, {summed[first]} in bandwidth.json"
         )
-    by_sender: Counter[tuple[str, ...]] = Counter()
-    for (sender, _, kind, _, unit), value in listed.items():
-        by_sender[sender, kind, unit] += value
-    by_link: Counter[tuple[str, ...]] = Counter()
-    for (sender, receiver, kind, _, unit), value in listed.items():
-        by_link[sender, receiver, kind, unit] += value
-    if +by_sender != +addressed or +by_link != +offered:
-        raise NoRunError(f"{run}: the books do not balance: what was addressed is not what was delivered and dropped")
     return books
 
 
-def _sums(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
+def _of_lines(lines: Iterable[dict[str, str]]) -> Sums:
+    """Sums by sender, receiver, kind, outcome and unit; by sender, receiver, kind and unit; by sender, kind, unit."""
+    sums = Sums()
+    for line in lines:
+        sender, receiver, kind, outcome = (line[key] for key in ("sender", "receiver", "kind", "outcome"))
+        for unit, value in (("messages", 1), ("bytes", int(line["bytes"]))):
+            for key in ((sender, receiver, kind, outcome, unit), (sender, receiver, kind, unit), (sender, kind, unit)):
+                sums[key] += value
+    return sums
+
+
+def _of_books(books: dict[str, Any]) -> Sums:
+    """The same sums in bandwidth.json: what became of each message, what was offered, and what was addressed."""
+    sums = Sums()
     for link in books["links"]:
         for kind, counts in link["kinds"].items():
-            for outcome, tally in {"delivered": counts["delivered"], **counts["dropped"]}.items():
-                for unit in UNITS:
-                    yield (link["sender"], link["receiver"], kind, outcome, unit), tally[unit]
-
-
-def _offered(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
-    for link in books["links"]:
-        for kind, counts in link["kinds"].items():
-            for unit in UNITS:
-                yield (link["sender"], link["receiver"], kind, unit), counts["offered"][unit]
-
-
-def _addressed(books: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], int]]:
+            ends = {("delivered",): counts["delivered"], (): counts["offered"]}
+            ends |= {(why,): tally for why, tally in counts["dropped"].items()}
+            for end, tally in ends.items():
+                for unit in ("messages", "bytes"):
+                    sums[link["sender"], link["receiver"], kind, *end, unit] += tally[unit]
     for robot, counts in books["robots"].items():
         for kind, tally in counts["addressed"].items():
-            for unit in UNITS:
-                yield (robot, kind, unit), tally[unit]
+            for unit in ("messages", "bytes"):
+                sums[robot, kind, unit] += tally[unit]
+    return sums

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from deploy.bandwidth.representations import NAMES, Measurement, by_robot
+from deploy.bandwidth.representations import NAMES, Measurement
 from deploy.report.style import colour
 from protocol.arrays import Floats
 
@@ -28,11 +28,10 @@ def draw(run: Path, measurement: Measurement) -> Path:
 
 
 def _over_time(axes: Axes, measurement: Measurement) -> None:
-    for number, (robot, rows) in enumerate(sorted(by_robot(measurement, "delta").items())):
-        t, size = np.array(rows, float).T
-        axes.step(t, np.cumsum(size), where="post", label=f"{robot} delta", color=colour(number))
-        t, size = np.array(by_robot(measurement, "full").get(robot, [(0.0, 0)]), float).T
-        axes.step(t, np.cumsum(size), where="post", label=f"{robot} full", color=colour(number), ls=":")
+    for number, robot in enumerate(sorted({robot for _, robot, _ in measurement.sent})):
+        for name, style in (("delta", "-"), ("full", ":")):
+            t, size = _sent(measurement, name, robot)
+            axes.step(t, np.cumsum(size), where="post", label=f"{robot} {name}", color=colour(number), ls=style)
     axes.set(xlabel="simulated seconds", ylabel="bytes sent", title="Maps sent by each robot", ylim=(0, None))
     if measurement.sent:
         axes.legend(fontsize=8)
@@ -55,14 +54,21 @@ def _per_area(axes: Axes, measurement: Measurement) -> None:
 def _against_quality(axes: Axes, measurement: Measurement, coverage: tuple[Floats, Floats]) -> None:
     t, share = coverage
     for name in NAMES:
-        rows = sorted(row for rows in by_robot(measurement, name).values() for row in rows)
-        if rows and len(t):
-            at, size = np.array(rows, float).T
+        at, size = _sent(measurement, name)
+        if len(at) and len(t):
             axes.plot(np.cumsum(size), np.interp(at, t, share), lw=2 if name == "delta" else 1, label=name)
     axes.set(xlabel="bytes of all robots", ylabel="coverage, mean of the robots", title="Bytes against map quality")
     if measurement.updates:
         axes.set_xscale("log")
         axes.legend(fontsize=8)
+
+
+def _sent(measurement: Measurement, name: str, only: str | None = None) -> Floats:
+    """(2, n) simulated seconds and bytes of what all robots, or only one, sent in one form, in order."""
+    charged = [(update.t, update.robot, update.bytes.get(name, 0)) for update in measurement.updates]
+    sent = measurement.sent if name == "delta" else charged
+    rows = sorted((t, size) for t, robot, size in sent if only in (None, robot))
+    return np.array(rows, np.float64).reshape(-1, 2).T
 
 
 def _coverage(file: Path) -> tuple[Floats, Floats]:

@@ -9,20 +9,18 @@ import csv
 import io
 import json
 import zlib
-from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from agent.communication.config import TalkConfig
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
-from deploy.occupancy_grid import GrowingGrid, two_bits
+from deploy.occupancy_grid import OccupancyGrid, States, two_bits
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
@@ -34,26 +32,29 @@ CELL_M = 0.05
 """Of the grids, in the robot's own frame."""
 POINT_BYTES = 8
 """Two float32: a point per occupied cell."""
-NAMES = (
-    "delta", "full", "json", "grid_raw", "grid_zlib", "grid_delta_zlib", "grid_png", "scans_raw", "scans_zlib",
-    "points",
-)  # fmt: skip
+FORMS = {
+    "delta": "what was sent: changes, headers, acknowledgements, what was sent again",
+    "full": "the whole map anew, coded as ours",
+    "json": "the whole map anew as JSON",
+    "grid_raw": "the whole 5 cm grid anew, a byte a cell",
+    "grid_zlib": "the same by zlib",
+    "grid_delta_zlib": "the cells that changed, by zlib",
+    "grid_png": "the whole grid anew as PNG",
+    "scans_raw": "the scans since the last update, float32",
+    "scans_zlib": "the same by zlib",
+    "points": "a point per occupied cell, the whole map anew",
+}
+NAMES = tuple(FORMS)
 OURS = (MAP, DELTA, RESEND, ACK)
 """Kinds of messages that are `delta`. Viewpoints are no part of the map: like beacons they are counted apart."""
 
-States = NDArray[np.uint8]
 
-
-@dataclass(frozen=True)
-class Update:
+class Update(NamedTuple):
     """One contact update, and what it costs in each form but `delta`, whose bytes go when they go."""
 
     t: float
     robot: str
-    peer: str
     bytes: dict[str, int]
-    explored_m2: float
-    """Free area of the robot's grid."""
 
 
 @dataclass(frozen=True)
@@ -102,15 +103,14 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     beacon_bytes, viewpoint_bytes = (
         sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS)
     )
-    updates, explored = [], {}
+    updates: list[Update] = []
+    explored = dict.fromkeys(seen, 0.0)
     for robot, what in seen.items():
-        if not len(what.ranges):  # dead before it saw anything
-            explored[robot] = 0.0
-            continue
-        mine = _Forms(what, config)
-        for line in sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]):
-            updates += mine.charge(line)
-        explored[robot] = mine.explored_m2(len(what.ranges) - 1)
+        if len(what.ranges):  # else dead before it saw anything
+            mine = _Forms(what, config)
+            for line in sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]):
+                updates += mine.charge(line)
+            explored[robot] = float((mine.states(len(what.ranges) - 1) == 1).sum() * CELL_M**2)
     updates.sort(key=lambda update: update.t)
     return Measurement(updates, sent, beacon_bytes, viewpoint_bytes, explored)
 
@@ -131,7 +131,7 @@ class _Forms:
         low = np.floor(low / CELL_M) * CELL_M
         self._seen = seen
         self._talk = config.agent.radio if isinstance(config, RunConfig) else TalkConfig()
-        self._grid = GrowingGrid((float(low[0]), float(low[1]), float(high[0]), float(high[1])), CELL_M, reach)
+        self._grid = OccupancyGrid((*low.tolist(), *high.tolist()), CELL_M, reach)
         self._next = 0
         """Tick of the first scan that is not in the grid."""
         self._told: dict[str, tuple[int, States]] = {}
@@ -145,11 +145,7 @@ class _Forms:
             ranges[np.isinf(ranges)] = np.nan  # too far or too near: the lidar does not say which
             self._grid.add(ranges, self._seen.poses[new])
             self._next = tick + 1
-        return self._grid.grid.states()
-
-    def explored_m2(self, tick: int) -> float:
-        """Free area known at a tick."""
-        return float((self.states(tick) == 1).sum() * CELL_M**2)
+        return self._grid.states()
 
     def charge(self, line: dict[str, Any]) -> list[Update]:
         """Updates of one line of updates.jsonl, one for each peer."""
@@ -165,22 +161,18 @@ class _Forms:
                 "scans_raw": scans.nbytes,
                 "scans_zlib": len(zlib.compress(scans.tobytes(), 6)),
             }
-            area = float((states == 1).sum() * CELL_M**2)
-            updates.append(Update(float(line["t"]), str(line["robot"]), peer, whole | part, area))
+            updates.append(Update(float(line["t"]), str(line["robot"]), whole | part))
             self._told[peer] = tick + 1, states
         return updates
 
 
 def _whole_map(fields: dict[str, Any], talk: TalkConfig) -> dict[str, int]:
     """`full` on the grid and with the likelihoods that the robots sent, or the two would not be of one map."""
+    points = np.array(fields["vertices"], np.float64).reshape(-1, 2)
     edges = np.array(fields["edges"], np.int32).reshape(-1, 2)
-    wireframe = Wireframe(
-        np.array(fields["vertices"], np.float64).reshape(-1, 2),
-        np.array([LABELS[label] for label in fields["labels"]], np.uint8),
-        edges,
-        np.array(fields["edge_likelihood"], np.float32),
-        np.ones(len(edges), np.bool_),
-    )
+    labels = np.array([LABELS[label] for label in fields["labels"]], np.uint8)
+    likelihood = np.array(fields["edge_likelihood"], np.float32)
+    wireframe = Wireframe(points, labels, edges, likelihood, np.ones(len(edges), np.bool_))
     grid_map = quantise(wireframe, talk.cell_mm, main_axis(wireframe))
     full = encode_map(grid_map, likelihoods=talk.likelihoods).data
     return {"full": len(full), "json": len(json.dumps(fields, separators=(",", ":")))}
@@ -214,15 +206,3 @@ def _changed_cells(before: States, after: States) -> int:
     as_list = len(zlib.compress(listed.tobytes() + two_bits(after.reshape(-1)[changed]), 9))
     image = _cropped(np.where(before != after, after + 1, 0).astype(np.uint8))
     return min(as_list, len(zlib.compress(image.tobytes(), 9)), len(zlib.compress(two_bits(image), 9)))
-
-
-def by_robot(measurement: Measurement, name: str) -> dict[str, list[tuple[float, int]]]:
-    """Simulated seconds and bytes of all that each robot sent in one form, in order."""
-    if name == "delta":
-        rows = measurement.sent
-    else:
-        rows = [(update.t, update.robot, update.bytes[name]) for update in measurement.updates]
-    found: defaultdict[str, list[tuple[float, int]]] = defaultdict(list)
-    for t, robot, size in sorted(rows):
-        found[robot].append((t, size))
-    return dict(found)

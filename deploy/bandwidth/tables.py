@@ -7,23 +7,10 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from deploy.bandwidth.representations import NAMES, Measurement
+from deploy.bandwidth.representations import FORMS, Measurement
 
 MANY_LINKS = 12
 """More links than that are in the JSON only."""
-
-MEANINGS = {
-    "delta": "what was sent: changes, headers, acknowledgements, what was sent again",
-    "full": "the whole map anew, coded as ours",
-    "json": "the whole map anew as JSON",
-    "grid_raw": "the whole 5 cm grid anew, a byte a cell",
-    "grid_zlib": "the same by zlib",
-    "grid_delta_zlib": "the cells that changed, by zlib",
-    "grid_png": "the whole grid anew as PNG",
-    "scans_raw": "the scans since the last update, float32",
-    "scans_zlib": "the same by zlib",
-    "points": "a point per occupied cell, the whole map anew",
-}
 
 
 def document(run: Path, books: dict[str, Any], measurement: Measurement) -> dict[str, Any]:
@@ -57,13 +44,16 @@ def _counts(tally: dict[str, int] | None) -> str:
     return f"{tally['messages']:,} / {tally['bytes']:,}" if tally else "-"
 
 
+def _lost(dropped: dict[str, dict[str, int]]) -> str:
+    return ", ".join(f"{why} {_counts(tally)}" for why, tally in dropped.items()) or "-"
+
+
 def _robots(robots: dict[str, Any]) -> Table:
     table = _table("Messages / bytes per robot", "robot", "kind", "offered", "addressed", "delivered to it", "dropped")
     for robot, books in robots.items():
         for kind in sorted({*books["offered"], *books["delivered"], *books["dropped"]}):
-            lost = ", ".join(f"{why} {_counts(tally)}" for why, tally in books["dropped"].get(kind, {}).items())
             parts = [_counts(books[part].get(kind)) for part in ("offered", "addressed", "delivered")]
-            table.add_row(robot, kind, *parts, lost or "-")
+            table.add_row(robot, kind, *parts, _lost(books["dropped"].get(kind, {})))
     return table
 
 
@@ -71,9 +61,8 @@ def _links(links: list[dict[str, Any]]) -> Table:
     table = _table("Messages / bytes per link", "from", "to", "kind", "offered", "delivered", "dropped")
     for link in links:
         for kind, counts in link["kinds"].items():
-            lost = ", ".join(f"{why} {_counts(tally)}" for why, tally in counts["dropped"].items())
             parts = [_counts(counts[part]) for part in ("offered", "delivered")]
-            table.add_row(link["sender"], link["receiver"], kind, *parts, lost or "-")
+            table.add_row(link["sender"], link["receiver"], kind, *parts, _lost(counts["dropped"]))
     return table
 
 
@@ -92,11 +81,11 @@ def _wire(wire: dict[str, Any]) -> Table:
 def _representations(figures: dict[str, Any]) -> Table:
     table = _table("Map traffic", "form", "bytes", "per update", "per m2 explored", "delta / it", "is")
     area = sum(figures["explored_m2"].values())
-    for name in NAMES:
+    for name, meaning in FORMS.items():
         size, ratio = figures["representations"][name], figures["delta_against"][name]
         each = f"{size / figures['updates']:,.1f}" if figures["updates"] else "-"
         per_area = f"{size / area:,.2f}" if area else "-"
-        table.add_row(name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", MEANINGS[name])
+        table.add_row(name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", meaning)
     table.add_row("viewpoints", f"{figures['viewpoint_bytes']:,}", "", "", "", "where robots looked from: no map")
     table.add_row("beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
     return table

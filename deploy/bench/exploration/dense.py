@@ -26,7 +26,7 @@ from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
 from deploy.bench.explored import Driven
 from deploy.bench.layouts import path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, median, most
-from deploy.occupancy_grid import GrowingGrid
+from deploy.occupancy_grid import OccupancyGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
@@ -174,8 +174,9 @@ class DenseRobot:
         self.driver = Driver(config.driving, spec)
         n = 2 * math.ceil(reach_m / CELL_M)
         self.corner = -CELL_M * n / 2
-        self.grid = GrowingGrid((self.corner, self.corner, -self.corner, -self.corner), CELL_M, spec.lidar.range_max_m)
-        self.log_odds = self.grid.grid.log_odds
+        box = self.corner, self.corner, -self.corner, -self.corner
+        self.grid = OccupancyGrid(box, CELL_M, spec.lidar.range_max_m)
+        self.log_odds = self.grid.log_odds
         self.given_up = np.zeros(self.log_odds.shape, np.bool_)
         self.path: Floats | None = None
         self.complete = False

@@ -16,7 +16,7 @@ from deploy.bench.filter.recording import ScanRecording, record
 from deploy.bench.layouts import present
 from deploy.bench.tables import Outcomes, Row, Table, by_label
 from deploy.metrics import Truth, score_walls
-from deploy.occupancy_grid import CELLS_PER_BYTE, Grid, grid_of, two_bits
+from deploy.occupancy_grid import CELLS_PER_BYTE, OccupancyGrid, two_bits
 from protocol.walls import directions
 from protocol.wireframe import encode_wireframe
 
@@ -54,11 +54,12 @@ def _cell_for(run: ScanRecording, size: int) -> float:
     return max(cell, FINEST_M)
 
 
-def _grid(run: ScanRecording, cell_m: float) -> Grid:
-    return grid_of(run.ranges, np.array(run.poses), run.spec.lidar.range_max_m, _box(run), cell_m)
+def _grid(run: ScanRecording, cell_m: float) -> OccupancyGrid:
+    grid = OccupancyGrid(_box(run), cell_m, run.spec.lidar.range_max_m)
+    return grid.add(run.ranges, np.array(run.poses))
 
 
-def _compressed_grid(run: ScanRecording, size: int) -> Grid:
+def _compressed_grid(run: ScanRecording, size: int) -> OccupancyGrid:
     """The finest grid that takes no more than so many bytes after zlib."""
     low, high = FINEST_M, _cell_for(run, size)
     best = _grid(run, high)
@@ -72,7 +73,7 @@ def _compressed_grid(run: ScanRecording, size: int) -> Grid:
     return best
 
 
-def _grid_figures(grid: Grid, size: int, truth: Truth) -> Figures:
+def _grid_figures(grid: OccupancyGrid, size: int, truth: Truth) -> Figures:
     """Score of a grid's occupied cells."""
     cells = grid.occupied()
     lines = shapely.linestrings(truth.outline.reshape(-1, 2, 2))

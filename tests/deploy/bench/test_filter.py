@@ -17,7 +17,7 @@ from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
 from deploy.bench.tables import Section, columns, row_of
 from deploy.metrics import score
-from deploy.occupancy_grid import grid_of
+from deploy.occupancy_grid import OccupancyGrid
 from protocol.messages import LidarSpec
 from world import worldfile
 from world.lidar import Lidar
@@ -122,7 +122,7 @@ def test_a_grid_has_walls_where_beams_end_and_free_space_before() -> None:
     )
     poses = np.array([[x, 0.1, x] for x in np.linspace(-1.5, 1.5, 15)])
     ranges, _ = Lidar(room.segments, LidarSpec()).trace(poses)
-    grid = grid_of(ranges, poses, 3.5, (-2.2, -1.2, 2.2, 1.2), 0.05)
+    grid = OccupancyGrid((-2.2, -1.2, 2.2, 1.2), 0.05, 3.5).add(ranges, poses)
     cells = grid.occupied()
     off = np.minimum(np.abs(np.abs(cells[:, 0]) - 2), np.abs(np.abs(cells[:, 1]) - 1))
     assert off.max() <= 0.05 + 1e-9 and len(cells) > 0.9 * 12 / 0.05
