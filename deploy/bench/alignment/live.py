@@ -89,7 +89,7 @@ def measure(
     else:
         starts = drawn_starts(world, 3, seed)[start : start + 1]
         world, robots = alone_from(world, starts[0]), 1
-    watched = Watched(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
+    watched = LiveRun(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
     settings = {
         "world": world,
         "robots": robots,
@@ -119,7 +119,7 @@ def alone_from(world: str, start: Floats) -> str:
     return written({**load(path_of(world)).document, "spawns": [start.tolist()]})
 
 
-class Watched:
+class LiveRun:
     """Looks over the shoulders of all robots of a run."""
 
     def __init__(self, world: str, starts: Mapping[str, Floats]) -> None:
