@@ -9,40 +9,39 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.corner_scan import OCCLUSION
-from agent.mapping.edges import EDGE, new_slot, remove, settle_corner
-from deploy.metrics import Truth, distance_to
-from protocol.arrays import Floats, Records
+from agent.mapping.edges import EDGE, length, new_slot, remove, settle_corner, spread, tip_at
+from deploy.metrics import CORNER_NEAR_M, NEAR_M, Truth, distance_to
+from protocol.arrays import Bools, Floats, Records
 from protocol.wireframe import Label, Wireframe
 
-NEAR_M = 0.05
-"""A wall is mapped, and a mapped wall is true, within this: the scorer's."""
 AWAY_M = 0.12
-"""A false wall is judged only where it is farther than this from any true wall alike."""
+"""A false wall is judged only where it is farther than this from any true wall of about its direction."""
 SAMPLE_M = 0.04
 """Between the samples at which a place is judged: less than the shortest wall that a filter keeps."""
 FALSE_WALL_M = (0.8, 3.0)
-"""Length of a wall across a room; corridors are 1 to 2 m wide, and more than the lidar's range is no room."""
+"""Length of a false wall: from the width of a corridor to less than the lidar's range."""
 WALL_M = (0.5, 2.5)
-"""Length of a wall that goes missing: can be in view whole."""
+"""Length of a wall that goes missing: the whole of it can be in view."""
 CORNER_WALL_M = (0.7, 3.5)
 """Length of the walls of a corner that moves: longer than the shift."""
+CORNER_JUDGED_M = 1.0
+"""Most that is judged of either wall of a corner."""
 SHIFT_M = 0.5
-"""How far a corner moves: the issue's."""
-CORNER_NEAR_M = 0.10
-"""A vertex this near to a true corner is that corner: the scorer's."""
+"""How far a corner moves."""
 GAP_M = (0.2, 0.5)
-"""Width of a false gap: less than a door, more than a map's gates would bridge."""
+"""Width of a false gap: less than a door, more than the filter bridges when it links a scan to its walls."""
 GAP_BESIDE_M = 0.3
 """Wall left on each side of a gap."""
+OFF_M = 5e-3
+"""Points that must be seen lie this far off their wall, in free space."""
 JUDGED_SHARE = 0.8
 """Middle part of a wall that is judged: its ends may hide behind its neighbours."""
 HITS = 60.0
 """Beams on a false wall; true walls have some hundred in mid-run."""
 SEEN = 20.0
-"""Scans that hit a false wall: past any probation."""
+"""Scans that hit a false wall: no wall is on probation after so many."""
 STRENGTH = 5.0
 """Times that an invented end was confirmed."""
 
@@ -63,17 +62,6 @@ class Fault:
     """Whether the map agrees with the truth at the place."""
 
 
-def draw(kind: str, edges: Records, count: int, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
-    """Draw a fault of one of KINDS from the walls of the best particle; None where the dice found no such place.
-
-    near: (2,) the robot, for a wall across a room.
-    """
-    return KINDS[kind](edges[:count], truth, near, rng)
-
-
-# --- kinds ------------------------------------------------------------------------------------------------------------
-
-
 def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
     middle = near + rng.uniform(-2.0, 2.0, 2)
     axis = truth.seen_directions[rng.integers(len(truth.seen_directions))]
@@ -91,7 +79,11 @@ def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gener
         e, count = new_slot(edges, count)
         if e < 0:
             return None
-        edges[e] = _wall(tail, head)
+        wall = np.zeros(1, EDGE)[0]  # well seen from end to end
+        _lie_on(wall, HITS, HITS * float(np.hypot(*(head - tail))) ** 2 / 12, tail, head)
+        wall["alive"], wall["own"], wall["label"], wall["link"] = 1, 1, OCCLUSION, -1
+        wall["strength"], wall["seen"], wall["due"] = STRENGTH, SEEN, SEEN
+        edges[e] = wall
         return count
 
     def gone(wireframe: Wireframe) -> bool:
@@ -105,8 +97,8 @@ def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
     if e is None:
         return None
     tail, head, unit, normal = _ends(edges[e])
-    judged = _middle_part(tail, head)
-    middle = (tail + head) / 2
+    cut = 0.5 * (1 - JUDGED_SHARE) * (head - tail)
+    judged, middle = _between(tail + cut, head - cut), (tail + head) / 2
 
     def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle, unit)
@@ -125,21 +117,18 @@ def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
     def gone(wireframe: Wireframe) -> bool:
         return bool(_covered(judged, unit, wireframe).all())
 
-    return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
+    return Fault(middle + OFF_M * normal, normal, judged + OFF_M * normal, inject, gone)
 
 
 def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
     width = rng.uniform(*GAP_M)
-    least = width + 2 * GAP_BESIDE_M
-    e = _drawn_wall(edges, truth, (least, 10.0), rng)
+    e = _drawn_wall(edges, truth, (width + 2 * GAP_BESIDE_M, 10.0), rng)
     if e is None:
         return None
     tail, head, unit, normal = _ends(edges[e])
-    size = float((head - tail) @ unit)
-    low = rng.uniform(GAP_BESIDE_M, size - GAP_BESIDE_M - width)
+    low = rng.uniform(GAP_BESIDE_M, float((head - tail) @ unit) - GAP_BESIDE_M - width)
     begin, end = tail + low * unit, tail + (low + width) * unit
-    middle = (begin + end) / 2
-    judged = _between(begin, end)
+    judged, middle = _between(begin, end), (begin + end) / 2
 
     def inject(edges: Records, count: int) -> int | None:
         e = _same_wall(edges, count, middle, unit)
@@ -148,26 +137,26 @@ def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Genera
         f, count = new_slot(edges, count)
         if f < 0:
             return None
-        whole = edges[e].copy()
-        edges[f] = edges[e]
-        follower = int(edges[e]["link"][1])
-        if follower >= 0:
-            edges[follower]["link"][0] = f
-        for k, a, b, side in ((e, _tail(whole), begin, 1), (f, end, _head(whole), 0)):
+        whole = edges[f] = edges[e].copy()
+        before, after = (int(k) for k in whole["link"])
+        if after >= 0:
+            edges[after]["link"][0] = f
+        for k, a, b, side in ((e, whole["tip"][0], begin, 1), (f, end, whole["tip"][1], 0)):
             w = edges[k]
-            share = float((b - a) @ unit) / _length(whole)
-            _lie_on(w, whole["hits"] * share, _spread(whole) * share**3, a, b)
+            share = float((b - a) @ unit) / length(whole)
+            _lie_on(w, whole["hits"] * share, spread(whole) * share**3, a, b)
             w["label"][side], w["link"][side] = OCCLUSION, -1
             w["strength"][side], w["conflict"][side], w["slack"][side] = STRENGTH, 0.0, 0.0
-        for k in (e, f):  # outer corners stay where the lines meet
-            _settle(edges, k)
+        for k in (before, f if after >= 0 else -1):  # outer corners stay where the lines meet
+            if k >= 0:
+                settle_corner(edges, k)
         return count
 
     def gone(wireframe: Wireframe) -> bool:
-        across = np.stack([begin - 0.05 * unit, end + 0.05 * unit])
-        return _on_one_edge(across, unit, wireframe)
+        across = np.stack([begin - 0.05 * unit, end + 0.05 * unit])  # must lie near one wall
+        return any(bool((_away(across, unit, wall[None]) < NEAR_M).all()) for wall in wireframe.segments())
 
-    return Fault(middle + 5e-3 * normal, normal, judged + 5e-3 * normal, inject, gone)
+    return Fault(middle + OFF_M * normal, normal, judged + OFF_M * normal, inject, gone)
 
 
 def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -187,9 +176,8 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
     if min(lengths) < 0.3 or abs(a[0] * b[1] - a[1] * b[0]) < 0.5 * lengths[0] * lengths[1]:
         return None  # nearly straight: no corner
     middle_e = (start + corner) / 2
-    reach = 1.0
-    before = _between(corner - min(reach, JUDGED_SHARE * _length(edges[e])) * u, corner)
-    after = _between(corner, corner + min(reach, JUDGED_SHARE * _length(edges[f])) * v)
+    before = _between(corner - min(CORNER_JUDGED_M, JUDGED_SHARE * length(edges[e])) * u, corner)
+    after = _between(corner, corner + min(CORNER_JUDGED_M, JUDGED_SHARE * length(edges[f])) * v)
     false = [(_between(start, moved), a / lengths[0]), (_between(moved, finish), b / lengths[1])]
     false = [(s[_away(s, unit, truth.outline) > AWAY_M], unit) for s, unit in false]
 
@@ -198,12 +186,12 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
         if e is None or edges[e]["link"][1] < 0:
             return None
         f = int(edges[e]["link"][1])
-        if np.hypot(*(_head(edges[e]) - corner)) > 2 * NEAR_M:
+        if np.hypot(*(edges[e]["tip"][1] - corner)) > 2 * NEAR_M:
             return None
-        for k, ends in ((e, (_tail(edges[e]), moved)), (f, (moved, _head(edges[f])))):
-            scale = float(np.hypot(*(ends[1] - ends[0]))) / _length(edges[k])
-            share = _centroid(edges[k])
-            _lie_on(edges[k], edges[k]["hits"], _spread(edges[k]) * scale**2, *ends, share)
+        for wall, ends in ((edges[e], (edges[e]["tip"][0], moved)), (edges[f], (moved, edges[f]["tip"][1]))):
+            scale = float(np.hypot(*(ends[1] - ends[0]))) / length(wall)
+            share = -tip_at(wall, 0) / length(wall)
+            _lie_on(wall, wall["hits"], spread(wall) * scale**2, ends[0], ends[1], share)
         settle_corner(edges, e)
         return count
 
@@ -218,8 +206,8 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
         )
 
     inward = (normal_e + normal_f) / np.hypot(*(normal_e + normal_f))
-    samples = np.vstack([before + 5e-3 * normal_e, after + 5e-3 * normal_f])
-    return Fault(corner + 5e-3 * inward, None, samples, inject, gone)
+    samples = np.vstack([before + OFF_M * normal_e, after + OFF_M * normal_f])
+    return Fault(corner + OFF_M * inward, None, samples, inject, gone)
 
 
 KINDS = {
@@ -228,20 +216,8 @@ KINDS = {
     "moved-corner": _moved_corner,
     "false-gap": _false_gap,
 }
-
-
-# --- records ----------------------------------------------------------------------------------------------------------
-
-
-def _wall(tail: Floats, head: Floats) -> np.void:
-    """A record of a wall that was well seen from end to end."""
-    size = float(np.hypot(*(head - tail)))
-    wall: np.void = np.zeros(1, EDGE)[0]
-    _lie_on(wall, HITS, HITS * size**2 / 12, tail, head)
-    wall["alive"], wall["own"] = 1, 1
-    wall["label"], wall["link"], wall["strength"] = OCCLUSION, -1, STRENGTH
-    wall["seen"] = wall["due"] = SEEN
-    return wall
+"""Each draws a fault from the walls in use of the best particle, the truth, and (2,) a place of the robot, which a wall
+across a room is near to. None where the place drawn is unfit."""
 
 
 def _lie_on(wall: np.void, hits: float, along2: float, tail: Floats, head: Floats, share: float = 0.5) -> None:
@@ -254,43 +230,10 @@ def _lie_on(wall: np.void, hits: float, along2: float, tail: Floats, head: Float
     wall["tip"][0], wall["tip"][1] = tail, head
 
 
-def _settle(edges: Records, e: int) -> None:
-    if edges[e]["link"][1] >= 0:
-        settle_corner(edges, e)
-    if edges[e]["link"][0] >= 0:
-        settle_corner(edges, int(edges[e]["link"][0]))
-
-
-def _tail(wall: np.void) -> Floats:
-    """(2,) where a wall begins."""
-    return np.array(wall["tip"][0], np.float64)
-
-
-def _head(wall: np.void) -> Floats:
-    """(2,) where a wall ends."""
-    return np.array(wall["tip"][1], np.float64)
-
-
-def _length(wall: np.void) -> float:
-    return float(np.hypot(*(_head(wall) - _tail(wall))))
-
-
-def _centroid(wall: np.void) -> float:
-    """Where the hits' centroid lies between tail, 0, and head, 1."""
-    _, _, unit, _ = _ends(wall)
-    return float((np.array([wall["x"], wall["y"]]) - _tail(wall)) @ unit) / _length(wall)
-
-
-def _spread(wall: np.void) -> float:
-    """Sum of squared distances of the hits from their centroid along the wall, m2."""
-    x, y = wall["ux"], wall["uy"]
-    return float(wall["xx"] * x * x + 2 * wall["xy"] * x * y + wall["yy"] * y * y)
-
-
 def _ends(wall: np.void) -> tuple[Floats, Floats, Floats, Floats]:
     """Tail, head, unit direction, and normal to the free side."""
-    unit = np.array([wall["ux"], wall["uy"]], np.float64)
-    return _tail(wall), _head(wall), unit, np.array([-unit[1], unit[0]])
+    (tail, head), unit = np.array(wall["tip"]), np.array([wall["ux"], wall["uy"]])
+    return tail, head, unit, np.array([-unit[1], unit[0]])
 
 
 def _same_wall(edges: Records, count: int, point: Floats, unit: Floats) -> int | None:
@@ -312,14 +255,11 @@ def _drawn_wall(edges: Records, truth: Truth, lengths: tuple[float, float], rng:
 
 
 def _is_true(wall: np.void, truth: Truth, lengths: tuple[float, float]) -> bool:
-    if wall["alive"] != 1 or wall["seen"] < STRENGTH or not lengths[0] <= _length(wall) <= lengths[1]:
+    if wall["alive"] != 1 or wall["seen"] < STRENGTH or not lengths[0] <= length(wall) <= lengths[1]:
         return False
     tail, head, unit, _ = _ends(wall)
     samples = _between(tail, head)
     return bool((_away(samples, unit, truth.outline) < 0.5 * NEAR_M).all())
-
-
-# --- geometry ---------------------------------------------------------------------------------------------------------
 
 
 def _free(point: Floats, unit: Floats, truth: Truth) -> float:
@@ -339,22 +279,11 @@ def _between(a: Floats, b: Floats) -> Floats:
     return a + ((np.arange(n) + 0.5) / n)[:, None] * (b - a)
 
 
-def _middle_part(tail: Floats, head: Floats) -> Floats:
-    cut = 0.5 * (1 - JUDGED_SHARE) * (head - tail)
-    return _between(tail + cut, head - cut)
-
-
 def _away(samples: Floats, unit: Floats, walls: Floats) -> Floats:
     """(s,) metres from samples (s, 2) along a direction to the nearest wall (m, 4) alike."""
     return distance_to(samples, np.repeat(unit[None], len(samples), 0), walls)
 
 
-def _covered(samples: Floats, unit: Floats, wireframe: Wireframe) -> NDArray[np.bool_]:
+def _covered(samples: Floats, unit: Floats, wireframe: Wireframe) -> Bools:
     """Which samples have a mapped wall alike near."""
     return _away(samples, unit, wireframe.segments()) < NEAR_M
-
-
-def _on_one_edge(points: Floats, unit: Floats, wireframe: Wireframe) -> bool:
-    """Whether one mapped wall alike runs near all of the points."""
-    near = [_away(points, unit, wall[None]) < NEAR_M for wall in wireframe.segments()]
-    return any(bool(one.all()) for one in near)

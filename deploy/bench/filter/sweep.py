@@ -31,19 +31,17 @@ def _rows(figures: Outcomes) -> list[Row]:
     """One row per number of particles; figures are means over the cases."""
     rows = []
     for n in PARTICLES:
-        ranges = runs_of(figures, f"sweep/{n}/ranges/*/*")
-        odometry, faults = runs_of(figures, f"sweep/{n}/odometry/*/*"), runs_of(figures, f"sweep/{n}/faults/*")
+        ranges, odometry = (runs_of(figures, f"sweep/{n}/{noise}/*/*") for noise in ("ranges", "odometry"))
+        faults = runs_of(figures, f"sweep/{n}/faults/*")
         if not ranges:
             continue
         cost = figures.get(f"cost/particles/{n}", {})
         ambiguous = [found[str(n)] for found in runs_of(figures, "ambiguous/*") if str(n) in found]
         row = {
             "particles": n,
-            "ranges_recall": mean(ranges, "wall_recall"),
-            "ranges_precision": mean(ranges, "wall_precision"),
+            **{f"ranges_{what}": mean(ranges, f"wall_{what}") for what in ("recall", "precision")},
+            **{f"odometry_{what}": mean(odometry, f"wall_{what}") for what in ("recall", "precision")},
             "ranges_corner": _mean_of_known(ranges, "corner_rmse_m"),
-            "odometry_recall": mean(odometry, "wall_recall"),
-            "odometry_precision": mean(odometry, "wall_precision"),
             "odometry_rmse": _mean_of_known(odometry, "wall_rmse_m"),
             "half": gone_percent(counts_of(faults, KINDS, SCOPES[1])),
             "ambiguous": mean(ambiguous, "along_walls"),

@@ -9,27 +9,26 @@ import copy
 import math
 from collections.abc import Iterable, Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agent.geometry.visibility import all_seen
 from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
-from deploy.bench.filter.faults import KINDS, Fault, draw
+from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import ScanRecording, record
 from deploy.bench.tables import Outcomes, Row, Runs, Table, runs_of
+from protocol.arrays import Bools, Floats
+from world.coverage import GRAZING_RAD
 
 WORLDS = ["maze-15", "office", "apartment", "symmetric"]
 SCOPES = ("all", "half with the best", "half without the best")
 WITHIN = 50
-"""Scans that see the place in which a fault must go: the issue's."""
+"""Scans that see the place, within which a fault must go."""
 STAYS = 10
 """Scans that see the place for which the map must stay right."""
 SOON = 300
 """Scans in which the place must first be seen: one simulated minute, so that trials are not all waiting."""
-GRAZING_DEG = 8.0
 DRAWS = 4000
 """Places drawn for one trial before it is given up."""
 
@@ -40,7 +39,7 @@ def measure_faults(world: str, trials: int, particles: int | None, scopes: Seque
     rng = np.random.default_rng(np.random.SeedSequence([0, len(run.scans)]))
     ticks = len(run.scans)
     starts = np.sort(rng.integers(round(0.4 * ticks), ticks, trials))
-    found: dict[str, dict[str, list[int | None]]] = {kind: {scope: [] for scope in scopes} for kind in KINDS}
+    found: dict[str, dict[str, list[int | None]]] = {kind: {} for kind in KINDS}
     mind = run.new_filter(particles)
     if len(mind.edges) == 1:
         scopes = SCOPES[:1]  # there is no half of one
@@ -55,76 +54,66 @@ def measure_faults(world: str, trials: int, particles: int | None, scopes: Seque
                 owed[kind] -= 1  # where there was no such place, the next start has one trial more
                 fault, views = drawn
                 for scope in scopes:
-                    spoiled = _spoil(mind, fault, scope, np.random.default_rng(start))
-                    found[kind][scope].append(_scans_until_gone(spoiled, fault, views, run, tick))
-    found = {kind: {scope: counts for scope, counts in by.items() if counts} for kind, by in found.items()}
+                    spoiled = _spoiled(mind, fault, _chosen(mind, scope, np.random.default_rng(start)))
+                    found[kind].setdefault(scope, []).append(_scans_until_gone(spoiled, fault, views, run, tick))
     return {"found": found, "particles": len(mind.edges), "ticks": ticks}
 
 
 def _draw_seen(
     kind: str, mind: WireframeFilter, run: ScanRecording, tick: int, rng: np.random.Generator
-) -> tuple[Fault, NDArray[np.bool_]] | None:
+) -> tuple[Fault, Bools] | None:
     """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
     right = mind.wireframe()
     edges, count = mind.edges[mind.best], int(mind.counts[mind.best])
     ahead = np.arange(tick, tick + SOON) % len(run.scans)
     for _ in range(DRAWS):
         near = np.array(run.poses[int(rng.choice(ahead))][:2])
-        fault = draw(kind, edges, count, run.truth, near, rng)
+        fault = KINDS[kind](edges[:count], run.truth, near, rng)
         if fault is None or not fault.gone(right):
             continue
-        views = _sees(fault.place, fault.normal, run)
-        for sample in fault.samples:
+        views = np.ones(len(run.scans), np.bool_)
+        for point in (fault.place, *fault.samples):
+            views &= _sees(point, fault.normal, run)
             if views.sum() < WITHIN + STAYS or not views[ahead].any():
                 break
-            views &= _sees(sample, fault.normal, run)
-        if views.sum() < WITHIN + STAYS or not views[ahead].any():
-            continue
-        spoiled = copy.deepcopy(mind)
-        count_after = fault.inject(spoiled.edges[spoiled.best], count)
-        if count_after is None:
-            continue
-        spoiled.counts[spoiled.best] = count_after
-        if not fault.gone(spoiled.wireframe()):  # else it changes nothing
-            return fault, views
+        else:
+            if not fault.gone(_spoiled(mind, fault, [mind.best]).wireframe()):  # else it changes nothing
+                return fault, views
     return None
 
 
-def _sees(point: NDArray[np.float64], normal: NDArray[np.float64] | None, run: ScanRecording) -> NDArray[np.bool_]:
+def _sees(point: Floats, normal: Floats | None, run: ScanRecording) -> Bools:
     """(t,) scans that see a point in free space."""
     eyes = np.array(run.poses)[:, :2]
     away = eyes - point
     distance = np.hypot(away[:, 0], away[:, 1])
     near = distance < run.spec.lidar.range_max_m
     if normal is not None:
-        near &= away @ normal > math.sin(math.radians(GRAZING_DEG)) * distance
+        near &= away @ normal > math.sin(GRAZING_RAD) * distance
     out = np.zeros(len(eyes), np.bool_)
     out[near] = all_seen(eyes[near], np.repeat(point[None], int(near.sum()), 0), run.truth.outline)
     return out
 
 
-def _spoil(mind: WireframeFilter, fault: Fault, scope: str, rng: np.random.Generator) -> WireframeFilter:
-    """A copy of the filter with the fault in all particles, or in half of them."""
+def _chosen(mind: WireframeFilter, scope: str, rng: np.random.Generator) -> list[int]:
+    """Particles of one of SCOPES."""
+    others = [p for p in rng.permutation(len(mind.edges)).tolist() if p != mind.best]
+    half = len(mind.edges) // 2
+    parts = [mind.best, *others], [mind.best, *others[: half - 1]], others[:half]
+    return dict(zip(SCOPES, parts, strict=True))[scope]
+
+
+def _spoiled(mind: WireframeFilter, fault: Fault, particles: Sequence[int]) -> WireframeFilter:
+    """A copy of the filter with the fault in these particles, as far as they have such a wall."""
     spoiled = copy.deepcopy(mind)
-    n = len(spoiled.edges)
-    others = [p for p in rng.permutation(n).tolist() if p != spoiled.best]
-    match scope:
-        case "all":
-            chosen = [spoiled.best, *others]
-        case "half with the best":
-            chosen = [spoiled.best, *others[: n // 2 - 1]]
-        case _:
-            chosen = others[: n // 2]
-    for p in chosen:
+    for p in particles:
         count = fault.inject(spoiled.edges[p], int(spoiled.counts[p]))
         if count is not None:
             spoiled.counts[p] = count
     return spoiled
 
 
-def _scans_until_gone(
-    mind: WireframeFilter, fault: Fault, views: NDArray[np.bool_], run: ScanRecording, tick: int
-) -> int | None:
+def _scans_until_gone(mind: WireframeFilter, fault: Fault, views: Bools, run: ScanRecording, tick: int) -> int | None:
     """Replay from this tick on, round and round; None if the fault is not gone within WITHIN scans that see it."""
     seen, since = 0, 0
     while True:
@@ -142,24 +131,17 @@ def _scans_until_gone(
             return since + 1
 
 
-SOME = 10
-"""Particles of a filter of which half can be spoiled, where the default is one hypothesis."""
+FILTERS = {"default": None, "some": 10, "one": 1}
+"""Particles: of the default filter, of one of which half can be spoiled, and one hypothesis alone."""
 
 
 def cases(quick: bool) -> list[Case]:
-    """The default filter, one hypothesis alone, and some particles."""
-    worlds, limit_s = (["apartment"], 120.0) if quick else (WORLDS, 1200.0)
-    default = {"particles": None, "scopes": list(SCOPES), "limit_s": limit_s}
-    filters: dict[str, tuple[int, dict[str, Any]]] = {
-        "default": (3 if quick else 25, {}),
-        "some": (2 if quick else 25, {"particles": SOME}),
-    }
-    if not quick:
-        filters["one"] = 25, {"particles": 1, "scopes": list(SCOPES[:1])}
+    """Every size of filter in every world."""
+    worlds, trials, limit_s = (["apartment"], 3, 120.0) if quick else (WORLDS, 25, 1200.0)
+    fixed = {"scopes": list(SCOPES), "trials": trials, "limit_s": limit_s}
     return [
-        Case(f"faults/{world}/{which}", measure_faults, {**default, **own, "world": world, "trials": trials})
-        for world in worlds
-        for which, (trials, own) in filters.items()
+        Case(f"faults/{world}/{which}", measure_faults, {**fixed, "world": world, "particles": FILTERS[which]})
+        for world, which in product(worlds, list(FILTERS)[: 2 if quick else None])
     ]
 
 
@@ -176,7 +158,7 @@ def gone_percent(counts: Sequence[int | None]) -> float | None:
 def _rows(figures: Outcomes) -> list[Row]:
     """One row per size of filter, fault and scope, all worlds together."""
     rows = []
-    for which in ("default", "some", "one"):
+    for which in FILTERS:
         runs = runs_of(figures, f"faults/*/{which}")
         for kind, scope in product(KINDS, SCOPES):
             if counts := counts_of(runs, [kind], scope):

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from deploy.bench.filter.ambiguous import double_walls
-from deploy.bench.filter.faults import KINDS, Fault, draw
+from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
@@ -46,7 +46,7 @@ def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: ScanReco
     made = 0
     for _ in range(5000):
         near = np.array(recording.poses[int(rng.integers(len(recording.poses)))][:2])
-        fault = draw(kind, mind.edges[mind.best], int(mind.counts[mind.best]), recording.truth, near, rng)
+        fault = KINDS[kind](mind.edges[mind.best][: mind.counts[mind.best]], recording.truth, near, rng)
         if fault is None or not fault.gone(mind.wireframe()):
             continue
         spoiled = copy.deepcopy(mind)
