@@ -18,7 +18,7 @@ from functools import cache
 from inspect import getsourcefile
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -70,8 +70,7 @@ def each(
     return [Case(name.format(**found), measure, {**(fixed or {}), **found}, alone) for found in values]
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What became of all cases of a benchmark, by name."""
 
     figures: dict[str, Figures]

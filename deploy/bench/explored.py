@@ -24,6 +24,10 @@ from protocol.wireframe import Label
 from world.config import WorldConfig
 from world.episode import Episode
 
+Fields = Mapping[str, Any]
+"""Fields of a configuration, as in a file."""
+Enough = Callable[[Episode], bool]
+"""Asked after every tick of a run; true ends it there, because what it is for is known."""
 Watch = Callable[[Robot, Observation, Step], None]
 """Called with every step of every robot."""
 
@@ -109,16 +113,11 @@ class Explored(NamedTuple):
 
 
 def explore(
-    world: Mapping[str, Any],
-    agent: Mapping[str, Any],
-    watch: Watch | None = None,
-    out: Path | None = None,
-    enough: Callable[[Episode], bool] | None = None,
+    world: Fields, agent: Fields, watch: Watch | None = None, out: Path | None = None, enough: Enough | None = None
 ) -> Explored:
     """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig.
 
-    out: the run directory, None to write nothing. enough: asked after every tick; true ends the run there, because
-    what it is for is known.
+    out: the run directory, None to write nothing.
     """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
     robots: dict[str, Robot] = {}
@@ -150,12 +149,7 @@ def explore(
 
 
 def measure_run(
-    world: str,
-    seed: int,
-    limit_s: float,
-    starts: str = "file",
-    spec: Mapping[str, Any] | None = None,
-    agent: Mapping[str, Any] | None = None,
+    world: str, seed: int, limit_s: float, starts: str = "file", spec: Fields | None = None, agent: Fields | None = None
 ) -> Figures:
     """Figures of one robot's whole run: score, times, paths, contacts, and what it said of its frontiers and its end.
 
@@ -167,7 +161,7 @@ def measure_run(
 
 
 @contextmanager
-def launched(settings: Mapping[str, Any], make_mind: Callable[..., Any] | None = None) -> Iterator[tuple[Path, str]]:
+def launched(settings: Fields, make_mind: Callable[..., Any] | None = None) -> Iterator[tuple[Path, str]]:
     """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"

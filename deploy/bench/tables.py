@@ -29,7 +29,7 @@ def only(runs: Runs, key: str) -> Any:
 
 
 def _of_all(make: Callable[[list[Any]], Any]) -> Reduce:
-    """Makes one value of the figures of all runs; None where a run lacks it."""
+    """One value of the figures of all runs; None where a run lacks it."""
 
     def reduce(runs: Runs, key: str) -> Any:
         values = [run.get(key) for run in runs]
@@ -99,9 +99,9 @@ _COLUMN = re.compile(r"(?P<key>[\w-]+)(?: (?P<of>\w+))?(?: (?P<sign>[<>]=) (?P<b
 def columns(text: str, **made: Reduce) -> list[Column]:
     """Columns from their words, as in "world; t median <= 600: seconds; share >= 0.9".
 
-    Of each the key in the JSON; what makes its value of several runs, a name in REDUCTIONS, without one the function
-    `made` of that key, or the figure of the only run; its bar; and the head above it, without one the key's words.
-    Raises ValueError.
+    The words are the key in the JSON, a name in REDUCTIONS, a bar, and the head above the column. Without such a name
+    the function `made` of that key reduces the figures of several runs, or the only run's figure is taken; without a
+    head the key's own words stand there. Raises ValueError.
     """
     out = []
     for words in text.split(";"):

@@ -2,6 +2,6 @@
 
 from deploy.bench import speed
 from deploy.bench.benchmark import Benchmark
-from deploy.bench.exploration import dense, mazes, policies, runs, teams, tours
+from deploy.bench.exploration import dense, mazes, runs, teams, tours
 
-BENCHMARK = Benchmark("exploration", (runs, teams, mazes, policies, tours, dense, speed))
+BENCHMARK = Benchmark("exploration", (runs, teams, mazes, tours, dense, speed))

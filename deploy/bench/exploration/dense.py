@@ -1,9 +1,8 @@
-"""The dense way beside ours: nearest frontier (Yamauchi 1997) on an occupancy grid of 5 cm.
+"""A dense baseline: nearest frontier (Yamauchi 1997) on an occupancy grid of 5 cm.
 
-Same lidar, same body, same drive control, exact odometry as for ours. A frontier is a group of free cells beside
-unknown ones; the nearest by path over free cells, inflated by the robot's body, is driven to, and chosen anew every
-second, as explore_lite does. Groups that stay though the robot stood before them are given up. It ends when no
-frontier is left.
+Lidar, body, drive control and exact odometry are those of our robot. A frontier is a group of free cells beside
+unknown ones. The robot drives to the one that is nearest by path over free cells, inflated by its body, and chooses
+anew every second, as explore_lite does. It gives up frontiers that stay though it came near, and ends without any.
 """
 
 import heapq
@@ -46,15 +45,15 @@ LEAVE_M = 0.3
 """A robot that stands where it may not drive crosses cells up to this far to leave."""
 REPLAN_TICKS = 5
 PATIENCE_TICKS = 25
-"""Neither nearer nor anything new for so long: the frontier is given up."""
+"""A frontier is given up when the robot came no nearer to it and saw nothing new for so long."""
 FAR_TICKS = 600
-"""Nothing new for so long, though goals come nearer in turns: two minutes, 26 m of way."""
+"""It is also given up without anything new for two minutes, 26 m of path, as two goals may come nearer in turns."""
 NEWS_CELLS = 10
-"""Cells that count as anything new."""
+"""As many cells that became known are something new."""
 BLIND_M = 0.2
 """Silent beams beside a return nearer than this are too near to a wall, not free: the lidar is blind below 0.12 m."""
 MOST_RATIO = 1.1
-"""Our path to 99 % over the dense one's."""
+"""Bar of our path to 99 % of the wall over the dense robot's."""
 
 
 @kernel

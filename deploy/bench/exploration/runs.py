@@ -1,5 +1,9 @@
-"""Whole runs of one robot: the bundled worlds and the real layouts, each from five starts drawn from the seed."""
+"""Whole runs of one robot: bundled and real layouts, each from five starts drawn from the seed, and default states."""
 
+from itertools import product
+from typing import get_args
+
+from agent.exploration.config import DefaultState
 from deploy.bench.cases import Case, each
 from deploy.bench.explored import measure_run
 from deploy.bench.layouts import FURNISHED, PLAIN, present
@@ -11,6 +15,9 @@ LIMIT_S = 4000.0
 """Simulated seconds after which a run counts as not finished: twice what the largest layout takes."""
 MAZE_15_S = 600.0
 """Median time to complete in maze-15."""
+STATE_WORLDS = ["hall", "maze-15"]
+"""For default states: one with pillars that stand free and are out of range from the walls, and one without."""
+STATE_SEEDS = 3
 
 
 def worlds(quick: bool) -> list[str]:
@@ -24,9 +31,14 @@ def seeds(quick: bool) -> range:
 
 
 def cases(quick: bool) -> list[Case]:
-    """Every layout from every start, all layouts once before any twice."""
+    """Every layout from every start, all layouts once before any twice; some with the four default states of the paper
+    and ours."""
     fixed = {"limit_s": LIMIT_S, "starts": "random"}
-    return each("runs/{world}/{seed}", measure_run, fixed, seed=seeds(quick), world=worlds(quick))
+    made = each("runs/{world}/{seed}", measure_run, fixed, seed=seeds(quick), world=worlds(quick))
+    for world, state in product([] if quick else STATE_WORLDS, get_args(DefaultState)):
+        own = {**fixed, "world": world, "agent": {"exploration": {"default_state": state}}}
+        made += each(f"policies/{world}/{state}/{{seed}}", measure_run, own, seed=range(STATE_SEEDS))
+    return made
 
 
 complete = share(lambda run: run["ended"] == "complete" and run["reason"])
@@ -68,5 +80,15 @@ TABLES = [
         "Time to complete",
         "runs/maze-15/*",
         columns(f"world; ended_at median <= {MAZE_15_S}: complete s", world=lambda runs, _: "maze-15"),
+    ),
+    Table(
+        "policies",
+        "Default states; times and paths are medians",
+        "policies/{world}/{state}/*",
+        columns(
+            "world; state: default state; complete >= 1; wall_recall least: recall, worst; "
+            "ended_at median: complete s; path_m median",
+            complete=complete,
+        ),
     ),
 ]

@@ -85,59 +85,54 @@ def outline_of(world: World) -> Wireframe:
     return Wireframe(points, np.zeros(m, np.uint8), ends, likelihoods, own)
 
 
-class _Sets:
-    """V(p) of many places of one region: polygons, their lattice points, and their distances along point ways."""
+def _hardest(world: World, home: int, spec: RobotSpec) -> list[shapely.Geometry]:
+    """V(p) of those places p of a region that are seen from the least area, spread over the walls."""
+    wall = visible_wall(world, home, spec.radius_m, spec.lidar.range_max_m)
+    ends, region = wall.ends[wall.visible], world.regions(spec.radius_m)[home]
+    unit = directions(ends)
+    places = 0.5 * (ends[:, :2] + ends[:, 2:]) + OFF_M * np.stack((-unit[:, 1], unit[:, 0]), 1)
+    circle_m = spec.lidar.range_max_m / math.cos(math.pi / RAYS)
+    views = []
+    for x, y in places.tolist():
+        ring = visible_ring(x, y, np.ascontiguousarray(world.segments), circle_m, RAYS)
+        views.append(shapely.intersection(shapely.make_valid(shapely.Polygon(ring)).buffer(OFF_M), region))
+    chosen: list[int] = []
+    for k in sorted(range(len(views)), key=lambda k: views[k].area):
+        d = np.hypot(*(places[chosen] - places[k]).T)
+        if not views[k].is_empty and d.min(initial=np.inf) >= APART_M:
+            chosen.append(k)
+    return [views[k] for k in chosen[:MOST]]
 
-    def __init__(self, world: World, start: Floats, spec: RobotSpec) -> None:
-        reach_m = spec.lidar.range_max_m
-        regions = world.regions(spec.radius_m)
-        home = min(range(len(regions)), key=lambda k: regions[k].distance(shapely.Point(start[:2])))
-        wall = visible_wall(world, home, spec.radius_m, reach_m)
-        ends = wall.ends[wall.visible]
-        unit = directions(ends)
-        self.places = 0.5 * (ends[:, :2] + ends[:, 2:]) + OFF_M * np.stack((-unit[:, 1], unit[:, 0]), 1)
-        self.region, self.walls = regions[home], np.ascontiguousarray(world.segments)
-        x0, y0, x1, y1 = self.region.bounds
-        grid = np.meshgrid(np.arange(x0, x1 + LATTICE_M, LATTICE_M), np.arange(y0, y1 + LATTICE_M, LATTICE_M))
-        self.lattice = np.stack(grid, -1).reshape(-1, 2)
-        self.slack = LATTICE_M / math.sqrt(2)
-        self.lattice = self.lattice[shapely.dwithin(self.region, shapely.points(self.lattice), self.slack)]
-        circle = reach_m / math.cos(math.pi / RAYS)
-        self.views = []
-        for x, y in self.places.tolist():
-            view = shapely.make_valid(shapely.Polygon(visible_ring(x, y, self.walls, circle, RAYS))).buffer(OFF_M)
-            self.views.append(shapely.intersection(view, self.region))
-        self._roads = Roads(outline_of(world), np.asarray(start[:2], np.float64), OFF_M, node_offset_m=1e-4)
 
-    def hardest(self) -> list[int]:
-        """Places seen from the least area, spread over the walls."""
-        out: list[int] = []
-        for k in sorted(range(len(self.views)), key=lambda k: self.views[k].area):
-            d = np.hypot(*(self.places[out] - self.places[k]).T)
-            if not self.views[k].is_empty and d.min(initial=np.inf) >= APART_M:
-                out.append(k)
-        return out[:MOST]
+def least_ways(world: World, starts: Floats, spec: RobotSpec) -> Floats:
+    """(s + k, s + k): bounds of the ways from starts (s, 2) to sets V(p), and between sets; zero between starts.
 
-    def distances(self, starts: Floats, chosen: list[int]) -> Floats:
-        """(s + k, s + k): least way between starts (s, 2) and sets, and between sets; zero between starts."""
-        ways = np.array([self._roads.to_nodes(node) for node in self._roads.nodes])
-        samples = [start[None] for start in starts]
-        for k in chosen:
-            near = shapely.dwithin(self.views[k], shapely.points(self.lattice), self.slack)
-            samples.append(np.ascontiguousarray(self.lattice[near]))
-        views = [shapely.Point(start) for start in starts] + [self.views[k] for k in chosen]
-        s, n = len(starts), len(samples)
-        to_nodes = np.array([_to_nodes(points, self._roads.nodes, self.walls) for points in samples])
-        out = np.zeros((n, n))
-        for i in range(n):
-            by = (to_nodes[i][:, None] + ways).min(0)  # to every node
-            for j in range(max(i + 1, s), n):
-                way = float((by + to_nodes[j]).min())
-                if shapely.distance(views[i], views[j]) < way:
-                    way = _between(samples[i], samples[j], self.walls, way)
-                slack = self.slack * (2 if i >= s else 1) + BEND_M
-                out[i, j] = out[j, i] = max(0.0, way - slack)
-        return out
+    The starts are in one region. Rows are the starts, then the sets of the hardest places.
+    """
+    regions = world.regions(spec.radius_m)
+    home = min(range(len(regions)), key=lambda k: regions[k].distance(shapely.Point(starts[0])))
+    x0, y0, x1, y1 = regions[home].bounds
+    grid = np.meshgrid(np.arange(x0, x1 + LATTICE_M, LATTICE_M), np.arange(y0, y1 + LATTICE_M, LATTICE_M))
+    lattice, half_m = np.stack(grid, -1).reshape(-1, 2), LATTICE_M / math.sqrt(2)
+    lattice = lattice[shapely.dwithin(regions[home], shapely.points(lattice), half_m)]
+    sets, walls = _hardest(world, home, spec), np.ascontiguousarray(world.segments)
+    near = [shapely.dwithin(view, shapely.points(lattice), half_m) for view in sets]
+    samples = [start[None] for start in starts] + [np.ascontiguousarray(lattice[inside]) for inside in near]
+    views = [shapely.Point(start) for start in starts] + sets
+    roads = Roads(outline_of(world), np.asarray(starts[0], np.float64), OFF_M, node_offset_m=1e-4)
+    ways = np.array([roads.to_nodes(node) for node in roads.nodes])
+    to_nodes = np.array([_to_nodes(points, roads.nodes, walls) for points in samples])
+    s, n = len(starts), len(samples)
+    out = np.zeros((n, n))
+    for i in range(n):
+        by = (to_nodes[i][:, None] + ways).min(0)  # to every node
+        for j in range(max(i + 1, s), n):
+            way = float((by + to_nodes[j]).min())
+            if shapely.distance(views[i], views[j]) < way:
+                way = _between(samples[i], samples[j], walls, way)
+            slack = half_m * (2 if i >= s else 1) + BEND_M
+            out[i, j] = out[j, i] = max(0.0, way - slack)
+    return out
 
 
 @kernel
@@ -160,14 +155,10 @@ def held_karp(cost: Floats, rounds: int = 200) -> float:
         at, weight = 0, 0.0
         inside[0] = True
         for _ in range(n - 1):
-            for j in range(n):
-                d = cost[at, j] + price[at] + price[j]
-                if not inside[j] and d < near[j]:
-                    near[j], by[j] = d, at
-            at = -1
-            for j in range(n):
-                if not inside[j] and (at < 0 or near[j] < near[at]):
-                    at = j
+            d = cost[at] + price[at] + price
+            nearer = ~inside & (d < near)
+            near, by = np.where(nearer, d, near), np.where(nearer, at, by)
+            at = int(np.argmin(np.where(inside, math.inf, near)))
             weight += near[at]
             degree[at] += 1
             degree[by[at]] += 1
@@ -199,13 +190,8 @@ def best_bound(cost: Floats) -> tuple[float, int]:
         top, which = best + 0.01, -1
         for k in range(1, n):
             used[k] = not used[k]
-            rows = np.flatnonzero(used)
+            bound = held_karp(np.ascontiguousarray(cost[used][:, used]), 60)
             used[k] = not used[k]
-            part = np.empty((len(rows), len(rows)))
-            for i in range(len(rows)):
-                for j in range(len(rows)):
-                    part[i, j] = cost[rows[i], rows[j]]
-            bound = held_karp(part, 60)
             if bound > top:
                 top, which = bound, k
         if which < 0:
@@ -217,8 +203,7 @@ def best_bound(cost: Floats) -> tuple[float, int]:
 def measure_bound(world: str, seeds: list[int]) -> Figures:
     """Lower bounds in metres for the starts of these seeds, of a robot alone."""
     starts = np.vstack([drawn_starts(world, 1, seed)[:, :2] for seed in seeds])
-    sets = _Sets(load(path_of(world)), starts[0], RobotSpec())
-    cost = sets.distances(starts, sets.hardest())
+    cost = least_ways(load(path_of(world)), starts, RobotSpec())
     s = len(starts)
     found = [best_bound(cost[np.ix_(rows, rows)]) for k in range(s) if (rows := [k, *range(s, len(cost))])]
     return {"bound_m": [round(bound, 2) for bound, _ in found], "places": [places for _, places in found]}

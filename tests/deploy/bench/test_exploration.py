@@ -15,7 +15,7 @@ from deploy.bench.exploration import runs
 from deploy.bench.exploration.dense import DenseRobot, _frontiers, _grown, _heard, _pulled, _way
 from deploy.bench.exploration.mazes import measure_maze
 from deploy.bench.exploration.teams import corridor
-from deploy.bench.exploration.tours import _Sets, best_bound, held_karp
+from deploy.bench.exploration.tours import best_bound, held_karp, least_ways
 from deploy.bench.explored import Driven, explore
 from deploy.bench.tables import Section
 from protocol.messages import RobotSpec
@@ -51,8 +51,7 @@ def test_what_must_be_driven_down_a_corridor_is_known() -> None:
     """From one end of 20 m the other end's wall is seen from 3.5 m before it: nearly as far must a robot drive."""
     world = from_document(room(20.0, 1.0))
     start = np.array([[0.5, 0.5]])
-    sets = _Sets(world, start[0], RobotSpec())
-    cost = sets.distances(start, sets.hardest())
+    cost = least_ways(world, start, RobotSpec())
     assert (cost == cost.T).all() and (cost >= 0).all()
     bound, _ = best_bound(cost)
     true = 20.0 - 0.05 - 3.5 - 0.5
@@ -63,9 +62,7 @@ def test_no_run_is_shorter_than_its_bound(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(json.dumps(room(7.0, 4.0, [3.0, 0.0, 3.0, 2.9], [5.0, 4.0, 5.0, 1.1])))
     run = explore({"world": str(path), "robots": 1, "max_time_s": 300.0}, {})
-    world, start = run.episode.world, run.episode.starts[:, :2]
-    sets = _Sets(world, start[0], run.episode.config.spec)
-    bound, places = best_bound(sets.distances(start, sets.hardest()))
+    bound, places = best_bound(least_ways(run.episode.world, run.episode.starts[:, :2], run.episode.config.spec))
     figures = run.figures()
     assert figures["coverage"] > 0.99
     assert places > 0 and 1.0 < bound <= figures["path_m"]
