@@ -20,7 +20,7 @@ PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_
 FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]
 """Those with furniture."""
 KEEP = Path(gettempdir()) / "wireswarm-bench"
-"""What is too large for the repository, or only in between; made again where it is missing."""
+"""Folder of files that are too large for the repository or intermediate; made again where they are missing."""
 
 
 def path_of(name: str) -> str:

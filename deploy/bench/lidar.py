@@ -21,7 +21,7 @@ def cases(quick: bool) -> list[Case]:
 
 
 def measure(world: str, robots: int, places: int, seconds: float) -> Figures:
-    """Every cast is at new poses, of so many."""
+    """Rays cast in `seconds` of wall-clock time, in turn from `places` sets of the robots' poses."""
     spec, radius_m, place, rng = LidarSpec(), RobotSpec().radius_m, load(world), np.random.default_rng(0)
     poses = [place.starts(robots, radius_m, rng, drawn=True) for _ in range(places)]
     scenes = [(pose, np.hstack([pose[:, :2], np.full((robots, 1), radius_m)])) for pose in poses]

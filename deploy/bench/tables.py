@@ -49,8 +49,9 @@ def count(runs: Runs, key: str) -> int:
 
 
 def spread(runs: Runs, key: str) -> str:
-    """Least and most of the runs that have the figure."""
-    values = [run[key] for run in runs if run.get(key) is not None]
+    """Least and most of the runs that have the figure, which is that of the column KEY or KEY_spread."""
+    figure = key.removesuffix("_spread")
+    values = [run[figure] for run in runs if run.get(figure) is not None]
     return f"{min(values):.0f}-{max(values):.0f}" if values else "-"
 
 
@@ -64,9 +65,15 @@ def share(holds: Callable[[Figures], object]) -> Reduce:
     return lambda runs, _: sum(map(bool, map(holds, runs))) / len(runs)
 
 
-REDUCTIONS: dict[str, Reduce] = {
-    "only": only, "least": least, "most": most, "total": total, "median": median, "mean": mean, "count": count,
-}  # fmt: skip
+REDUCTIONS = {
+    "least": least,
+    "most": most,
+    "total": total,
+    "median": median,
+    "mean": mean,
+    "count": count,
+    "spread": spread,
+}
 
 
 @dataclass(frozen=True)
@@ -120,6 +127,9 @@ def _text(value: object) -> str:
     return "-" if value is None else str(value)
 
 
+VERDICTS = {None: "", True: "met", False: "not met"}
+
+
 @dataclass(frozen=True)
 class Section:
     """A table that is filled: a row of values by column key each. Rows numbered in `beside` have no bars."""
@@ -145,8 +155,7 @@ class Section:
 
     def print(self, console: Console) -> None:
         """The table, each value beside its bar green if met and red with an ! if not."""
-        verdict = _verdict(self.met)
-        title = f"{self.title}: {verdict}" if verdict else self.title
+        title = self.title if self.met is None else f"{self.title}: {VERDICTS[self.met]}"
         table = Printed(title=title, caption=self.note or None, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.title_justify = table.caption_justify = "left"
         for column in self.columns:
@@ -161,7 +170,7 @@ class Section:
                 bad = column.key in (missed or ())
                 style = "red" if bad else "green" if column.bar and missed is not None else ""
                 cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
-            table.add_row(*cells, Text(_verdict(None if missed is None else not missed)))
+            table.add_row(*cells, Text(VERDICTS[None if missed is None else not missed]))
         console.print(table)
 
     def as_dict(self) -> dict[str, Any]:
@@ -172,10 +181,6 @@ class Section:
             "bars": {column.key: column.bar for column in self.columns if column.bar},
             "rows": [{**row, "missed": self.missed(number)} for number, row in enumerate(self.rows)],
         } | ({"note": self.note} if self.note else {})
-
-
-def _verdict(met: bool | None) -> str:
-    return "" if met is None else ("met" if met else "not met")
 
 
 @dataclass(frozen=True)
@@ -203,17 +208,16 @@ class Table:
 
     def section(self, figures: Outcomes) -> Section:
         """The table with the figures of a benchmark; without rows where its cases have none."""
-        rows = list(self.rows(figures)) if callable(self.rows) else self._grouped(figures, self.rows)
+        if callable(self.rows):
+            rows = list(self.rows(figures))
+        else:
+            rows = [row_of(self.columns, runs, labels) for labels, runs in grouped(figures, self.rows)]
+            if rows and self.total:
+                rows.append(row_of(self.columns, runs_of(figures, self.rows), {self.columns[0].key: self.total}))
         judged = [row.pop("judged", True) and self.judged(row) for row in rows]
         beside = frozenset(number for number, row in enumerate(rows) if not judged[number])
         words = [(text(figures) if rows else "") if callable(text) else text for text in (self.title, self.note)]
         return Section(self.name, words[0], self.columns, rows, beside, words[1])
-
-    def _grouped(self, figures: Outcomes, pattern: str) -> list[Row]:
-        rows = [row_of(self.columns, runs, labels) for labels, runs in grouped(figures, pattern)]
-        if rows and self.total:
-            rows.append(row_of(self.columns, runs_of(figures, pattern), {self.columns[0].key: self.total}))
-        return rows
 
 
 def row_of(columns: Sequence[Column], runs: Runs, labels: Row) -> Row:
@@ -224,8 +228,8 @@ def row_of(columns: Sequence[Column], runs: Runs, labels: Row) -> Row:
 def grouped(figures: Outcomes, pattern: str) -> list[tuple[Row, list[Figures]]]:
     """Groups of the cases whose names fit: {KEY} labels a group, * is any one word between slashes.
 
-    So `runs/{world}/*` puts the seeds of a world together; (?:a|b) is either word. Groups and
-    runs are in the order of the cases.
+    So `runs/{world}/*` puts the seeds of a world together; (?:a|b) is either word. Groups and runs are in the order of
+    the cases.
     """
     fits = re.compile(re.sub(r"\{(\w+)\}", r"(?P<\1>.+)", pattern.replace("*", "[^/]+")))
     groups: dict[tuple[str, ...], tuple[Row, list[Figures]]] = {}

@@ -35,12 +35,12 @@ from world.worldfile import load
 
 CELL_M = 0.05
 ROOMY_M, TIGHT_M = 0.2, 0.15
-"""Cells nearer than this to an occupied one are not driven through: the clearances of our paths and half a cell, with
-room and, where there is no other way, tight. Nearer ones are no frontiers either, as in explore_lite's costmap."""
+"""Cells nearer than this to an occupied one are not driven through: our paths' two clearances and half a cell. The
+tight one counts where there is no roomy way. Nearer cells are no frontiers either, as in explore_lite's costmap."""
 LEAST_CELLS = 4
 """Smaller groups are no frontiers: slivers between beams; a doorway of 0.5 m shows four cells."""
 GIVEN_UP_M = 0.6
-"""What is given up of a frontier: cells this near to where it was to be reached."""
+"""Of a frontier that is given up, cells this near to the one driven to are no frontier any more."""
 LEAVE_M = 0.3
 """A robot that stands where it may not drive crosses cells up to this far to leave."""
 REPLAN_TICKS = 5
@@ -260,8 +260,7 @@ class DenseRobot:
 
 def measure_dense(world: str, seed: int) -> Figures:
     """One run of the dense robot, from the start that ours has in `runs`."""
-    settings = {"robots": 1, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
-    config = WorldConfig.model_validate({**settings, "world": path_of(world)})
+    config = WorldConfig(world=path_of(world), robots=1, seed=seed, starts="random", max_time_s=LIMIT_S)
     x0, y0, x1, y1 = load(config.world).solid.bounds
     reach_m = math.hypot(x1 - x0, y1 - y0) + config.spec.lidar.range_max_m
     minds: list[DenseRobot] = []
@@ -296,21 +295,17 @@ def _compared(mine: Runs, theirs: Runs) -> Row:
 def _rows(figures: Outcomes) -> list[Row]:
     """Ours and the dense one, a row a layout and one for all."""
     ours, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
-    worlds = [world for world, theirs in dense.items() if len(theirs) == len(ours.get(world, []))]
-    rows = [
-        {
-            "world": world,
-            **_compared(mine, theirs),
-            "path_90": median(mine, "path_90_m"),
-            "dense_path_90": median(theirs, "path_90_m"),
-            **{key: median(mine, key) for key in ("map_bytes", "filter_bytes")},
-            **{key: median(theirs, key) for key in ("grid_bytes", "grid_zlib_bytes")},
-            "dense_contacts": most(theirs, "wall_contacts"),
-        }
-        for world in worlds
-        for mine, theirs in [(ours[world], dense[world])]
-    ]
-    all_ours, all_dense = ([run for world in worlds for run in runs[world]] for runs in (ours, dense))
+    all_ours, all_dense, rows = [], [], []
+    for world, theirs in dense.items():
+        mine = ours.get(world, [])
+        if len(mine) != len(theirs):
+            continue
+        row = {"world": world, **_compared(mine, theirs), "dense_contacts": most(theirs, "wall_contacts")}
+        row |= {"path_90": median(mine, "path_90_m"), "dense_path_90": median(theirs, "path_90_m")}
+        row |= {key: median(mine, key) for key in ("map_bytes", "filter_bytes")}
+        rows.append(row | {key: median(theirs, key) for key in ("grid_bytes", "grid_zlib_bytes")})
+        all_ours += mine
+        all_dense += theirs
     return [*rows, {"world": "all", **_compared(all_ours, all_dense)}] if rows else []
 
 

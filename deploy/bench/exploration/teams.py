@@ -1,4 +1,4 @@
-"""Several robots that do not know of each other: who touches whom, and whether two in a narrow corridor both get on."""
+"""Several robots: how often they touch each other, and whether two that meet in a narrow corridor both complete."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The shortest tour that sees all visible wall, from below: what no explorer can beat, however much it knows.
+"""The shortest tour that sees all visible wall, from below: no explorer's path is shorter, even if it knows the map.
 
 Why it is a bound. To see a place p on a wall, a robot's centre must come into V(p): where it can be at all, within
 range of p and with a free line of sight to it. A path that sees places p1 ... pk enters each V(pi) for the first time
@@ -42,7 +42,7 @@ LATTICE_M = 0.1
 OFF_M = 1e-3
 """A place on a wall is looked at from this far off it; ways keep this from walls."""
 BEND_M = 0.01
-"""What the ways around corners at that distance may be too long on a leg; three bends cost less."""
+"""Most by which a leg is too long because it bends around corners at OFF_M; three bends cost less."""
 APART_M = 0.7
 """Least distance between the places that are tried; those seen from the least area come first."""
 MOST = 25
@@ -222,17 +222,13 @@ def _ratio(bounds: list[float], runs: Runs, key: str) -> float | None:
 
 def _rows(figures: Outcomes) -> list[Row]:
     runs, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
-    return [
-        {
-            "world": world,
-            "places": int(np.median(found["places"])),
-            "bound": float(np.median(found["bound_m"])),
-            "to_99": _ratio(found["bound_m"], runs.get(world, []), "path_99_m"),
-            "whole": _ratio(found["bound_m"], runs.get(world, []), "path_m"),
-            "dense_99": _ratio(found["bound_m"], dense.get(world, []), "path_99_m"),
-        }
-        for world, (found,) in by_label(figures, "tours/{world}/all").items()
-    ]
+    rows: list[Row] = []
+    for world, (found,) in by_label(figures, "tours/{world}/all").items():
+        bounds, mine = found["bound_m"], runs.get(world, [])
+        row = {"world": world, "places": int(np.median(found["places"])), "bound": float(np.median(bounds))}
+        row |= {"to_99": _ratio(bounds, mine, "path_99_m"), "whole": _ratio(bounds, mine, "path_m")}
+        rows.append(row | {"dense_99": _ratio(bounds, dense.get(world, []), "path_99_m")})
+    return rows
 
 
 TABLES = [

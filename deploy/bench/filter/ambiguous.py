@@ -24,8 +24,8 @@ EVERY_TICKS = 50
 def double_walls() -> dict[str, Any]:
     """Fields of a world file: a room of 7 m by 5 m with stairs, niches, ribs and plates before its walls.
 
-    Steps, depths and distances go from 0.15 to 0.30 m, so that at 0.03 m noise the wall behind and the wall before
-    are each other's rival.
+    Steps, depths and distances go from 0.15 to 0.30 m, so that at 0.03 m noise a hit on one wall may be taken for one
+    on the wall behind.
     """
     boxes: list[list[float]] = [[3.5, y, 0.0, 7.2, 0.1] for y in (-0.05, 5.05)]
     boxes += [[x, 2.5, 0.0, 0.1, 5.2] for x in (-0.05, 7.05)]

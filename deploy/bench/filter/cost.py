@@ -12,7 +12,7 @@ from deploy.bench.tables import Outcomes, Row, Table, by_label, whole
 
 PARTICLES = (1, 5, 10, 30, 100)
 BIN_VERTICES = 25
-"""Maps are put together by size in steps of this."""
+"""Updates are grouped by the size of the map, in bins of so many vertices."""
 
 
 def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures:

@@ -17,11 +17,11 @@ from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import ScanRecording, record
+from deploy.bench.filter.runs import BUNDLED
 from deploy.bench.tables import Outcomes, Row, Runs, Table, runs_of
 from protocol.arrays import Bools, Floats
 from world.coverage import GRAZING_RAD
 
-WORLDS = ["maze-15", "office", "apartment", "symmetric"]
 SCOPES = ("all", "half with the best", "half without the best")
 WITHIN = 50
 """Scans that see the place, within which a fault must go."""
@@ -137,7 +137,7 @@ FILTERS = {"default": None, "some": 10, "one": 1}
 
 def cases(quick: bool) -> list[Case]:
     """Every size of filter in every world."""
-    worlds, trials, limit_s = (["apartment"], 3, 120.0) if quick else (WORLDS, 25, 1200.0)
+    worlds, trials, limit_s = (["apartment"], 3, 120.0) if quick else (BUNDLED, 25, 1200.0)
     fixed = {"scopes": list(SCOPES), "trials": trials, "limit_s": limit_s}
     return [
         Case(f"faults/{world}/{which}", measure_faults, {**fixed, "world": world, "particles": FILTERS[which]})

@@ -1,4 +1,4 @@
-"""What the radio costs: its share of a run's time, and whether payload and overhead explain the wires."""
+"""The radio's share of a run's time, and whether payload and overhead add up to the bytes on the wires."""
 
 from collections.abc import Mapping
 from contextlib import ExitStack
