@@ -15,7 +15,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deploy.config import ConfigError, RunConfig
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, agent_process, world_process
@@ -57,16 +57,17 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Path:
     Raises ConfigError where that asked for is taken.
     """
     if asked is not None:
-        if asked.exists() and not (asked.is_dir() and not any(asked.iterdir())):
+        if asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
             raise ConfigError(f"--out {asked}: something is there already; name an empty or a new directory")
         asked.mkdir(parents=True, exist_ok=True)
         return asked
-    stem = Path("runs") / f"{Path(world).stem}-{seed}"
-    for out in itertools.chain([stem], (stem.with_name(f"{stem.name}-{count}") for count in itertools.count(2))):
+    out = stem = Path("runs") / f"{Path(world).stem}-{seed}"
+    for count in itertools.count(2):
         with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
             out.mkdir(parents=True)
-            return out
-    raise AssertionError("unreachable")
+            break
+        out = stem.with_name(f"{stem.name}-{count}")
+    return out
 
 
 def launch(
@@ -90,8 +91,7 @@ def launch(
         "start": _now(),
     }
     out.mkdir(parents=True, exist_ok=True)
-    with Children(config, out, show, make_mind) as children:
-        result = children.follow()
+    result = Children(config, out, show, make_mind).follow()
     manifest |= {"end": _now(), "ended": result.ended, "exit_status": result.status}
     if result.errors:
         manifest["errors"] = result.errors
@@ -103,9 +103,10 @@ class Children:
     """The processes of one run, from their start to their end."""
 
     def __init__(
-        self, config: RunConfig, out: Path, show: Callable[[Progress], None], factory: MakeMind | None
+        self, config: RunConfig, out: Path, show: Callable[[Progress], None], make_mind: MakeMind | None
     ) -> None:
-        self._config, self._out, self._show, self._factory = config, out, show, factory
+        """Start the world; its robots follow when it listens."""
+        self._config, self._show, self._make_mind = config, show, make_mind
         self._context = mp.get_context("forkserver")
         self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
         """Drawn for this run. They reach the children by their pipes, and are written nowhere else."""
@@ -118,31 +119,19 @@ class Children:
         self._last_words: set[str] = set()
         """Names of children that said how they ended."""
         self._refused = self._interrupted = self._never_began = False
-
-    def __enter__(self) -> Self:
-        """Start the world; its robots follow when it listens."""
         self._context.set_forkserver_preload(PRELOAD)
         ctrl_c = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children inherit it: Ctrl-C is ours
         try:
             forkserver.ensure_running()
         finally:
             signal.signal(signal.SIGINT, ctrl_c)
-        self._start("world", world_process, self._config, self._out, self._secrets)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Wait for all children to end, and kill those that do not."""
-        for child in self._children:
-            child.pipe.close()
-        deadline = time.monotonic() + LEAVE_S
-        for child in self._children:
-            child.process.join(max(0.0, deadline - time.monotonic()))
-            if child.process.is_alive():
-                child.process.kill()
-                child.process.join()
+        self._start("world", world_process, config, out, self._secrets)
 
     def follow(self) -> Result:
-        """Listen to the children until all have ended. Ctrl-C or SIGTERM ends the run, a second one kills it."""
+        """Listen to the children until all have ended, and kill those that do not end.
+
+        Ctrl-C or SIGTERM ends the run, a second one kills it.
+        """
         before = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             deadline = None
@@ -154,16 +143,26 @@ class Children:
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
+            self._leave()
         return Result(self._status(), self._ended or "failed", self._errors)
+
+    def _leave(self) -> None:
+        for child in self._children:
+            child.pipe.close()
+        deadline = time.monotonic() + LEAVE_S
+        for child in self._children:
+            child.process.join(max(0.0, deadline - time.monotonic()))
+            if child.process.is_alive():
+                child.process.kill()
+                child.process.join()
 
     def _start(self, name: str, target: Callable[..., None], *arguments: Any) -> None:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=target, args=(theirs, *arguments), name=name, daemon=True)
         process.start()
         theirs.close()
-        child = Child(name, process, ours)
+        self._talking[ours] = child = Child(name, process, ours)
         self._children.append(child)
-        self._talking[ours] = child
 
     def _listen(self, child: Child) -> None:
         try:
@@ -174,25 +173,26 @@ class Children:
                 self._tell_all()
             if child.name not in self._last_words:
                 child.process.join(1.0)
-                self._errors.append(f"{child.name}: its process died ({_exit_of(child.process.exitcode)})")
+                code = child.process.exitcode
+                how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
+                self._errors.append(f"{child.name}: its process died ({how})")
                 self._end_unless_begun(child)
             return
         if what == LISTENING:
             for robot in self._config.robot_ids:
                 secret = self._secrets and self._secrets[robot]
-                self._start(robot, agent_process, robot, value, secret, self._config, self._factory)
-            return
-        if what == PROGRESS:
+                self._start(robot, agent_process, robot, value, secret, self._config, self._make_mind)
+        elif what == PROGRESS:
             self._progress = value
             self._show(value)
-            return
-        self._last_words.add(child.name)
-        if what == ENDED and child.name == "world":
-            self._ended = value
-        elif what in (REFUSED, FAILED) or value not in ENDINGS:
-            self._refused |= what == REFUSED
-            self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
-            self._end_unless_begun(child)
+        else:
+            self._last_words.add(child.name)
+            if what == ENDED and child.name == "world":
+                self._ended = value
+            elif what in (REFUSED, FAILED) or value not in ENDINGS:
+                self._refused |= what == REFUSED
+                self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
+                self._end_unless_begun(child)
 
     def _end_unless_begun(self, child: Child) -> None:
         """End a run that would wait for a robot that cannot join any more."""
@@ -218,17 +218,10 @@ class Children:
             return Status.INTERRUPTED
         if self._refused:
             return Status.USAGE
-        if self._never_began:
+        if self._never_began or self._ended is None or self._progress is None:
             return Status.FAILURE
-        if self._ended is None or self._progress is None:
-            return Status.FAILURE
-        states = set(self._progress.clock.status.values())
         fine = {"complete"} if self._config.until == "complete" else {"complete", "exploring"}
-        return Status.OK if states <= fine else Status.INCOMPLETE
-
-
-def _exit_of(code: int | None) -> str:
-    return f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
+        return Status.OK if fine.issuperset(self._progress.clock.status.values()) else Status.INCOMPLETE
 
 
 def _now() -> str:

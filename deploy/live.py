@@ -2,7 +2,7 @@
 
 import json
 import time
-from contextlib import ExitStack
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,18 +28,17 @@ class Display:
         self._console = Console(stderr=True)
         self._began: float | None = None
         self._line = 0.0
-        self._open = ExitStack()
         self._live: Live | None = None
 
     def __enter__(self) -> Self:
         if self._console.is_terminal and not self._quiet:
-            self._live = self._open.enter_context(
-                Live(Text(f"{self._world}: starting"), console=self._console, transient=True)
-            )
+            self._live = Live(Text(f"{self._world}: starting"), console=self._console, transient=True)
+            self._live.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        if self._live:
+            self._live.stop()
 
     def show(self, progress: Progress) -> None:
         """Take the newest progress."""
@@ -47,20 +46,22 @@ class Display:
         clock = progress.clock
         if self._began is None:
             self._began = now
-            if not self._quiet:
-                self._console.print(f"radio: {self._radio}", highlight=False, soft_wrap=True)
+            self._say(f"radio: {self._radio}")
         speed = clock.t / (now - self._began) if now > self._began else 0.0
         alive = sum(status != "dead" for status in clock.status.values())
-        late = f", {progress.late_ticks} late ticks" if progress.late_ticks else ""
         title = (
             f"{self._world}: {alive} of {len(clock.status)} robots, tick {clock.tick}, {clock.t:.1f} s simulated, "
-            f"{speed:.0f} x real time{late}"
+            f"{speed:.0f} x real time{_late(progress.late_ticks)}"
         )
         if self._live:
             self._live.update(Group(Text(title), _bars(progress)))
-        elif not self._quiet and now - self._line >= LINE_S:
+        elif now - self._line >= LINE_S:
             self._line = now
-            self._console.print(f"{title}, team coverage {progress.team:.1%}", highlight=False, soft_wrap=True)
+            self._say(f"{title}, team coverage {progress.team:.1%}")
+
+    def _say(self, line: str) -> None:
+        if not self._quiet:
+            self._console.print(line, highlight=False, soft_wrap=True)
 
 
 def _bars(progress: Progress) -> Table:
@@ -77,20 +78,12 @@ def print_summary(out: Path) -> None:
         summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     except OSError:
         return
-    table = Table(box=None, pad_edge=False)
-    for heading in ("robot", "ended", "coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B"):
-        table.add_column(heading, justify="left" if heading in ("robot", "ended") else "right")
+    numbers = ("coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B")
+    table = _table(["robot", "ended", *numbers], numbers)
     for robot, row in summary["robots"].items():
-        table.add_row(
-            robot,
-            row["ended"],
-            f"{row['coverage']:.1%}",
-            _seconds(row["t_90"]),
-            _seconds(row["t_99"]),
-            f"{row['path_m']:.1f}",
-            str(row["wall_contacts"] + row["robot_contacts"]),
-            str(row["bytes_sent"]),
-        )
+        times = _seconds(row["t_90"]), _seconds(row["t_99"])
+        counts = str(row["wall_contacts"] + row["robot_contacts"]), str(row["bytes_sent"])
+        table.add_row(robot, row["ended"], f"{row['coverage']:.1%}", *times, f"{row['path_m']:.1f}", *counts)
     team = summary["team"]
     table.add_row("team", "", f"{team['coverage']:.1%}", _seconds(team["t_90"]), _seconds(team["t_99"]))
     console = Console()
@@ -98,8 +91,7 @@ def print_summary(out: Path) -> None:
     _print_pairs(out, console)
     factor = summary["real_time_factor"]
     if factor is not None:
-        late = f", {summary['late_ticks']} late ticks" if summary["late_ticks"] else ""
-        console.print(f"{factor:g} times real time{late}", highlight=False)
+        console.print(f"{factor:g} times real time{_late(summary['late_ticks'])}", highlight=False)
 
 
 def _print_pairs(out: Path, console: Console) -> None:
@@ -110,23 +102,24 @@ def _print_pairs(out: Path, console: Console) -> None:
         return
     if not pairs:
         return
-    table = Table(box=None, pad_edge=False)
-    for heading in (
-        "robot",
-        "peer",
-        "contacts",
-        "attempts",
-        "proposed",
-        "merged s",
-        "peer's frame x, y, theta",
-        "last",
-    ):
-        table.add_column(heading, justify="right" if heading in ("contacts", "attempts", "proposed") else "left")
+    counted = ("contacts", "attempts", "proposed")
+    table = _table(["robot", "peer", *counted, "merged s", "peer's frame x, y, theta", "last"], counted)
     for pair in pairs:
         frame = "-" if pair.transform is None else ", ".join(f"{value:.2f}" for value in pair.transform)
         counts = (str(pair.contacts), str(pair.attempts), str(pair.proposed))
         table.add_row(pair.robot, pair.peer, *counts, _seconds(pair.merged_at), frame, pair.last)
     console.print(table)
+
+
+def _table(headings: Sequence[str], numbers: Container[str]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading, justify="right" if heading in numbers else "left")
+    return table
+
+
+def _late(ticks: int) -> str:
+    return f", {ticks} late ticks" if ticks else ""
 
 
 def _seconds(value: float | None) -> str:

@@ -132,25 +132,22 @@ def _corners(ring: Floats) -> Floats:
 def score(wireframe: Wireframe, frame: Pose, truth: Truth) -> Score:
     """Score of a map whose frame has this pose (x, y, theta) in the world."""
     points = apply(frame, wireframe.points)
-    walls = score_walls(points[wireframe.edges].reshape(-1, 4), truth)
     nominal = points[wireframe.labels == Label.NOMINAL]
     off = _nearest_point(nominal, truth.corners)
     found = _nearest_point(truth.seen_corners, nominal)
-    good = off[off < CORNER_NEAR_M]
     return Score(
-        *walls,
+        *score_walls(points[wireframe.edges].reshape(-1, 4), truth),
         corner_recall=float((found < CORNER_NEAR_M).mean()) if len(found) else None,
         corner_precision=float((off < CORNER_NEAR_M).mean()) if len(off) else None,
-        corner_rmse_m=_rms(good),
+        corner_rmse_m=_rms(off[off < CORNER_NEAR_M]),
     )
 
 
 def score_walls(segments: Floats, truth: Truth) -> WallScore:
     """Score of walls (m, 4) x1, y1, x2, y2 in the world."""
     points, ways = _samples(segments)
-    length = float(lengths(segments).sum())
     apart = len(_distinct(points, ways, SAMPLE_M)[0])
-    repeated = length / SAMPLE_M / max(apart, 1) if len(points) else 1.0
+    repeated = float(lengths(segments).sum()) / SAMPLE_M / max(apart, 1) if len(points) else 1.0
     points, ways = _distinct(points, ways, CELL_M)
     to_truth = distance_to(points, ways, truth.outline)
     to_map = distance_to(truth.seen_points, truth.seen_directions, segments)
@@ -175,9 +172,8 @@ def _samples(segments: Floats) -> tuple[Floats, Floats]:
 
 def _distinct(points: Floats, ways: Floats, cell_m: float) -> tuple[Floats, Floats]:
     """One sample per cell and direction."""
-    sectors = round(180.0 / ALIKE_DEG)
     turn = np.arctan2(ways[:, 1], ways[:, 0]) % math.pi / math.radians(ALIKE_DEG)
-    sector = np.round(turn).astype(int) % sectors
+    sector = np.round(turn).astype(int) % round(180.0 / ALIKE_DEG)
     cells = np.column_stack([np.floor(points / cell_m).astype(int), sector])
     _, first = np.unique(cells, axis=0, return_index=True)
     return points[first], ways[first]
@@ -203,6 +199,4 @@ def distance_to(points: Floats, ways: Floats, segments: Floats) -> Floats:
 
 def _nearest_point(points: Floats, others: Floats) -> Floats:
     """(n,) distance of each point to the nearest of the others; inf without others."""
-    offset: Floats = points[:, None] - others[None]
-    away: Floats = np.linalg.norm(offset, axis=2).min(1, initial=np.inf)
-    return away
+    return np.asarray(np.linalg.norm(points[:, None] - others[None], axis=2).min(1, initial=np.inf), np.float64)

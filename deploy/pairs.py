@@ -1,51 +1,43 @@
 """What became of each pair of robots, from the events of a run directory."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
-
-EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 
 
-class PairFate(NamedTuple):
+@dataclass
+class PairFate:
     """What one robot made of the maps of one peer."""
 
     robot: str
     peer: str
-    contacts: int
-    attempts: int
+    contacts: int = 0
+    attempts: int = 0
     """Alignments that came to no proposal."""
-    proposed: int
-    merged_at: float | None
+    proposed: int = 0
+    merged_at: float | None = None
     """Simulated seconds of the acceptance that holds at the end; None without one."""
-    transform: list[float] | None
+    transform: list[float] | None = None
     """The peer's frame in the robot's own, of that acceptance."""
-    last: str
+    last: str = "contact"
     """The last event, and its reason."""
 
 
 def fates(out: Path) -> list[PairFate]:
     """For each pair that met, by name. Raises OSError or ValueError where events.jsonl cannot be read."""
-    pairs: dict[tuple[str, str], dict[str, Any]] = {}
-    for line in (out / "events.jsonl").read_text(encoding="utf-8").splitlines():
-        event = json.loads(line)
+    pairs: dict[tuple[str, str], PairFate] = {}
+    for event in map(json.loads, (out / "events.jsonl").read_text(encoding="utf-8").splitlines()):
         what = event["event"]
-        if what != "contact" and what not in EVENTS:
+        if what not in ("contact", "attempt", "proposed", "accepted", "rejected", "unmerged"):
             continue
-        fate = pairs.setdefault(
-            (event["robot"], event["peer"]),
-            {"contacts": 0, "attempts": 0, "proposed": 0, "merged_at": None, "transform": None, "last": "contact"},
-        )
-        if what == "contact":
-            fate["contacts"] += 1
-            continue
-        fate["last"] = f"{what}: {event['reason']}"
-        if what == "attempt":
-            fate["attempts"] += 1
-        elif what == "proposed":
-            fate["proposed"] += 1
-        elif what == "accepted":
-            fate["merged_at"], fate["transform"] = event["t"], event["transform"]
-        elif what == "unmerged":
-            fate["merged_at"] = fate["transform"] = None
-    return [PairFate(robot, peer, **fate) for (robot, peer), fate in sorted(pairs.items())]
+        pair = event["robot"], event["peer"]
+        fate = pairs.setdefault(pair, PairFate(*pair))
+        fate.contacts += what == "contact"
+        fate.attempts += what == "attempt"
+        fate.proposed += what == "proposed"
+        if what != "contact":
+            fate.last = f"{what}: {event['reason']}"
+        if what in ("accepted", "unmerged"):
+            accepted = what == "accepted"
+            fate.merged_at, fate.transform = (event["t"], event["transform"]) if accepted else (None, None)
+    return [pairs[pair] for pair in sorted(pairs)]

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,18 +36,9 @@ def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: d
 
     inbox = WorldInbox()
     _obey(launcher, inbox)
+    told = {"listening": partial(_tell, launcher, LISTENING), "progress": partial(_tell, launcher, PROGRESS)}
     with _last_words(launcher, WorldFileError, OSError) as ended:
-        ended(
-            serve(
-                config,
-                config.server,
-                out,
-                secrets=secrets,
-                inbox=inbox,
-                listening=lambda endpoint: _tell(launcher, LISTENING, endpoint),
-                progress=lambda progress: _tell(launcher, PROGRESS, progress),
-            )
-        )
+        ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, **told))
 
 
 def agent_process(
@@ -58,9 +50,8 @@ def agent_process(
     inbox = AgentInbox()
     _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends before, and tells the robots
     with _last_words(launcher) as ended:
-        ended(
-            run_agent(robot, endpoint, config.agent, secret=secret, patience=config, make_mind=make_mind, inbox=inbox)
-        )
+        how = run_agent(robot, endpoint, config.agent, secret=secret, patience=config, make_mind=make_mind, inbox=inbox)
+        ended(how)
 
 
 @contextmanager
@@ -70,7 +61,7 @@ def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Ca
     refusals: errors of the user's input.
     """
     try:
-        yield lambda how: _tell(launcher, ENDED, how)
+        yield partial(_tell, launcher, ENDED)
     except refusals as error:
         _tell(launcher, REFUSED, str(error))
     except (LinkError, ProtocolError) as error:

@@ -5,7 +5,7 @@ import inspect
 import json
 import shutil
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import cache
 from itertools import pairwise
@@ -32,7 +32,6 @@ UNITS = {
 }
 """Unit by the end of a setting's name; longer ends stand before shorter ones."""
 
-
 PLAIN = {bool: ("true", "false"), int: ("number",), float: ("number",), str: ("text",), NoneType: ("null",)}
 """What a setting of a plain type takes."""
 
@@ -55,8 +54,9 @@ class Setting:
 
     @property
     def value(self) -> str:
-        """The default as YAML, or that there is none."""
-        return "(required)" if self.required else on_one_line(self.default)
+        """The default as YAML on one line, or that there is none."""
+        text: str = yaml.safe_dump(self.default, default_flow_style=True, width=1000)
+        return "(required)" if self.required else text.removesuffix("\n").removesuffix("\n...")
 
     @property
     def about(self) -> str:
@@ -64,26 +64,26 @@ class Setting:
         return f"{self.reason} ({self.choices})" if self.choices else self.reason
 
 
-def settings(model: BaseModel | type[BaseModel] = RunConfig, prefix: str = "") -> Iterator[Setting]:
-    """All settings of a model and of the models within it, in the order of the code."""
-    kind = model if isinstance(model, type) else type(model)
-    for name, field in kind.model_fields.items():
-        required = isinstance(model, type) and field.is_required()
-        default = None
-        if not required:
-            default = field.get_default(call_default_factory=True) if isinstance(model, type) else getattr(model, name)
+def settings(model: BaseModel | None = None, prefix: str = "") -> Iterator[Setting]:
+    """All settings of a model (None: of RunConfig) and of the models within it, in the order of the code."""
+    model = model or RunConfig()
+    for name, field in type(model).model_fields.items():
+        default = getattr(model, name, None)
         if isinstance(default, BaseModel):
             yield from settings(default, f"{prefix}{name}.")
             continue
-        reason = _docstrings(kind).get(name, "")
-        yield Setting(f"{prefix}{name}", default, required, _unit(name), _choices(field.annotation), reason)
-        for element in _elements(field.annotation):
+        reason = _docstrings(type(model)).get(name, "")
+        unit = next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
+        parts = list(_parts(field.annotation))
+        yield Setting(f"{prefix}{name}", default, not hasattr(model, name), unit, _choices(parts), reason)
+        for element in parts:
+            if not (isinstance(element, type) and issubclass(element, BaseModel)):
+                continue
             (tag,) = get_args(element.model_fields["kind"].annotation)
             about = " ".join((inspect.getdoc(element) or "").split())
             yield Setting(f"{prefix}{name}[{tag}].kind", tag, False, "", "", about)
-            for below in settings(element, f"{prefix}{name}[{tag}]."):
-                if not below.key.endswith("].kind"):
-                    yield below
+            below = settings(element.model_construct(), f"{prefix}{name}[{tag}].")
+            yield from (one for one in below if not one.key.endswith("].kind"))
 
 
 def to_text() -> str:
@@ -121,33 +121,17 @@ def to_json() -> str:
     return json.dumps([asdict(one) for one in settings()], indent=1)
 
 
-def on_one_line(value: Any) -> str:
-    """A value on one line."""
-    return yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("\n").removesuffix("\n...")
-
-
-def _unit(name: str) -> str:
-    return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
-
-
-def _choices(annotation: Any) -> str:
+def _choices(parts: Iterable[Any]) -> str:
     """Words and kinds of value that a setting takes, where it takes words, truth values or null."""
     found: list[str] = []
-    for part in _parts(annotation):
-        if get_origin(part) is Literal:
-            found += map(str, get_args(part))
-        else:
-            found += PLAIN.get(part, ())
+    for part in parts:
+        found += map(str, get_args(part)) if get_origin(part) is Literal else PLAIN.get(part, ())
     words = list(dict.fromkeys(found))
     return "" if words in (["number"], ["text"]) else " | ".join(words)
 
 
-def _elements(annotation: Any) -> list[type[BaseModel]]:
-    """Models that are alternatives for the elements of a list."""
-    return [part for part in _parts(annotation) if isinstance(part, type) and issubclass(part, BaseModel)]
-
-
 def _parts(annotation: Any) -> Iterator[Any]:
+    """An annotation and all that it is made of, such as the types of a union and the models of a list's elements."""
     yield annotation
     if get_origin(annotation) is not Literal:
         for part in get_args(annotation):

@@ -9,9 +9,6 @@ import shapely
 
 from world.worldfile import World, bundled, load
 
-COLUMNS = 40
-"""Width of the larger side's drawing in characters."""
-
 BRAILLE = 0x2800
 """The empty character of the block of Unicode whose characters are 2 x 4 dots."""
 
@@ -21,7 +18,7 @@ DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 
 @dataclass(frozen=True)
 class WorldSize:
-    """What `wireswarm worlds` tells of a world."""
+    """What `wireswarm worlds` tells of a world; lengths and areas are rounded to centimetres."""
 
     name: str
     width_m: float
@@ -36,22 +33,16 @@ class WorldSize:
 
 
 def size_of(world: World) -> WorldSize:
-    """Sizes of a world, rounded to centimetres."""
+    """Sizes of a world."""
     x0, y0, x1, y1 = world.solid.bounds
     inside = [part.area for part in world.free if part.within(shapely.box(x0, y0, x1, y1))]
     lengths = np.linalg.norm(world.segments[:, 2:] - world.segments[:, :2], axis=1)
-    return WorldSize(
-        world.name,
-        round(x1 - x0, 2),
-        round(y1 - y0, 2),
-        len(lengths),
-        round(float(lengths.sum()), 2),
-        round(sum(inside or [part.area for part in world.free]), 2),
-        len(world.spawns),
-    )
+    free = sum(inside or [part.area for part in world.free])
+    wide, high, wall_m, free_m2 = (round(float(value), 2) for value in (x1 - x0, y1 - y0, lengths.sum(), free))
+    return WorldSize(world.name, wide, high, len(lengths), wall_m, free_m2, len(world.spawns))
 
 
-def drawing(world: World, columns: int = COLUMNS) -> str:
+def drawing(world: World, columns: int = 40) -> str:
     """The solids in Braille, one dot for each square that holds something; at most so many columns wide or high."""
     x0, y0, x1, y1 = world.solid.bounds
     dot = max(x1 - x0, y1 - y0) / (2 * columns - 1)
@@ -67,8 +58,7 @@ def drawing(world: World, columns: int = COLUMNS) -> str:
 def to_text() -> str:
     """All bundled worlds with their drawings."""
     blocks = []
-    for name in bundled():
-        world = load(name)
+    for world in map(load, bundled()):
         size = size_of(world)
         blocks.append(
             f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "

@@ -1,7 +1,9 @@
 """report.html: one file that opens without a network."""
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
 from pathlib import Path
 from string import Template
@@ -11,7 +13,6 @@ from deploy.report import plan, style
 from deploy.report.picture import MAX_SINGLE, curves_svg
 from deploy.report.rundir import Run
 from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
-from protocol.wireframe import Label
 
 HERE = Path(__file__).parent
 
@@ -25,14 +26,14 @@ ROBOT_COLUMNS = (
     ("coverage", "coverage", share),
     ("90 % after", "t_90", seconds),
     ("99 % after", "t_99", seconds),
-    ("path", "path_m", lambda value: NONE if number(value) == NONE else f"{number(value)} m"),
-    ("wall contacts", "wall_contacts", lambda value: number(value, 0)),
-    ("robot contacts", "robot_contacts", lambda value: number(value, 0)),
+    ("path", "path_m", partial(number, unit="m")),
+    ("wall contacts", "wall_contacts", partial(number, digits=0)),
+    ("robot contacts", "robot_contacts", partial(number, digits=0)),
     ("sent", "bytes_sent", size),
     ("received", "bytes_received", size),
     ("map", "map_bytes", size),
     ("filter", "filter_bytes", size),
-    ("step, median", "step_ms_median", lambda value: NONE if number(value) == NONE else f"{number(value, 2)} ms"),
+    ("step, median", "step_ms_median", partial(number, digits=2, unit="ms")),
 )
 
 PAGE = Template("""<!doctype html>
@@ -97,14 +98,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, la
 
     The first `words` columns are words, the others numbers; `last` is the class of the last row.
     """
-    kinds = [' class="number"' if k >= words else "" for k in range(len(head))]
-    lines = ["".join(f"<td{kind}>{escape(cell)}</td>" for kind, cell in zip(kinds, row, strict=True)) for row in rows]
-    body = [f"<tr>{line}</tr>" for line in lines]
-    if last and lines:
-        body[-1] = f'<tr class="{last}">{lines[-1]}</tr>'
-    top = "".join(f"<th{kind}>{escape(cell)}</th>" for kind, cell in zip(kinds, head, strict=True))
-    rows_text = "\n".join(body)
-    inner = f"<thead><tr>{top}</tr></thead>\n<tbody>\n{rows_text}\n</tbody>"
+
+    def cells(tag: str, row: Sequence[str]) -> str:
+        kinds = ["" if k < words else ' class="number"' for k in range(len(head))]
+        return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, row, strict=True))
+
+    body = [f"<tr>{cells('td', row)}</tr>" for row in rows]
+    if last:
+        body[-1] = body[-1].replace("<tr", f'<tr class="{last}"', 1)
+    inner = f"<thead><tr>{cells('th', head)}</tr></thead>\n<tbody>\n{chr(10).join(body)}\n</tbody>"
     return f'<div class="scroll"><table>{inner}</table></div>'
 
 
@@ -116,36 +118,25 @@ def _notes(run: Run) -> str:
 
 
 def _switches(run: Run) -> str:
+    box = '<input type="checkbox" checked'
     robots = [
-        f'<label style="--robot:{style.colour(k)}">'
-        f'<input type="checkbox" checked data-robot="{escape(robot)}">'
+        f'<label style="--robot:{style.colour(k)}">{box} data-robot="{escape(robot)}">'
         f'<span class="swatch"></span>{escape(robot)}</label>'
         for k, robot in enumerate(run.robots)
         if robot in run.frames
     ]
-    layers = [
-        f'<label><input type="checkbox" checked data-layer="{layer}">{layer}</label>'
-        for layer in ("truth", "corners", "paths")
-    ]
+    layers = [f'<label>{box} data-layer="{layer}">{layer}</label>' for layer in ("truth", "corners", "paths")]
     return "".join(robots + layers)
 
 
 def _legend() -> str:
-    shapes = {
-        Label.NOMINAL: '<circle cx="6" cy="6" r="4.5"/>',
-        Label.OCCLUSION: '<path d="M6 1l5 9H1z"/>',
-        Label.FRONTIER: '<path d="M2 2h8v8H2z"/>',
-    }
-    meanings = {
-        Label.NOMINAL: "nominal: a corner, both walls seen",
-        Label.OCCLUSION: "occlusion: the wall turns away here",
-        Label.FRONTIER: "frontier: the wall goes on unseen",
-    }
-    return "".join(
-        f'<span><svg width="12" height="12" fill="{style.FAINT}" aria-hidden="true">{shape}</svg> '
-        f"{meanings[label]}</span>"
-        for label, shape in shapes.items()
+    meanings = (
+        ('<circle cx="6" cy="6" r="4.5"/>', "nominal: a corner, both walls seen"),
+        ('<path d="M6 1l5 9H1z"/>', "occlusion: the wall turns away here"),
+        ('<path d="M2 2h8v8H2z"/>', "frontier: the wall goes on unseen"),
     )
+    svg = f'<svg width="12" height="12" fill="{style.FAINT}" aria-hidden="true">'
+    return "".join(f"<span>{svg}{shape}</svg> {meaning}</span>" for shape, meaning in meanings)
 
 
 def _singles(run: Run) -> str:
@@ -169,17 +160,15 @@ def _robots(run: Run) -> str:
     if not robots:
         return ""
     columns = [column for column in ROBOT_COLUMNS if any(column[1] in _mapping(row) for row in robots.values())]
-    rows = [
-        [robot, str(_mapping(robots.get(robot)).get("ended", NONE))]
-        + [show(_mapping(robots.get(robot)).get(key)) for _, key, show in columns]
-        for robot in run.robots
-    ]
+    rows = []
+    for robot in run.robots:
+        figures = _mapping(robots.get(robot))
+        rows.append([robot, str(figures.get("ended", NONE)), *(show(figures.get(key)) for _, key, show in columns)])
     team = _mapping(run.summary.get("team"))
     if team:
-        rows.append(["team", ""] + [show(team[key]) if key in team else "" for _, key, show in columns])
-    overlap = ""
-    if "overlap" in team:
-        overlap = f"<p>Overlap, the sum of the robots' own coverages minus 1: {number(team['overlap'], 2)}.</p>"
+        rows.append(["team", "", *(show(team[key]) if key in team else "" for _, key, show in columns)])
+    about = "Overlap, the sum of the robots' own coverages minus 1"
+    overlap = f"<p>{about}: {number(team['overlap'], 2)}.</p>" if "overlap" in team else ""
     head = ["robot", "ended", *(title for title, _, _ in columns)]
     return f"<h2>Robots</h2>\n{table(head, rows, words=2, last='team' if team else '')}\n{overlap}"
 
@@ -188,17 +177,14 @@ def _radio(run: Run) -> str:
     """Messages per robot and kind, from bandwidth.json: sent, heard, and meant for the robot but dropped."""
     rows = []
     for robot, books in _mapping(run.bandwidth.get("robots")).items():
-        offered, delivered, dropped = (
-            _mapping(_mapping(books).get(part)) for part in ("offered", "delivered", "dropped")
-        )
-        for kind in sorted({*offered, *delivered, *dropped}):
-            sent, heard = _mapping(offered.get(kind)), _mapping(delivered.get(kind))
-            reasons = _mapping(dropped.get(kind))
+        parts = [_mapping(_mapping(books).get(part)) for part in ("offered", "delivered", "dropped")]
+        for kind in sorted(set().union(*parts)):
+            *tallies, reasons = (_mapping(part.get(kind)) for part in parts)
             lost = [f"{number(_mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
-            counts = [
-                show for tally in (sent, heard) for show in (number(tally.get("messages"), 0), size(tally.get("bytes")))
-            ]
-            rows.append([robot, kind, *counts, ", ".join(lost) or NONE])
+            row = [robot, kind]
+            for tally in tallies:
+                row += [number(tally.get("messages"), 0), size(tally.get("bytes"))]
+            rows.append([*row, ", ".join(lost) or NONE])
     if not rows:
         return ""
     head = ["robot", "kind", "messages sent", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
@@ -208,9 +194,7 @@ def _radio(run: Run) -> str:
 def _events(run: Run) -> str:
     if not run.events:
         return ""
-    counts: dict[str, int] = {}
-    for event in run.events:
-        counts[event["event"]] = counts.get(event["event"], 0) + 1
+    counts = Counter(event["event"] for event in run.events)
     about = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
     listed = [event for event in run.events if event["event"] not in ROUTINE]
     cut = ""
@@ -224,8 +208,8 @@ def _events(run: Run) -> str:
 
 
 def _details(event: dict[str, Any]) -> str:
-    rest = {key: value for key, value in event.items() if key not in ("t", "tick", "robot", "event")}
-    return ", ".join(f"{key} {_short(value)}" for key, value in rest.items())
+    columns = ("t", "tick", "robot", "event")
+    return ", ".join(f"{key} {_short(value)}" for key, value in event.items() if key not in columns)
 
 
 def _short(value: Any) -> str:

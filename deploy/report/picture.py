@@ -3,7 +3,7 @@
 import io
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
@@ -20,14 +20,11 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from deploy.report import style
-from deploy.report.rundir import Map, Run
+from deploy.report.rundir import Map, Run, Series
 from deploy.report.words import headline, subtitle
 from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import polygons_of
-
-COLUMNS = 4
-"""Columns of the maps of single robots."""
 
 MAX_SINGLE = 24
 """Maps of single robots that are drawn; nobody looks at more."""
@@ -61,9 +58,9 @@ SETTINGS: Any = {
 def write_picture(run: Run, file: Path) -> None:
     """Write report.png."""
     single = run.robots[:MAX_SINGLE]
-    columns = min(COLUMNS, max(len(single), 3))
+    columns = min(4, max(len(single), 3))
     rows = math.ceil(len(single) / columns)
-    heights = [7.2, 3.6 * rows][: 1 + (rows > 0)]
+    heights = [7.2, 3.6 * rows] if rows else [7.2]
     height = TITLE_IN + sum(heights)
     with matplotlib.rc_context(SETTINGS):
         layout = ConstrainedLayoutEngine(rect=(0, 0, 1, 1 - TITLE_IN / height), wspace=0.03)
@@ -98,25 +95,23 @@ def curves_svg(run: Run) -> list[str]:
 
 def draw_overview(axes: Axes, run: Run) -> None:
     """All maps over the true world, with paths and starts."""
-    robots = run.robots
-    placed = [robot for robot in robots if robot in run.frames]
+    colours = {robot: style.colour(k) for k, robot in enumerate(run.robots)}
+    placed = [robot for robot in run.robots if robot in run.frames]
     draw_world(axes, run)
     for robot in placed:
-        draw_path(axes, run, robot, style.colour(robots.index(robot)))
-    points = 0.85 * style.stroke(len(placed))
+        draw_path(axes, run, robot, colours[robot])
     finish_plan(axes)
-    span = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    span, stroke = max(np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())), style.stroke(len(placed))
     for k, robot in enumerate(placed):
         if robot in run.maps:
-            beside = run.maps[robot].moved(run.frames[robot]).inset(k * style.stroke(len(placed)) * span / 900)
-            draw_map(axes, beside, style.colour(robots.index(robot)), points, 2.6)
+            beside = run.maps[robot].moved(run.frames[robot]).inset(k * stroke * span / 900)
+            draw_map(axes, beside, colours[robot], 0.85 * stroke, 2.6)
     for robot in placed:
-        draw_start(axes, run, robot, style.colour(robots.index(robot)))
+        draw_start(axes, run, robot, colours[robot])
     finish_plan(axes)
-    marks = [
-        Line2D([], [], color=style.FAINT, marker=style.MARKS[label], ls="", ms=5, label=label.word) for label in Label
-    ]
-    lines = [Line2D([], [], color=style.colour(k), lw=3, label=robot) for k, robot in enumerate(robots[:12])]
+    dot: Any = {"color": style.FAINT, "ls": "", "ms": 5}
+    marks = [Line2D([], [], marker=mark, label=label.word, **dot) for label, mark in style.MARKS.items()]
+    lines = [Line2D([], [], color=colours[robot], lw=3, label=robot) for robot in run.robots[:12]]
     axes.legend(handles=[*lines, *marks], loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=7, handlelength=1.4)
 
 
@@ -144,9 +139,8 @@ def draw_world(axes: Axes, run: Run) -> None:
         return
     for polygon in polygons_of(run.world.solid):
         rings = [Outline(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors)]
-        axes.add_patch(
-            PathPatch(Outline.make_compound_path(*rings), fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1)
-        )
+        outline = Outline.make_compound_path(*rings)
+        axes.add_patch(PathPatch(outline, fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1))
 
 
 def draw_map(axes: Axes, wireframe: Map, colour: str, width: float, size: float) -> None:
@@ -185,11 +179,7 @@ def finish_plan(axes: Axes) -> None:
 
 def draw_coverage(axes: Axes, run: Run) -> None:
     """Share of the visible wall against simulated time, each robot and the team, merges marked."""
-    for k, robot in enumerate(run.robots):
-        series = run.metrics.get(robot)
-        if series is None or "coverage" not in series.columns:
-            continue
-        axes.plot(series.t, series.columns["coverage"], color=style.colour(k), lw=1.5, label=robot)
+    for k, robot, series in _curves(axes, run, "coverage"):
         for event, mark in (("accepted", "D"), ("unmerged", "X")):
             times = [float(e["t"]) for e in run.events if e.get("event") == event and e.get("robot") == robot]
             heights = [series.at("coverage", t) or 0.0 for t in times]
@@ -201,26 +191,34 @@ def draw_coverage(axes: Axes, run: Run) -> None:
         axes.axhline(level, color=style.FAINT, lw=0.8, ls=(0, (4, 3)), zorder=1)
     axes.set(ylim=(0, 1.03), ylabel="coverage of the visible wall")
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-    _time_axis(axes, run)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="lower right", ncols=1 + len(run.robots) // 8)
+    _finish_curves(axes, run, "lower right")
 
 
 def draw_bytes(axes: Axes, run: Run) -> None:
     """Bytes that each robot handed to its radio, against simulated time."""
-    for k, robot in enumerate(run.robots):
-        series = run.metrics.get(robot)
-        if series is not None and "bytes_sent" in series.columns:
-            axes.plot(series.t, series.columns["bytes_sent"], color=style.colour(k), lw=1.5, label=robot)
+    _curves(axes, run, "bytes_sent")
     axes.set(ylabel="bytes sent, in all")
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_formatter(EngFormatter("B"))
-    _time_axis(axes, run)
+    _finish_curves(axes, run, "upper left")
+
+
+def _curves(axes: Axes, run: Run, column: str) -> list[tuple[int, str, Series]]:
+    """Draw a column of metrics.csv for each robot that has it; returns their numbers, names and series."""
+    drawn = []
+    for k, robot in enumerate(run.robots):
+        if robot in run.metrics and column in run.metrics[robot].columns:
+            drawn.append((k, robot, run.metrics[robot]))
+            axes.plot(
+                run.metrics[robot].t, run.metrics[robot].columns[column], color=style.colour(k), lw=1.5, label=robot
+            )
+    return drawn
+
+
+def _finish_curves(axes: Axes, run: Run, corner: Literal["lower right", "upper left"]) -> None:
+    """Axis of time, and the legend in that corner."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", ncols=1 + len(run.robots) // 8)
-
-
-def _time_axis(axes: Axes, run: Run) -> None:
+        axes.legend(loc=corner, ncols=1 + len(run.robots) // 8)
     axes.set_xlim(0, max(run.duration, 1.0))
     axes.set_xlabel("simulated time (s)")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -5,7 +5,7 @@ few strings. A dot is a stroke of zero length with a round cap, a square one wit
 """
 
 import math
-from collections.abc import Iterable
+from bisect import bisect
 from html import escape
 from itertools import pairwise
 from typing import Any
@@ -38,7 +38,7 @@ def overview(run: Run) -> str:
     for k, robot in enumerate(robots):
         drawn = _strings(run.maps.get(robot), run.frames[robot], unit, k * stroke * unit)
         trail, place = _trail(run.paths.get(robot)), _place(run, robot, math.inf)
-        layers.append(_layer(robot, run.robots.index(robot), drawn, trail, stroke, place))
+        layers.append(_layer(run, robot, drawn, trail, stroke, place))
     starts = [_start(run, robot, unit) for robot in robots]
     return _svg(run, "".join((_world(run), *layers)), "".join(starts), "plan", "All maps over the true world")
 
@@ -48,13 +48,10 @@ def single(run: Run, robot: str) -> str:
     frame = run.frames.get(robot)
     unit = _unit(run) * 2.2
     drawn = _strings(run.maps.get(robot), frame, unit)
-    index = run.robots.index(robot)
-    label = f"Map of {robot}"
+    layer = _layer(run, robot, drawn, "" if frame is None else _trail(run.paths.get(robot)), 2.0)
     if frame is None:
-        layer = _layer(robot, index, drawn, "", 2.0)
-        return _svg(run, layer, "", "single", label, run.maps.get(robot))
-    layer = _layer(robot, index, drawn, _trail(run.paths.get(robot)), 2.0)
-    return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", label)
+        return _svg(run, layer, "", "single", f"Map of {robot}", run.maps.get(robot))
+    return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", f"Map of {robot}")
 
 
 def frames(run: Run) -> dict[str, Any]:
@@ -91,13 +88,10 @@ def _maps_at(run: Run, robot: str, times: list[float], unit: float, aside: float
         snapshots.append((times[-1], run.maps[robot]))
     made: list[list[str] | int] = []
     shown: list[str] = []
-    done = 0
-    for t in times:
-        latest = None
-        while done < len(snapshots) and snapshots[done][0] <= t:
-            latest = snapshots[done][1]
-            done += 1
-        drawn = shown if latest is None and shown else _strings(latest, run.frames[robot], unit, aside)
+    latest = [bisect(snapshots, t, key=lambda snapshot: snapshot[0]) - 1 for t in times]
+    for before, now in pairwise([-2, *latest]):
+        wireframe = snapshots[now][1] if now >= 0 else None
+        drawn = shown if now == before else _strings(wireframe, run.frames[robot], unit, aside)
         made.append(0 if drawn == shown else drawn)
         shown = drawn
     return made
@@ -112,12 +106,8 @@ def _trails_at(run: Run, robot: str, times: list[float]) -> list[str]:
 
 
 def _caption(run: Run, t: float) -> str:
-    parts = []
-    for robot in (*run.robots, TEAM):
-        covered = run.metrics[robot].at("coverage", t) if robot in run.metrics else None
-        if covered is not None:
-            parts.append(f"{robot} {share(covered)}")
-    return ", ".join(parts)
+    covered = {name: run.metrics[name].at("coverage", t) for name in (*run.robots, TEAM) if name in run.metrics}
+    return ", ".join(f"{name} {share(value)}" for name, value in covered.items() if value is not None)
 
 
 def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: float = 0.0) -> list[str]:
@@ -136,10 +126,10 @@ def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: fl
     ]
 
 
-def _layer(robot: str, index: int, drawn: list[str], trail: str, width: float, place: str = "") -> str:
+def _layer(run: Run, robot: str, drawn: list[str], trail: str, width: float, place: str = "") -> str:
     strings = {"trail": trail, **dict(zip(MARKS, drawn, strict=True)), "place": place}
     paths = "".join(f'<path class="{kind}" d="{d}"/>' for kind, d in strings.items())
-    colours = f"--robot:{style.colour(index)};--wall:{width:.1f}"
+    colours = f"--robot:{style.colour(run.robots.index(robot))};--wall:{width:.1f}"
     return f'<g class="robot" data-robot="{escape(robot)}" style="{colours}">{paths}</g>'
 
 
@@ -167,11 +157,8 @@ def _world(run: Run) -> str:
     if run.world is None:
         return ""
     rings = [ring.coords[:-1] for part in polygons_of(run.world.solid) for ring in (part.exterior, *part.interiors)]
-    return f'<path class="solid" d="{"".join(_ring(ring) for ring in rings)}"/>'
-
-
-def _ring(points: Iterable[tuple[float, ...]]) -> str:
-    return "M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in points) + "z"
+    drawn = ("M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in ring) + "z" for ring in rings)
+    return f'<path class="solid" d="{"".join(drawn)}"/>'
 
 
 def _start(run: Run, robot: str, unit: float) -> str:

@@ -6,7 +6,8 @@ import csv
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -41,9 +42,7 @@ class Map:
 
     def moved(self, frame: Floats | None) -> Map:
         """The map in the frame in which the pose `frame` is given; unchanged where that is None."""
-        if frame is None:
-            return self
-        return Map(apply(frame, self.vertices), self.labels, self.edges)
+        return self if frame is None else replace(self, vertices=apply(frame, self.vertices))
 
     def inset(self, distance: float) -> Map:
         """The map with all walls moved by `distance` metres to their free side (the left), corners kept closed.
@@ -59,7 +58,7 @@ class Map:
         walls = np.bincount(self.edges.reshape(-1), minlength=len(self.vertices))[:, None]
         square = (total**2).sum(axis=1, keepdims=True)
         shift = total * np.minimum(walls / np.maximum(square, 1e-9), 2 / np.sqrt(np.maximum(square, 1e-9)))
-        return Map(self.vertices + distance * shift, self.labels, self.edges)
+        return replace(self, vertices=self.vertices + distance * shift)
 
 
 @dataclass(frozen=True)
@@ -184,20 +183,15 @@ def _object(file: Path) -> dict[str, Any]:
 
 def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
-    made, bad = [], 0
-    for line in file.read_text("utf-8").splitlines():
-        try:
-            value = json.loads(line)
-        except ValueError:
-            value = None
-        if isinstance(value, dict):
-            made.append(value)
-        else:
-            bad += 1
-    if bad:
-        name = file.relative_to(run.path)
-        run.notes.append(f"{name}: {bad} of {bad + len(made)} lines are no JSON objects")
-    return made
+    lines = file.read_text("utf-8").splitlines()
+    made = []
+    for line in lines:
+        with suppress(ValueError):
+            made.append(json.loads(line))
+    objects = [value for value in made if isinstance(value, dict)]
+    if bad := len(lines) - len(objects):
+        run.notes.append(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
+    return objects
 
 
 def _truth(file: Path) -> tuple[dict[str, Floats], float]:
@@ -241,17 +235,11 @@ def _metrics(file: Path) -> dict[str, Series]:
     for row in rows:
         by_robot.setdefault(row["robot"], []).append(row)
     names = [name for name in (rows[0] if rows else ()) if name not in ("t", "tick", "robot")]
-    return {
-        robot: Series(
-            np.array([float(row["t"]) for row in own]),
-            {name: np.array([_float(row[name]) for row in own]) for name in names},
-        )
-        for robot, own in by_robot.items()
-    }
-
-
-def _float(text: str | None) -> float:
-    return float(text) if text else math.nan
+    made = {}
+    for robot, own in by_robot.items():
+        columns = {name: np.array([float(row[name] or math.nan) for row in own]) for name in names}
+        made[robot] = Series(np.array([float(row["t"]) for row in own]), columns)
+    return made
 
 
 def _array(value: Any, shape: tuple[int, ...]) -> Floats:

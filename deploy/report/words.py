@@ -20,25 +20,24 @@ def subtitle(run: Run) -> str:
     """How the run ended, and the team's figures."""
     team = run.summary.get("team")
     team = team if isinstance(team, dict) else {}
-    pieces = [
-        f"seed {run.manifest['seed']}" if "seed" in run.manifest else "",
-        f"ended: {run.manifest['ended']}" if isinstance(run.manifest.get("ended"), str) else "",
-        f"{run.duration:.0f} simulated seconds",
-        f"team coverage {share(team['coverage'])}" if "coverage" in team else "",
-        f"90 % after {seconds(team['t_90'])}" if team.get("t_90") is not None else "",
-        f"99 % after {seconds(team['t_99'])}" if team.get("t_99") is not None else "",
-        f"{number(run.summary.get('real_time_factor'), 0)} times real time"
-        if "real_time_factor" in run.summary
-        else "",
-    ]
-    return "  ·  ".join(piece for piece in pieces if piece)
+    pieces = [f"seed {run.manifest['seed']}"] if "seed" in run.manifest else []
+    if isinstance(run.manifest.get("ended"), str):
+        pieces.append(f"ended: {run.manifest['ended']}")
+    pieces.append(f"{run.duration:.0f} simulated seconds")
+    if "coverage" in team:
+        pieces.append(f"team coverage {share(team['coverage'])}")
+    reached = [percent for percent in (90, 99) if team.get(f"t_{percent}") is not None]
+    pieces += [f"{percent} % after {seconds(team[f't_{percent}'])}" for percent in reached]
+    if "real_time_factor" in run.summary:
+        pieces.append(f"{number(run.summary['real_time_factor'], 0)} times real time")
+    return "  ·  ".join(pieces)
 
 
-def number(value: Any, digits: int = 1) -> str:
-    """A number with so many decimals; NONE for anything else."""
+def number(value: Any, digits: int = 1, unit: str = "") -> str:
+    """A number with so many decimals and its unit; NONE for anything else."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         return NONE
-    return f"{value:,.{digits}f}"
+    return f"{value:,.{digits}f} {unit}".rstrip()
 
 
 def share(value: Any) -> str:
@@ -48,14 +47,12 @@ def share(value: Any) -> str:
 
 def seconds(value: Any) -> str:
     """Simulated seconds."""
-    return NONE if number(value) == NONE else f"{number(value, 0)} s"
+    return number(value, 0, "s")
 
 
 def size(value: Any) -> str:
     """Bytes as B, kB or MB (powers of ten)."""
-    if number(value) == NONE:
-        return NONE
     for unit, scale in (("MB", 1e6), ("kB", 1e3)):
-        if value >= scale:
-            return f"{value / scale:,.1f} {unit}"
-    return f"{value:,.0f} B"
+        if number(value) != NONE and value >= scale:
+            return number(value / scale, 1, unit)
+    return number(value, 0, "B")
