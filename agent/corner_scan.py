@@ -18,10 +18,8 @@ from protocol.wireframe import Label, Wireframe
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
 """Labels as kernels and records hold them."""
-
 NOISE_FLOOR_M = 0.003
 """Standard deviation of a range, at least: real walls are not flatter, whatever the lidar promises."""
-
 BRIDGE_M = 0.25
 """Two hits on one line farther apart than this, measured along it, do not show that there is wall between them."""
 
@@ -49,12 +47,10 @@ PIECE = np.dtype(
 class Sight(NamedTuple):
     """What a scan shows beside walls, for the kernels."""
 
-    open: Floats
-    """(s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach."""
+    open: Floats  # (s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach
     blind: Floats
     """(b, 2) as open: sectors in which something stands that is no wall piece: a teammate, a post of two beams."""
-    reach: float
-    """m, how far open sectors are known to be free."""
+    reach: float  # m, how far open sectors are known to be free
     half_beam: float
     """rad, half the angle between two beams: what lies nearer to the edge of a sector or piece is uncertain."""
 
@@ -63,12 +59,9 @@ class Sight(NamedTuple):
 class CornerScan:
     """A scan as corners and walls."""
 
-    pieces: Records
-    """(k,) of PIECE, by rising bearing of the first beam."""
-    sight: Sight
-    """Open and blind sectors."""
-    discs: Floats
-    """(d, 2) m, centres of what looks like teammates."""
+    pieces: Records  # (k,) of PIECE, by rising bearing of the first beam
+    sight: Sight  # Open and blind sectors
+    discs: Floats  # (d, 2) m, centres of what looks like teammates
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""

@@ -15,7 +15,7 @@ from agent.errand import ErrandEnd
 from agent.exploration.explorer import Command, Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
-from agent.perception.perception import Perception
+from agent.perception.perceive import Perception
 from protocol.messages import Action, Event, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe

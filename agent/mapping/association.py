@@ -17,14 +17,11 @@ from protocol.arrays import Floats, Ints, Records
 
 GATE_SIGMAS = 3.5
 """Noise that an association allows for, in standard deviations: 0.9995 of it."""
-
 OFFSET_GATE_M = 0.012
 """Distance that a wall and a piece of it may have beside noise, as real walls are not straight. A gate of 6 cm would
 fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
-
 ANGLE_GATE = math.radians(3.0)
 """The same for directions, rad."""
-
 BRIDGE_CHI2 = 4.0
 """Added to the chi-square of a piece that does not touch its wall: such an association is the weaker claim."""
 
@@ -32,21 +29,17 @@ BRIDGE_CHI2 = 4.0
 class Gates(NamedTuple):
     """What an association allows for."""
 
-    noise: float
-    """m, standard deviation of a range."""
-    offset: float
-    """m, distance of a piece from its wall beside noise."""
-    pose_sd: float
-    """m, of the robot's place."""
-    heading_sd: float
-    """rad."""
+    noise: float  # m, standard deviation of a range
+    offset: float  # m, distance of a piece from its wall beside noise
+    pose_sd: float  # m, of the robot's place
+    heading_sd: float  # rad
 
 
 @kernel
 def gates_at(noise: float, covariance: Floats) -> Gates:
     """Gates for a pose of the given (3, 3) covariance."""
-    place_sd = math.sqrt(max(covariance[0, 0], covariance[1, 1]))
-    return Gates(noise, OFFSET_GATE_M, place_sd, math.sqrt(covariance[2, 2]))
+    pose_sd = math.sqrt(max(covariance[0, 0], covariance[1, 1]))
+    return Gates(noise, OFFSET_GATE_M, pose_sd, math.sqrt(covariance[2, 2]))
 
 
 @kernel
@@ -78,11 +71,9 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
     if shared > 0:
         return shared
     side = 1 if t > 0.5 * (tip_at(e, 0) + tip_at(e, 1)) else 0
-    bridge = gates.offset
-    if e.label[side] == FRONTIER:
-        bridge = BRIDGE_M
-    elif e.label[side] != NOMINAL:
-        bridge = gates.offset + e.slack[side]
+    bridge = BRIDGE_M
+    if e.label[side] != FRONTIER:
+        bridge = gates.offset + (0.0 if e.label[side] == NOMINAL else e.slack[side])
     return shared if -shared <= bridge else -math.inf
 
 
@@ -98,15 +89,10 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     for k in range(len(pieces)):
         best = math.inf
         for e in range(count):
-            fits[e] = math.inf
-            if edges[e].alive != WALL:
-                continue
-            chi2 = cost(edges[e], pieces[k], gates)
-            if not math.isfinite(chi2):
-                continue
-            shared = overlap(edges[e], pieces[k], gates)
-            if math.isfinite(shared):
-                fits[e] = chi2 + (0.0 if shared > 0 else BRIDGE_CHI2)
+            fits[e] = cost(edges[e], pieces[k], gates) if edges[e].alive == WALL else math.inf
+            if math.isfinite(fits[e]):
+                shared = overlap(edges[e], pieces[k], gates)
+                fits[e] += 0.0 if shared > 0 else (BRIDGE_CHI2 if math.isfinite(shared) else math.inf)
                 if fits[e] < best:
                     best, out[k] = fits[e], e
         if dice[k] == 0.0 or not math.isfinite(best):

@@ -17,6 +17,7 @@ from agent.mapping.edges import (
     new_slot,
     piece_scatter,
     residual,
+    set_end,
     set_tip,
     spread,
     tip_at,
@@ -27,34 +28,26 @@ from protocol.arrays import Records
 MAX_DIRECTION_SD = math.radians(5.0)
 """rad, how well a new wall's direction must be known: 3 of it are 15 degrees. With 10 degrees, smears over steps
 of 5 cm became walls that were as oblique."""
-
 STEADY = 0.5
 """Share of the scans in view that must have hit a new wall: the faces of posts reach 0.7 to 1, smears over two of them
 0.3."""
-
 SMEAR_M = 0.3
 """No smear over the faces of a post or over a step is longer: twice the widest that was measured."""
-
 STRAIGHT_SIGMAS = 1.2
 """Root mean square distance of the hits of a short wall from its line, in standard deviations, at most. Walls show 0.6
 (three beams a scan) to 1.0 (many), smears over two faces of a post of 0.1 m, from 1.5 m away, 1.3 to 1.8."""
-
 WALL_HITS = 12.0
 """Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
 step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
-
 AXIS_TRUST = 0.8
 """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
-
 OFF_AXIS = math.radians(10.0)
 """rad, angle to the axis from which a new wall is suspect where walls are rectilinear; true walls are within 2 degrees
 of theirs."""
-
 OBLIQUE_SD = math.radians(3.0)
 """rad, how well a suspect wall's direction must be known, so that 3 of it lie between the wall and the axis. A face of
 a post of 0.1 m needs 44 beams, which are 7 scans from 0.9 m; a smear over a step of 0.05 m needs 180, and the step
 itself is seen before."""
-
 EARLY_WALL = 0.1
 """Probability that a piece is a wall which shows too few beams or is suspect: 1 of 10 was one in eight layouts."""
 
@@ -85,23 +78,23 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
             chi2 = cost(edges[f], p, gates)
             if chi2 < best and math.isfinite(overlap(edges[f], p, gates)):
                 best, e = chi2, f
-    xx, xy, yy = piece_scatter(p)
     if e >= 0:
-        add_hits(edges[e], p.hits, p.x, p.y, xx, xy, yy)
-        t = along(edges[e], p.x, p.y)
-        set_tip(edges[e], 0, min(tip_at(edges[e], 0), t + p.end[0]))
-        set_tip(edges[e], 1, max(tip_at(edges[e], 1), t + p.end[1]))
+        n = edges[e]
+        add_hits(n, p.hits, p.x, p.y, piece_scatter(p))
+        t = along(n, p.x, p.y)
+        set_tip(n, 0, min(tip_at(n, 0), t + p.end[0]))
+        set_tip(n, 1, max(tip_at(n, 1), t + p.end[1]))
         return e, count
     e, count = new_slot(edges, count)
     if e >= 0:
         n = edges[e]
         n.alive, n.own, n.probation = CANDIDATE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
-        n.xx, n.xy, n.yy = xx, xy, yy
+        n.xx, n.xy, n.yy = piece_scatter(p)
         n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
         for side in range(2):
-            n.label[side], n.slack[side], n.link[side] = OCCLUSION, 0.0, -1
-            n.strength[side], n.conflict[side] = 0.0, 0.0
+            set_end(n, side, OCCLUSION, 0.0, 0.0)
+            n.link[side] = -1
             set_tip(n, side, p.end[side])
     return e, count
 
@@ -127,8 +120,7 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
 @kernel
 def become_wall(wall: Record, p: Record, own: bool) -> None:
     """Make a candidate a wall that ends as its newest piece p does."""
-    wall.alive, wall.own = WALL, 1 if own else 0
-    wall.misses, wall.through = 0.0, 0.0
+    wall.alive, wall.own, wall.misses, wall.through = WALL, 1 if own else 0, 0.0, 0.0
     t = along(wall, p.x, p.y)
     for side in range(2):
         wall.slack[side] = p.slack[side]
@@ -139,10 +131,7 @@ def become_wall(wall: Record, p: Record, own: bool) -> None:
 
 @kernel
 def is_bent(size: float, hits: float, squares: float, noise: float) -> bool:
-    """Whether hits are a smear by their distance from the line: short, and beside it by more than noise.
-
-    size: m, of the piece; squares: m2, sum of the hits' squared distances from the line.
-    """
+    """Whether hits over `size` metres, with `squares` m2 of squared distances from their line, are a smear."""
     return size < SMEAR_M and squares > hits * (STRAIGHT_SIGMAS * noise) ** 2
 
 

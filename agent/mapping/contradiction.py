@@ -5,7 +5,6 @@ cut, unlinked or overlaid goes on probation: a few scans that should see it and 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from agent.mapping.edges import (
     new_slot,
     part,
     remove,
+    set_end,
     set_tip,
     tip_at,
 )
@@ -30,34 +30,16 @@ from protocol.arrays import Bools, Ints, Records
 SIDE_BY_SIDE = 0.5
 """Cosine of 60 degrees: of two walls that meet at a smaller angle and share a place, one is wrong; buildings turn by
 90."""
-
 BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
-
 CUT_AFTER = 3.0
 """Scans that see through the same part of a wall before it is cut out."""
-
 DROP_AFTER = 8.0
 """Scans in a row that should have hit a wall on probation and did not, before it is removed."""
-
 DROP_GROWTH = 0.3
 """Further scans that are needed for each scan that hit a wall which has left probation, up to CONFIRMATIONS hits."""
-
 SURE_AFTER = 4.0
 """Scans that hit a wall before it leaves probation."""
-
-
-class WallViews(NamedTuple):
-    """What the samples of one wall showed in one scan."""
-
-    visible: int
-    """Samples that the scan would have shown a wall at."""
-    on: int
-    """Samples at which it showed this wall."""
-    low: float
-    """m along the wall, first sample that was seen through; inf if none was."""
-    high: float
-    """m, the last; -inf if none was."""
 
 
 @kernel
@@ -79,15 +61,15 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, patience: fl
                 remove(edges, e)  # a candidate has to become a wall while the robot passes once
             continue
         samples = samples_along(w, STEP_M)
-        seen = _views_of(e, w, samples, view, walls)
-        refuted = seen.on == 0 and (seen.visible >= 2 or _usurped(edges, count, e, hit, view.margin))
-        if _missed_too_often(w, seen.on, refuted, patience):
+        visible, on, low, high = _views_of(e, w, samples, view, walls)
+        refuted = on == 0 and (visible >= 2 or _usurped(edges, count, e, hit, view.margin))
+        if _missed_too_often(w, on, refuted, patience):
             remove(edges, e)
-        elif seen.low > seen.high:  # no sample was seen through
-            if seen.on > 0 and w.through > 0.0 and 2 * seen.on > samples.number:
+        elif low > high:  # no sample was seen through
+            if on > 0 and w.through > 0.0 and 2 * on > samples.number:
                 w.through -= 1.0
         else:
-            low, high = _count_gap(w, seen.low, seen.high, samples.spacing)
+            low, high = _count_gap(w, low, high, samples.spacing)
             if w.through < CUT_AFTER * patience - w.probation:
                 continue
             if w.alive == CANDIDATE:
@@ -98,8 +80,12 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, patience: fl
 
 
 @kernel
-def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -> WallViews:
-    """Hold all samples of a wall against a scan."""
+def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -> tuple[int, int, float, float]:
+    """Hold all samples of a wall against a scan.
+
+    Returns how many the scan would have shown a wall at, and showed this wall at; and where along the wall, metres,
+    the first and the last lie that it saw through (inf and -inf if none).
+    """
     low, high, visible, on = math.inf, -math.inf, 0, 0
     for j in range(samples.number):
         t = samples.first + j * samples.spacing
@@ -116,7 +102,7 @@ def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -
         for k in range(len(walls)):
             if walls[k] == e:
                 on, visible = 1, max(visible, 1)
-    return WallViews(visible, on, low, high)
+    return visible, on, low, high
 
 
 @kernel
@@ -179,19 +165,13 @@ def _count_gap(wall: Record, low: float, high: float, spacing: float) -> tuple[f
 
 @kernel
 def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, samples: Samples) -> int:
-    """Cut the part between two samples out of a wall; a gap at the first or last sample reaches to the wall's end."""
-    half = 0.5 * samples.spacing
+    """Cut the part between two samples out of a wall, to its end if the sample is the last; returns the new count."""
+    half, tail, head = 0.5 * samples.spacing, tip_at(edges[e], 0), tip_at(edges[e], 1)
     if low <= samples.first + half:
-        low = tip_at(edges[e], 0)
+        low = tail
     if high >= samples.first + (samples.number - 1.5) * samples.spacing:
-        high = tip_at(edges[e], 1)
-    return _cut(edges, count, e, low - half, high + half)
-
-
-@kernel
-def _cut(edges: Records, count: int, e: int, low: float, high: float) -> int:
-    """Take the part [low, high] (coordinates along the wall) out of a wall; returns the count of records."""
-    tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
+        high = head
+    low, high = low - half, high + half
     keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
     if not keep_tail and not keep_head:
         remove(edges, e)
@@ -200,23 +180,20 @@ def _cut(edges: Records, count: int, e: int, low: float, high: float) -> int:
         f, count = new_slot(edges, count)
         if f >= 0:
             edges[f] = edges[e]
-            g = edges[e].link[1]
-            if g >= 0:
-                edges[g].link[0] = f
+            if edges[e].link[1] >= 0:
+                edges[edges[e].link[1]].link[0] = f
                 edges[e].link[1] = -1
             edges[f].link[0] = -1
             _open_end(edges[f], 0, high)
-        keep_head = False
-    side = 0 if keep_head else 1
+    side = 1 if keep_tail else 0
     part(edges, e, side)
-    _open_end(edges[e], side, high if keep_head else low)
+    _open_end(edges[e], side, low if keep_tail else high)
     return count
 
 
 @kernel
 def _open_end(wall: Record, side: int, t: float) -> None:
     """Let a wall end at coordinate t by a frontier, and doubt what is left of it."""
-    wall.label[side], wall.slack[side] = FRONTIER, 0.0
-    wall.strength[side], wall.conflict[side] = 0.0, 0.0
+    set_end(wall, side, FRONTIER, 0.0, 0.0)
     set_tip(wall, side, t)
     doubt(wall)

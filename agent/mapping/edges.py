@@ -15,13 +15,10 @@ from protocol.arrays import Records
 
 FREE, WALL, CANDIDATE = 0, 1, 2
 """What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
-
 CONFIRMATIONS = 30.0
 """Views beyond which an end or a wall gets no surer, so that the 50 scans that see a wrong one suffice to undo it."""
-
 PUBLISH_AFTER = 2.0
 """Scans that must hit a wall before it is part of the published map: a single one may be a false piece."""
-
 MIN_WALL_M = 0.05
 """Shorter remainders of a wall that was cut, and shorter walls of received maps, are left away."""
 
@@ -89,11 +86,9 @@ def residual(e: Record) -> float:
 @kernel
 def piece_scatter(p: Record) -> tuple[float, float, float]:
     """Scatter xx, xy, yy of a piece's hits about its centroid, m2."""
-    return (
-        p.spread * p.ux * p.ux + p.residual * p.uy * p.uy,
-        (p.spread - p.residual) * p.ux * p.uy,
-        p.spread * p.uy * p.uy + p.residual * p.ux * p.ux,
-    )
+    xx = p.spread * p.ux * p.ux + p.residual * p.uy * p.uy
+    yy = p.spread * p.uy * p.uy + p.residual * p.ux * p.ux
+    return xx, (p.spread - p.residual) * p.ux * p.uy, yy
 
 
 @kernel
@@ -103,14 +98,14 @@ def line_sd(e: Record, t: float, noise: float) -> float:
 
 
 @kernel
-def add_hits(e: Record, hits: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:
-    """Fuse a set of hits (count, centroid, scatter about it) into the wall's line; ends keep their places."""
+def add_hits(e: Record, hits: float, x: float, y: float, scatter: tuple[float, float, float]) -> None:
+    """Fuse hits (count, centroid, scatter xx, xy, yy about it) into the wall's line; ends keep their places."""
     total = e.hits + hits
     dx, dy = x - e.x, y - e.y
     w = e.hits * hits / total
-    e.xx += xx + w * dx * dx
-    e.xy += xy + w * dx * dy
-    e.yy += yy + w * dy * dy
+    e.xx += scatter[0] + w * dx * dx
+    e.xy += scatter[1] + w * dx * dy
+    e.yy += scatter[2] + w * dy * dy
     e.x += dx * hits / total
     e.y += dy * hits / total
     e.hits = total
@@ -124,13 +119,17 @@ def add_hits(e: Record, hits: float, x: float, y: float, xx: float, xy: float, y
 
 
 @kernel
+def set_end(e: Record, side: int, label: int, slack: float, strength: float) -> None:
+    """Replace what is known of an end but for its place and link; no view speaks against it yet."""
+    e.label[side], e.slack[side], e.strength[side], e.conflict[side] = label, slack, strength, 0.0
+
+
+@kernel
 def join(edges: Records, e: int, f: int, strength: float) -> None:
     """Let the head of e and the tail of f share a corner."""
     edges[e].link[1], edges[f].link[0] = f, e
-    edges[e].label[1], edges[f].label[0] = NOMINAL, NOMINAL
-    edges[e].strength[1], edges[f].strength[0] = strength, strength
-    edges[e].conflict[1], edges[f].conflict[0] = 0.0, 0.0
-    edges[e].slack[1], edges[f].slack[0] = 0.0, 0.0
+    set_end(edges[e], 1, NOMINAL, 0.0, strength)
+    set_end(edges[f], 0, NOMINAL, 0.0, strength)
     settle_corner(edges, e)
 
 
@@ -140,9 +139,8 @@ def settle_corner(edges: Records, e: int) -> None:
     f = edges[e].link[1]
     sine, t = meet(edges[e], edges[f])
     if sine != 0.0:
-        x, y = edges[e].x + t * edges[e].ux, edges[e].y + t * edges[e].uy
-        edges[e].tip[1, 0], edges[e].tip[1, 1] = x, y
-        edges[f].tip[0, 0], edges[f].tip[0, 1] = x, y
+        set_tip(edges[e], 1, t)
+        edges[f].tip[0] = edges[e].tip[1]
 
 
 @kernel
@@ -152,11 +150,8 @@ def part(edges: Records, e: int, side: int) -> None:
     if f < 0:
         return
     for k, s in ((e, side), (f, 1 - side)):
-        edges[k].link[s] = -1
-        edges[k].label[s] = FRONTIER
-        edges[k].strength[s] = 0.0
-        edges[k].conflict[s] = 0.0
-        edges[k].probation = 1
+        set_end(edges[k], s, FRONTIER, 0.0, 0.0)
+        edges[k].link[s], edges[k].probation = -1, 1
 
 
 @kernel
@@ -184,6 +179,4 @@ def new_slot(edges: Records, count: int) -> tuple[int, int]:
     for k in range(count):
         if edges[k].alive == FREE:
             return k, count
-    if count < len(edges):
-        return count, count + 1
-    return -1, count
+    return (count, count + 1) if count < len(edges) else (-1, count)

@@ -9,36 +9,28 @@ import math
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
-from agent.mapping.edges import CONFIRMATIONS, WALL, doubt, join, part, set_tip, settle_corner, tip_at
+from agent.mapping.edges import CONFIRMATIONS, WALL, doubt, join, part, set_end, set_tip, settle_corner, tip_at
 from protocol.arrays import Records
 
 END_MARGIN_M = 0.04
 """Views of one end agree within this: the distance of two beams at 2.3 m, or 4 standard deviations of a range."""
-
 PATIENCE = 3.0
 """Views that must speak against an end before it changes. One is often a wrong label (6 % of ends), three in a row are
 not."""
-
 PATIENCE_GROWTH = 0.3
 """Further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views."""
-
 CLOSE_CORNER_M = 0.06
 """Two open ends this near to where their walls meet form that corner."""
-
 PROLONGED_M = 0.1
 """A corner is a guess where its wall had no hit nearer to it than this: beams are 6 cm apart at the lidar's range, and
 slots between furniture and wall are wider."""
-
 NEAR_TAIL_M = 0.5
 """Open ends farther apart than this are not tried as a corner."""
 
 
 @kernel
 def outlasted(e: Record, side: int, patience: float) -> bool:
-    """Count one view against an end; true once such views outnumber what confirmed it.
-
-    patience: the particle's own, as a factor.
-    """
+    """Count one view against an end; true once such views outnumber what confirmed it. patience: a factor."""
     e.conflict[side] += 1.0
     return bool(e.conflict[side] > PATIENCE * patience + PATIENCE_GROWTH * min(e.strength[side], CONFIRMATIONS))
 
@@ -46,74 +38,40 @@ def outlasted(e: Record, side: int, patience: float) -> bool:
 @kernel
 def see_end(edges: Records, k: int, side: int, label: int, t: float, slack: float, patience: float) -> None:
     """Fuse one view of an open end: its label, its coordinate t along wall k and its slack, metres."""
-    if edges[k].label[side] == FRONTIER:
-        _see_frontier_end(edges, k, side, label, t, slack, patience)
-    elif label == FRONTIER:
-        _see_no_end(edges, k, side, t, patience)
+    e = edges[k]
+    was = e.label[side]
+    outward = 1.0 if side == 1 else -1.0
+    seen, known = outward * t, outward * tip_at(e, side)  # coordinates that count outward: a larger one is more wall
+    reach = known + (e.slack[side] if was == OCCLUSION else 0.0)
+    too_long = was != FRONTIER and seen > reach + END_MARGIN_M
+    too_short = label != FRONTIER and seen + slack + END_MARGIN_M < known
+    if too_long or too_short:
+        if outlasted(e, side, patience):
+            _set_end(edges, k, side, label, t, slack)
+    elif label == FRONTIER:  # the wall goes on at least as far as this
+        if was != NOMINAL and seen > known:
+            set_tip(e, side, t if was == FRONTIER else outward * min(seen, reach))
+            e.slack[side] = max(reach - seen, 0.0)
+    elif was == FRONTIER:
+        low = max(seen, known)
+        set_tip(e, side, outward * low)
+        set_end(e, side, OCCLUSION, max(seen + slack, known) - low, 1.0)
     else:
-        _see_known_end(edges, k, side, t, slack, patience)
-
-
-@kernel
-def _see_frontier_end(edges: Records, k: int, side: int, label: int, t: float, slack: float, patience: float) -> None:
-    """A view of an end that was a frontier so far. Coordinates count outward: a larger one is more wall."""
-    e = edges[k]
-    outward = 1.0 if side == 1 else -1.0
-    seen, known = outward * t, outward * tip_at(e, side)
-    if label == FRONTIER:
-        if seen > known:
-            set_tip(e, side, t)
-    elif known <= seen + slack + END_MARGIN_M:
-        low, high = max(seen, known), max(seen + slack, known)
-        set_tip(e, side, outward * low)
-        e.label[side], e.slack[side] = OCCLUSION, high - low
-        e.strength[side], e.conflict[side] = 1.0, 0.0
-    elif outlasted(e, side, patience):
-        _set_end(edges, k, side, OCCLUSION, t, slack)
-
-
-@kernel
-def _see_no_end(edges: Records, k: int, side: int, t: float, patience: float) -> None:
-    """A view in which a wall with a known end goes on as far as t at least, without an end."""
-    e = edges[k]
-    outward = 1.0 if side == 1 else -1.0
-    seen, known = outward * t, outward * tip_at(e, side)
-    reach = known + (e.slack[side] if e.label[side] == OCCLUSION else 0.0)
-    if seen > reach + END_MARGIN_M:
-        if outlasted(e, side, patience):
-            _set_end(edges, k, side, FRONTIER, t, 0.0)
-    elif e.label[side] == OCCLUSION and seen > known:
-        set_tip(e, side, outward * min(seen, reach))
-        e.slack[side] = max(reach - seen, 0.0)
-
-
-@kernel
-def _see_known_end(edges: Records, k: int, side: int, t: float, slack: float, patience: float) -> None:
-    """A view of an end where one is known: it confirms the end and narrows its interval, or contradicts it."""
-    e = edges[k]
-    outward = 1.0 if side == 1 else -1.0
-    seen, known = outward * t, outward * tip_at(e, side)
-    reach = known + (e.slack[side] if e.label[side] == OCCLUSION else 0.0)
-    if seen > reach + END_MARGIN_M or seen + slack < known - END_MARGIN_M:
-        if outlasted(e, side, patience):
-            _set_end(edges, k, side, OCCLUSION, t, slack)
-        return
-    e.conflict[side] = max(e.conflict[side] - 1.0, 0.0)
-    if e.label[side] == OCCLUSION:
-        low, high = max(known, seen), min(reach, seen + slack)
-        if low > high:
-            low = high = 0.5 * (low + high)
-        set_tip(e, side, outward * low)
-        e.slack[side] = high - low
-        e.strength[side] += 1.0
+        e.conflict[side] = max(e.conflict[side] - 1.0, 0.0)
+        if was == OCCLUSION:
+            low, high = max(known, seen), min(reach, seen + slack)
+            if low > high:
+                low = high = 0.5 * (low + high)
+            set_tip(e, side, outward * low)
+            e.slack[side] = high - low
+            e.strength[side] += 1.0
 
 
 @kernel
 def _set_end(edges: Records, k: int, side: int, label: int, t: float, slack: float) -> None:
     """Replace an end by what was seen."""
     part(edges, k, side)
-    edges[k].label[side], edges[k].slack[side] = label, slack
-    edges[k].conflict[side], edges[k].strength[side] = 0.0, 1.0
+    set_end(edges[k], side, label, slack, 1.0)
     set_tip(edges[k], side, t)
 
 
@@ -166,10 +124,9 @@ def inner_ends_give_way(edges: Records, e: int, f: int, patience: float) -> bool
     """Whether the ends between two walls on one line are open, or have been contradicted for long enough."""
     first, second = (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
     give = True
-    if edges[first].label[1] == NOMINAL and not outlasted(edges[first], 1, patience):
-        give = False
-    if edges[second].label[0] == NOMINAL and not outlasted(edges[second], 0, patience):
-        give = False
+    for k, side in ((first, 1), (second, 0)):
+        if edges[k].label[side] == NOMINAL and not outlasted(edges[k], side, patience):
+            give = False
     return give
 
 
@@ -183,7 +140,7 @@ def close_open_corners(edges: Records, count: int) -> None:
         for f in range(count):
             if f == e or edges[f].alive != WALL or edges[f].link[0] >= 0:
                 continue
-            off = _off_corner(edges[e], edges[f])
+            off = _ends_off_corner(edges[e], edges[f])
             if off < best:
                 best, winner = off, f
         if winner >= 0:
@@ -191,7 +148,7 @@ def close_open_corners(edges: Records, count: int) -> None:
 
 
 @kernel
-def _off_corner(e: Record, f: Record) -> float:
+def _ends_off_corner(e: Record, f: Record) -> float:
     """How far the head of e or the tail of f is from where their lines meet, metres; inf where they form no corner."""
     if math.hypot(e.tip[1, 0] - f.tip[0, 0], e.tip[1, 1] - f.tip[0, 1]) > NEAR_TAIL_M:
         return math.inf

@@ -27,10 +27,8 @@ SCANS = 20.0
 class Layer(NamedTuple):
     """A received map as pieces of one scan in the robot's frame."""
 
-    pieces: Records
-    """(k,) of PIECE."""
-    likelihood: Floats
-    """(k,) of their walls."""
+    pieces: Records  # (k,) of PIECE
+    likelihood: Floats  # (k,) of their walls
 
 
 def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m: float) -> Layer:
@@ -63,10 +61,8 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
 
     own: (m,) of EDGE. gates: wider than those of a scan, as a transform is known less well than a pose.
     """
-    room = len(own) + sum(len(layer.pieces) for layer in layers)
-    edges = np.zeros(room, own.dtype)
-    edges[: len(own)] = own
     count = len(own)
+    edges = np.concatenate((own, np.zeros(sum(len(layer.pieces) for layer in layers), own.dtype)))
     _keep_published(edges, count)
     for layer in layers:
         count = _lay(edges, count, layer.pieces, layer.likelihood, gates)

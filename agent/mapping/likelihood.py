@@ -15,19 +15,14 @@ from protocol.arrays import Ints, Records
 
 MATCH_ODDS = 2.0
 """A piece on its wall: a wall there is e^2 times as likely as a chance hit. Half its chi-square is taken off."""
-
 EXTRA_ODDS = 1.0
 """A piece that no wall predicts. Weak, as new ground brings many, for all particles alike."""
-
 MISSING_ODDS = 2.0
 """A wall in view that was not hit."""
-
 THROUGH_ODDS = 4.0
 """A wall that was seen through: the strongest, as a scan seldom shows free space where there is none."""
-
 CORNER_ODDS = 1.0
 """A corner between two walls as predicted, or against the prediction."""
-
 LABEL_ODDS = 1.0
 """An end of a wall against the prediction."""
 
@@ -69,10 +64,8 @@ def _wrong_ends(wall: Record, piece: Record, margin: float) -> int:
     for side in range(2):
         outward = 1.0 if side == 1 else -1.0
         beyond = outward * (t + piece.end[side] - tip_at(wall, side))
-        if wall.label[side] == NOMINAL and beyond > margin:
-            wrong += 1
-        if piece.label[side] == OCCLUSION and beyond + piece.slack[side] < -margin:
-            wrong += 1
+        wrong += wall.label[side] == NOMINAL and beyond > margin
+        wrong += piece.label[side] == OCCLUSION and beyond + piece.slack[side] < -margin
     return wrong
 
 

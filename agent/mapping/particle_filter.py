@@ -10,7 +10,7 @@ from agent.corner_scan import OCCLUSION, CornerScan, Sight, range_noise, to_map_
 from agent.geometry.chains import chained
 from agent.geometry.matrix3 import lower_root, times
 from agent.kernels import kernel
-from agent.mapping.association import OFFSET_GATE_M, Gates, associate, gates_at
+from agent.mapping.association import Gates, associate, gates_at
 from agent.mapping.candidates import main_axis
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
@@ -27,22 +27,16 @@ from protocol.wireframe import Wireframe
 
 SPARE = 64
 """Free records that a particle keeps for one scan; a scan of 360 beams has at most 120 pieces, in practice 20."""
-
 MAX_WALLS = 4096
 """A particle takes no new wall beyond; ten times what the largest layout has."""
-
 FORGET = 0.98
 """Share of its past log-weight that a particle's standing keeps per scan: the map is the best of the last 50 scans."""
-
 TEMPER = 0.2
 """Scans in a row share their errors, so each counts only as this part of an independent one."""
-
 RESAMPLE_BELOW = 0.5
 """Resample when the effective sample size falls below this share of the particles; the usual half."""
-
 PATIENCE_SPREAD = 0.5
 """Particles draw their patience, a factor on the scans that it takes to change a map, from 1 - this to 1 + this."""
-
 COVARIANCE_FLOOR = 1e-8
 """m2 and rad2 added to the pose's covariance in each step, so that it is never singular."""
 
@@ -56,22 +50,20 @@ def update_particles(
     raw: Records,
     sight: Sight,
     noise: float,
-    noisy: bool,
     dice: Floats,
     patience: Floats,
 ) -> Floats:
     """One scan into every particle: associate, correct the pose, weigh, merge, contradict.
 
     edges (p, e), counts (p,), poses (p, 3) and covariances (p, 3, 3) are updated in place. raw (k,): the scan's pieces,
-    robot's frame. noise: m, standard deviation of a range; noisy: whether poses are uncertain. dice: (p, 2, k + 3),
-    for each particle a row for association and one for insertion, and standard normals for the pose at the end of the
+    robot's frame. Poses of covariance 0 are exact. noise: m, standard deviation of a range. dice: (p, 2, k + 3), for
+    each particle a row for association and one for insertion, and standard normals for the pose at the end of the
     first. patience: (p,) each particle's own, as a factor. Returns the scan's log-likelihoods (p,), up to a constant.
     """
     scores = np.zeros(len(counts))
     for p in range(len(counts)):
-        gates = Gates(noise, OFFSET_GATE_M, 0.0, 0.0)
-        if noisy:
-            gates = gates_at(noise, covariances[p])
+        gates = gates_at(noise, covariances[p])
+        if covariances[p, 0, 0] > 0.0:
             _correct(edges[p], counts[p], poses[p], covariances[p], raw, gates, dice[p, 0])
         pose = (poses[p, 0], poses[p, 1], poses[p, 2])
         view = View(pose, to_map_frame(raw, pose), sight, scan_margin(noise))
@@ -147,9 +139,7 @@ class WireframeFilter:
     def update(self, scan: CornerScan, odometry: Pose) -> None:
         """Merge a corner scan into every particle, weigh and resample them. odometry: pose (m, rad), robot's frame."""
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
-            grown = np.zeros((len(self.edges), 2 * self.edges.shape[1]), EDGE)
-            grown[:, : self.edges.shape[1]] = self.edges
-            self.edges = grown
+            self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
         by = relative(self._odometry, odometry) if self._odometry is not None else (0.0, 0.0, 0.0)
         self._odometry = odometry
         if self._noisy:
@@ -168,7 +158,6 @@ class WireframeFilter:
             scan.pieces,
             scan.sight,
             self._noise,
-            self._noisy,
             self._throw_dice(len(scan.pieces)),
             self._patience,
         )
@@ -195,19 +184,10 @@ class WireframeFilter:
         if 1.0 / (weights @ weights) < RESAMPLE_BELOW * len(weights):
             ancestors = systematic(weights, float(self._random.random()))
             # survivors keep their places, so that only the fallen are copied over
-            free = [p for p in range(len(weights)) if p not in ancestors]
-            kept: set[int] = set()
-            for ancestor in ancestors.tolist():
-                if ancestor not in kept:
-                    kept.add(ancestor)
-                    continue
-                p = free.pop()
-                n = int(max(self.counts[ancestor], self.counts[p]))
-                self.edges[p, :n] = self.edges[ancestor, :n]
-                self.counts[p] = self.counts[ancestor]
-                self.poses[p] = self.poses[ancestor]
-                self.covariances[p] = self.covariances[ancestor]
-                self.standing[p] = self.standing[ancestor]
+            copied = ancestors[1:][np.diff(ancestors) == 0]
+            fallen = np.setdiff1d(np.arange(len(weights)), ancestors)[::-1]
+            for values in (self.edges, self.counts, self.poses, self.covariances, self.standing):
+                values[fallen] = values[copied]
             self.log_weights[:] = 0.0
         self.best = int(np.argmax(self.standing))
 
@@ -228,37 +208,33 @@ class WireframeFilter:
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
-        return wireframe_of(self.edges[self.best, : self.counts[self.best]])
+        return Wireframe(*_published(self._walls()))
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        own = self.edges[self.best, : self.counts[self.best]]
-        return wireframe_of(merged(own, layers, Gates(self._noise, offset_m, 0.0, 0.0)))
+        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m, 0.0, 0.0))))
 
-
-def wireframe_of(edges: Records) -> Wireframe:
-    """Walls that enough scans have hit, as a wireframe; walls that share a corner share a vertex."""
-    return Wireframe(*_published(edges))
+    def _walls(self) -> Records:
+        """(n,) of EDGE: the records of the maximum-likelihood particle."""
+        return self.edges[self.best, : self.counts[self.best]]
 
 
 @kernel
 def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
-    """The arrays of that wireframe, in the order of its fields."""
+    """Walls that enough scans have hit, as the fields of a wireframe; walls that share a corner share a vertex."""
     place = np.full(len(edges), -1)
     m = 0
     for k in range(len(edges)):
         if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
-            place[k] = m
-            m += 1
+            place[k], m = m, m + 1
     tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)
     likelihood, own = np.empty(m, np.float32), np.empty(m, np.bool_)
     for k in range(len(edges)):
-        w = place[k]
+        w, e = place[k], edges[k]
         if w < 0:
             continue
-        e = edges[k]
         for side in range(2):
-            tips[w, side, 0], tips[w, side, 1] = e.tip[side, 0], e.tip[side, 1]
+            tips[w, side] = e.tip[side]
             lonely = e.link[side] >= 0 and place[e.link[side]] < 0  # its partner is not shown yet
             labels[w, side] = OCCLUSION if lonely else e.label[side]
         following[w] = place[e.link[1]] if e.link[1] >= 0 else -1

@@ -19,19 +19,14 @@ from protocol.geometry import Pose, wrapped
 
 AXIS_SD = math.radians(0.5)
 """rad, how well rectilinear walls keep their axis; the outer walls of eight real layouts do within 0.3 degrees."""
-
 HEADING_TRUST = 0.95
 """Agreement of the walls' directions above which their axis holds the heading."""
-
 MAX_OFF_AXIS = 0.2
 """rad, a piece that is more oblique belongs to no wall on the axis."""
-
 WALL_FLOOR = math.radians(0.2)
 """rad, how well the direction of a mapped wall is known at best, beside its covariance; walls are not straight."""
-
 MIN_VIEWS = 2.0
 """Views that must have confirmed an end before it holds the robot."""
-
 ROUNDS = 3
 """Gauss-Newton steps: weights and directions depend on the pose, which is near to the prediction."""
 
@@ -39,10 +34,8 @@ ROUNDS = 3
 class Axis(NamedTuple):
     """Common axis of rectilinear walls."""
 
-    angle: float
-    """rad, modulo a right angle."""
-    sd: float
-    """rad, how well walls keep it; inf where they are not rectilinear."""
+    angle: float  # rad, modulo a right angle
+    sd: float  # rad, how well walls keep it; inf where they are not rectilinear
 
 
 @kernel
@@ -56,9 +49,8 @@ def motion_covariance(covariance: Floats, pose: Pose, by: Pose, noise: Floats) -
         out[0, i] -= dy * covariance[2, i]
         out[1, i] += dx * covariance[2, i]
     for i in range(3):
-        column = out[i, 2]
-        out[i, 0] -= dy * column
-        out[i, 1] += dx * column
+        out[i, 0] -= dy * out[i, 2]
+        out[i, 1] += dx * out[i, 2]
     distance = math.hypot(dx, dy)
     if distance > 1e-9:
         ux, uy = dx / distance, dy / distance
@@ -75,15 +67,11 @@ def motion_covariance(covariance: Floats, pose: Pose, by: Pose, noise: Floats) -
 def _add_residual(h: Floats, g: Floats, jx: float, jy: float, jt: float, off: float, sd: float) -> None:
     """Add one residual with Cauchy weight to the normal equations."""
     w = 1.0 / (sd * sd * (1.0 + (off / (2.0 * sd)) ** 2))
-    h[0, 0] += w * jx * jx
-    h[0, 1] += w * jx * jy
-    h[0, 2] += w * jx * jt
-    h[1, 1] += w * jy * jy
-    h[1, 2] += w * jy * jt
-    h[2, 2] += w * jt * jt
-    g[0] -= w * jx * off
-    g[1] -= w * jy * off
-    g[2] -= w * jt * off
+    j = (jx, jy, jt)
+    for row in range(3):
+        g[row] -= w * j[row] * off
+        for column in range(row, 3):
+            h[row, column] += w * j[row] * j[column]
 
 
 @kernel
@@ -96,29 +84,22 @@ def correct_pose(
     """
     prior = inverse(covariance)
     pose = predicted
-    h = prior.copy()
+    h = prior
     for _ in range(ROUNDS):
         h = prior.copy()
-        d0, d1 = pose[0] - predicted[0], pose[1] - predicted[1]
-        d2 = wrapped(pose[2] - predicted[2])
-        g = -times(prior, np.array([d0, d1, d2]))
+        moved = (pose[0] - predicted[0], pose[1] - predicted[1], wrapped(pose[2] - predicted[2]))
+        g = -times(prior, np.array(moved))
         for k in range(len(pieces)):
-            if math.isfinite(axis.sd):
-                _add_axis(h, g, pieces[k], pose, axis, noise)
+            p = pieces[k]
+            off = wrapped(math.atan2(p.uy, p.ux) + pose[2] - axis.angle, 0.5 * math.pi)
+            if math.isfinite(axis.sd) and abs(off) < MAX_OFF_AXIS:
+                _add_residual(h, g, 0.0, 0.0, 1.0, off, math.hypot(noise / math.sqrt(p.spread), axis.sd))
             if walls[k] >= 0:
-                _add_wall(h, g, pieces[k], edges[walls[k]], pose, noise)
+                _add_wall(h, g, p, edges[walls[k]], pose, noise)
         h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
         step = times(inverse(h), g)
         pose = (pose[0] + step[0], pose[1] + step[1], pose[2] + step[2])
     return (pose[0], pose[1], wrapped(pose[2])), inverse(h)
-
-
-@kernel
-def _add_axis(h: Floats, g: Floats, p: Record, pose: Pose, axis: Axis, noise: float) -> None:
-    """Add the residual of a piece's direction to the common axis of the walls, if it is near to it at all."""
-    off = wrapped(math.atan2(p.uy, p.ux) + pose[2] - axis.angle, 0.5 * math.pi)
-    if abs(off) < MAX_OFF_AXIS:
-        _add_residual(h, g, 0.0, 0.0, 1.0, off, math.hypot(noise / math.sqrt(p.spread), axis.sd))
 
 
 @kernel

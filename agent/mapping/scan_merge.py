@@ -2,12 +2,25 @@
 
 import math
 
+import numpy as np
+
 from agent.corner_scan import NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import GATE_SIGMAS, Gates, cost, overlap
 from agent.mapping.candidates import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
-from agent.mapping.edges import WALL, add_hits, line_sd, part, piece_scatter, remove, set_tip, settle_corner, tip_at
+from agent.mapping.edges import (
+    WALL,
+    add_hits,
+    line_sd,
+    part,
+    piece_scatter,
+    remove,
+    set_end,
+    set_tip,
+    settle_corner,
+    tip_at,
+)
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
 from protocol.arrays import Floats, Ints, Records
 
@@ -27,38 +40,31 @@ def merge_scan(
     itself, and not a peer.
     """
     axis, trust = main_axis(edges, count)
+    bent = np.empty(len(pieces), np.bool_)
     for k in range(len(pieces)):
         p = pieces[k]
-        bent = _is_bent_piece(p, gates.noise)
+        bent[k] = is_bent(p.end[1] - p.end[0], p.hits, p.residual, gates.noise)
         if walls[k] < 0:
-            if bent or cuts_corner(edges, count, p):
+            if bent[k] or cuts_corner(edges, count, p):
                 continue
-            e, count = take_piece(edges, count, p, gates)
-            walls[k] = e
-            if e >= 0 and dice[k] < wall_probability(edges[e], axis, trust, gates.noise):
-                become_wall(edges[e], p, own)
+            walls[k], count = take_piece(edges, count, p, gates)
+            if walls[k] >= 0 and dice[k] < wall_probability(edges[walls[k]], axis, trust, gates.noise):
+                become_wall(edges[walls[k]], p, own)
             continue
         _unite_all(edges, count, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
-        if not bent:
-            xx, xy, yy = piece_scatter(p)
-            add_hits(w, p.hits, p.x, p.y, xx, xy, yy)
+        if not bent[k]:
+            add_hits(w, p.hits, p.x, p.y, piece_scatter(p))
         if own:
             w.own = 1
     for k in range(len(pieces)):
-        if _is_wall(edges, walls[k]) and not _is_bent_piece(pieces[k], gates.noise):
+        if _is_wall(edges, walls[k]) and not bent[k]:
             _see_ends(edges, pieces, walls, k, patience)
     for e in range(count):
         if edges[e].alive == WALL and edges[e].link[1] >= 0:
             settle_corner(edges, e)
     close_open_corners(edges, count)
     return count
-
-
-@kernel
-def _is_bent_piece(p: Record, noise: float) -> bool:
-    """Whether a piece is a smear by itself."""
-    return is_bent(p.end[1] - p.end[0], p.hits, p.residual, noise)
 
 
 @kernel
@@ -113,25 +119,22 @@ def _same_line(e: Record, f: Record, gates: Gates) -> bool:
 @kernel
 def _unite(edges: Records, e: int, f: int) -> None:
     """Join wall f into wall e on the same line. Hits add up, so the better supported one keeps its line."""
-    add_hits(edges[e], edges[f].hits, edges[f].x, edges[f].y, edges[f].xx, edges[f].xy, edges[f].yy)
+    a, b = edges[e], edges[f]
+    add_hits(a, b.hits, b.x, b.y, (b.xx, b.xy, b.yy))
     for side in range(2):
         outward = 1.0 if side == 1 else -1.0
-        other = along(edges[e], edges[f].tip[side, 0], edges[f].tip[side, 1])
-        if outward * other <= outward * tip_at(edges[e], side):
+        other = along(a, b.tip[side, 0], b.tip[side, 1])
+        if outward * other <= outward * tip_at(a, side):
             continue  # the corner of f lies inside the joint wall, and is none
         part(edges, e, side)
-        edges[e].label[side], edges[e].slack[side] = edges[f].label[side], edges[f].slack[side]
-        edges[e].strength[side], edges[e].conflict[side] = edges[f].strength[side], edges[f].conflict[side]
-        set_tip(edges[e], side, other)
-        g = edges[f].link[side]
+        set_end(a, side, b.label[side], b.slack[side], b.strength[side])
+        a.conflict[side] = b.conflict[side]
+        set_tip(a, side, other)
+        g = b.link[side]
         if g >= 0:
-            edges[f].link[side] = -1
-            edges[e].link[side] = g
+            a.link[side], b.link[side] = g, -1
             edges[g].link[1 - side] = e
             settle_corner(edges, e if side == 1 else g)
-    edges[e].seen = max(edges[e].seen, edges[f].seen)
-    edges[e].due = max(edges[e].due, edges[f].due)
-    edges[e].probation = min(edges[e].probation, edges[f].probation)
-    edges[e].own = max(edges[e].own, edges[f].own)
-    edges[e].through = 0.0
+    a.seen, a.due, a.through = max(a.seen, b.seen), max(a.due, b.due), 0.0
+    a.probation, a.own = min(a.probation, b.probation), max(a.own, b.own)
     remove(edges, f)

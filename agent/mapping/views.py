@@ -13,16 +13,12 @@ from protocol.geometry import Pose
 
 UNSEEN, THROUGH, ON = 0, 1, 2
 """What a scan saw at a point: it does not tell, free space, or a wall."""
-
 GRAZING = math.sin(math.radians(8.0))
 """Sine of the flattest angle at which a wall is expected to be seen: a flatter ray may as well pass beside it."""
-
 STEP_M = 0.08
 """Distance of the samples at which a wall is compared with a scan: half the thickness of a usual wall."""
-
 MARGIN_M = 0.035
 """A wall this near to what was seen is what was seen: 3.5 standard deviations of the default lidar."""
-
 END_SKIP_M = 0.05
 """The ends of a wall are not compared with a scan over this length: their place is known to about a beam."""
 
@@ -30,23 +26,18 @@ END_SKIP_M = 0.05
 class View(NamedTuple):
     """One scan in the frame of the map, for kernels."""
 
-    pose: Pose
-    """Of the robot: m, m, rad."""
-    pieces: Records
-    """(k,) of PIECE, lines in the map's frame."""
+    pose: Pose  # Of the robot: m, m, rad
+    pieces: Records  # (k,) of PIECE, lines in the map's frame
     sight: Sight
-    margin: float
-    """m, distance from a piece within which a place counts as on it."""
+    margin: float  # m, distance from a piece within which a place counts as on it
 
 
 class Samples(NamedTuple):
     """Points along a wall at which a scan is asked."""
 
     number: int
-    first: float
-    """m, coordinate of the first along the wall."""
-    spacing: float
-    """m, from each to the next."""
+    first: float  # m, coordinate of the first along the wall
+    spacing: float  # m, from each to the next
 
 
 def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:

@@ -10,19 +10,14 @@ from protocol.messages import RobotSpec
 
 SEEN_S = 0.8
 """A disc is remembered for so long: one scan of ten misses it, and four in a row almost never do."""
-
 STILL_S = 3.0
 """A disc that has not moved for so long while nobody is heard is a post; exploring robots stand for 0.8 s at a time."""
-
 STILL_M = 0.06
 """... nor by more than this: the spread of a disc's place from scan to scan; a teammate drives it in 0.3 s."""
-
 SILENCE_S = 21.0
 """Nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120."""
-
 MAX_POSTS = 200
 """Posts kept, the newest (16 bytes each): a hall has a dozen."""
-
 REACH_MARGIN_M = 1.0
 """Posts are asked for this far beyond the lidar's range."""
 
@@ -37,10 +32,8 @@ class SeenDiscs:
     def expected(self, pose: Pose) -> Floats:
         """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
         newest = len(self._scans)
-        seen = [(d, self._step_m * (newest - k)) for k, d in enumerate(self._scans) if len(d)]
-        if not seen:
-            return np.zeros((0, 3))
-        discs = np.vstack([np.column_stack((d, np.full(len(d), slack))) for d, slack in seen])
+        seen = [np.insert(d, 2, self._step_m * (newest - k), 1) for k, d in enumerate(self._scans)]
+        discs = np.vstack((np.zeros((0, 3)), *seen))
         return np.column_stack((seen_from(pose, discs[:, :2]), discs[:, 2]))
 
     def add(self, pose: Pose, discs: Floats) -> None:

@@ -12,13 +12,10 @@ from protocol.geometry import wrapped
 
 FEW_BEAMS = 3
 """Fewer beams show no disc. Any circle fits so many, and so does any line; of more, what fits better decides."""
-
 MAX_CHI2 = 4.0
 """Mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn."""
-
 INNER = 0.9
 """Share of a disc's width whose beams are surely on it, also where its place is not yet fitted."""
-
 ROUNDS = 3
 """Gauss-Newton steps from the first guess, which is off by half a radius at most."""
 
@@ -26,40 +23,28 @@ ROUNDS = 3
 class Turn(NamedTuple):
     """A full turn of ranges in which discs are looked for."""
 
-    ranges: Floats
-    """(n,) m, inf where nothing came back."""
-    rays: Floats
-    """(n, 2) cosine and sine of each beam's bearing."""
-    step: float
-    """rad, from each beam to the next."""
-    radius: float
-    """m, of the discs."""
-    noise: float
-    """m, standard deviation of a range."""
-    near: float
-    """m, by which a range may differ from a disc's and still be of it."""
+    ranges: Floats  # (n,) m, inf where nothing came back
+    rays: Floats  # (n, 2) cosine and sine of each beam's bearing
+    step: float  # rad, from each beam to the next
+    radius: float  # m, of the discs
+    noise: float  # m, standard deviation of a range
+    near: float  # m, by which a range may differ from a disc's and still be of it
 
 
 class Disc(NamedTuple):
     """Where the centre of a disc is."""
 
-    distance: float
-    """m."""
-    bearing: float
-    """rad."""
+    distance: float  # m
+    bearing: float  # rad
 
 
 class Fit(NamedTuple):
-    """How the beams well inside a disc fit it."""
+    """How well the beams inside a disc end on it."""
 
-    beams: int
-    """All of them."""
-    on: int
-    """Those that end on it."""
-    squares: float
-    """m2, sum of the squared residuals of the latter."""
-    first: int
-    """The first and the last of the latter, which may exceed a turn."""
+    beams: int  # All of them
+    on: int  # Those that end on it
+    squares: float  # m2, sum of the squared residuals of the latter
+    first: int  # The first and the last of the latter, which may exceed a turn
     last: int
 
 
@@ -70,7 +55,11 @@ def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
     A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
     another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
     """
-    turn = _turn_of(ranges, radius, noise)
+    step = 2 * math.pi / len(ranges)
+    rays = np.empty((len(ranges), 2))
+    for k in range(len(ranges)):
+        rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
+    turn = Turn(ranges, rays, step, radius, noise, RANGE_SIGMAS * noise + 0.1 * radius)
     found = np.empty((len(ranges), 3))  # distance, bearing, mean squared residual
     count = 0
     for i in range(len(ranges)):
@@ -85,16 +74,6 @@ def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
         if _may_be(fitted) and fitted.squares / noise**2 <= MAX_CHI2 * fitted.on and not _is_line(turn, disc, fitted):
             count = _keep_best(found, count, disc, fitted.squares / fitted.on, radius)
     return _bounded(turn, found, count)
-
-
-@kernel
-def _turn_of(ranges: Floats, radius: float, noise: float) -> Turn:
-    n = len(ranges)
-    step = 2 * math.pi / n
-    rays = np.empty((n, 2))
-    for k in range(n):
-        rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
-    return Turn(ranges, rays, step, radius, noise, RANGE_SIGMAS * noise + 0.1 * radius)
 
 
 @kernel

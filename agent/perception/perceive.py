@@ -1,4 +1,7 @@
-"""From a lidar scan to a corner scan (paper II): discs left out, then straight pieces, corners and labels."""
+"""From a lidar scan to a corner scan (paper II): discs left out, then straight pieces, corners and labels.
+
+Nothing else reads ranges (paper I, "strictly sparse").
+"""
 
 import math
 
@@ -6,23 +9,61 @@ import numpy as np
 
 from agent.corner_scan import PIECE, CornerScan, Sight, range_noise
 from agent.geometry.clearance import distances_to_walls
-from agent.kernels import kernel
-from agent.perception.config import Method
+from agent.perception.config import Method, PerceptionConfig
+from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
 from agent.perception.pieces import Beams, pieces_of
 from agent.perception.segmentation import MIN_HITS, RANGE_SIGMAS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats
-from protocol.messages import RobotSpec
+from protocol.geometry import Pose, apply, seen_from
+from protocol.messages import Observation, RobotSpec
+from protocol.walls import lengths
+from protocol.wireframe import Wireframe
 
 OPEN_BEAMS = 3
 """Silent beams in a row that show free space: fewer may have dropped out."""
-
 IN_WALL_M = 0.08
 """A disc with its centre this near to a known wall is that wall's end: a teammate's centre is its radius away."""
-
 DISC_MARGIN_M = 0.05
 """A beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range."""
+WALL_M = 0.3
+"""No teammate stands in a mapped wall, unless the wall is shorter than this: it may be a teammate's own front."""
+
+
+class Perception:
+    """Turns observations into corner scans, and remembers teammates of the last scans and posts."""
+
+    def __init__(self, config: PerceptionConfig, spec: RobotSpec) -> None:
+        self._method, self._spec = config.method, spec
+        self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
+        self._map = Wireframe()
+        self._walls = np.zeros((0, 4))
+        """(m, 4) walls of that map in which no teammate stands, metres."""
+
+    def see(self, observation: Observation, predicted: Pose, own: Wireframe) -> CornerScan:
+        """Corner scan of an observation. predicted: the robot's pose in the frame of its own map, before correction."""
+        scan = perceive(
+            observation.scan(),
+            self._spec,
+            self._method,
+            expected=self._seen_discs.expected(observation.odometry),
+            known=seen_from(predicted, self._long_walls(own).reshape(-1, 2)).reshape(-1, 4),
+            posts=self._posts.seen_from(predicted),
+        )
+        self._seen_discs.add(observation.odometry, scan.discs)
+        return scan
+
+    def remember(self, tick: int, pose: Pose, scan: CornerScan, heard: bool) -> None:
+        """Note where a scan's discs are, once the pose is corrected; heard: whether any message came in this tick."""
+        self._posts.add(tick, pose, apply(pose, scan.discs), heard)
+
+    def _long_walls(self, own: Wireframe) -> Floats:
+        if own is not self._map:
+            walls = own.segments()
+            self._map = own
+            self._walls = walls[lengths(walls) >= WALL_M]
+        return self._walls
 
 
 def perceive(
@@ -67,28 +108,11 @@ def perceive(
     return CornerScan(pieces, Sight(free, blind, lidar.range_max_m - RANGE_SIGMAS * noise, math.pi / n), discs)
 
 
-@kernel
 def _sectors(marked: Bools, least: int) -> Floats:
     """(s, 2) rad: runs of at least so many marked beams of a full turn."""
-    n = len(marked)
-    step = 2 * math.pi / n
-    out = np.empty((n, 2))
-    count = 0
-    start = -1
-    for k in range(n):
-        if not marked[k]:
-            start = k
-            break
-    if start < 0:
-        out[0, 0], out[0, 1] = 0.0, 2 * math.pi
-        return out[:1].copy()
-    run = 0
-    for k in range(start, start + n + 1):
-        if marked[k % n]:
-            run += 1
-            continue
-        if run >= least:
-            out[count, 0], out[count, 1] = (k - run) * step, (k - 1) * step
-            count += 1
-        run = 0
-    return out[:count].copy()
+    if marked.all():
+        return np.array([[0.0, 2 * math.pi]])
+    start = int(np.argmin(marked))
+    steps = np.flatnonzero(np.diff(np.append(np.roll(marked, -start), False)))
+    runs = np.ascontiguousarray(start + steps.reshape(-1, 2) + (1, 0))
+    return runs[runs[:, 1] - runs[:, 0] >= least - 1] * (2 * math.pi / len(marked))

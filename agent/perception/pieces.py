@@ -13,16 +13,12 @@ from protocol.arrays import Bools, Floats, Ints, Records
 
 LOOK_PAST = 3
 """Beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing."""
-
 MAX_STRAYS = 2
 """Stray beams across which a line may go on."""
-
 STRAY_SIGMAS = 10.0
 """Standard deviations off its line from which a beam is none of a piece's hits."""
-
 EDGE_OF_RANGE_SIGMAS = 1.5
 """A wall predicted this near to the lidar's range, in standard deviations, may give no return though it is there."""
-
 MAX_SLACK_M = 0.1
 """A corner may lie this far outside the hits of its walls at most. The direction of three hits is so uncertain that it
 would excuse any place on the other wall's line."""
@@ -31,20 +27,13 @@ would excuse any place on the other wall's line."""
 class Beams(NamedTuple):
     """A full turn of beams."""
 
-    ranges: Floats
-    """(n,) m, inf where nothing came back."""
-    hidden: Bools
-    """(n,) those that end on a teammate, or pass it narrowly."""
-    used: Ints
-    """(m,) indices of those that may show walls, rising."""
-    step: float
-    """rad, from each to the next."""
-    noise: float
-    """m, standard deviation of a range."""
-    range_max: float
-    """m, beyond which nothing comes back."""
-    silence: int
-    """Silent beams in a row that show that a wall is not there: more than dropouts explain."""
+    ranges: Floats  # (n,) m, inf where nothing came back
+    hidden: Bools  # (n,) those that end on a teammate, or pass it narrowly
+    used: Ints  # (m,) indices of those that may show walls, rising
+    step: float  # rad, from each to the next
+    noise: float  # m, standard deviation of a range
+    range_max: float  # m, beyond which nothing comes back
+    silence: int  # Silent beams in a row that show that a wall is not there: more than dropouts explain
 
 
 @kernel
@@ -109,8 +98,7 @@ def _join_across_strays(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Ints, Fl
             joint = total[last] + own
             cost = fit(total[last])[2] + fit(own)[2] + LINE_COST
             if fit(joint)[2] < cost and _only_strays(turn, out[last, 1], cuts[k, 0], joint):
-                out[last, 1] = cuts[k, 1]
-                total[last] = joint
+                out[last, 1], total[last] = cuts[k, 1], joint
                 continue
         out[count], total[count] = cuts[k], own
         count += 1
@@ -158,8 +146,7 @@ def _fill(piece: Record, turn: Beams, cut: Ints, total: Floats) -> None:
         sum_tt += t * t
         residual += off * off
     t = sum_t / hits
-    piece.hits, piece.spread = hits, max(sum_tt - hits * t * t, 1e-9)
-    piece.residual = residual
+    piece.hits, piece.spread, piece.residual = hits, max(sum_tt - hits * t * t, 1e-9), residual
     piece.x, piece.y = a / norm**2 + t * piece.ux, b / norm**2 + t * piece.uy
     piece.bearing[0], piece.bearing[1] = first * turn.step, last * turn.step
     for side in range(2):
@@ -172,15 +159,7 @@ def _on_ray(piece: Record, bearing: float) -> float:
     """Where a ray at the bearing meets the piece's line, metres from its centroid; inf where it does not."""
     c, s = math.cos(bearing), math.sin(bearing)
     cross = c * piece.uy - s * piece.ux
-    if abs(cross) < 1e-6:
-        return math.inf
-    return -(c * piece.y - s * piece.x) / cross
-
-
-@kernel
-def _beam(piece: Record, side: int, turn: Beams) -> int:
-    """The first or last beam of a piece; the last may exceed a turn."""
-    return round(piece.bearing[side] / turn.step)
+    return math.inf if abs(cross) < 1e-6 else -(c * piece.y - s * piece.x) / cross
 
 
 @kernel
@@ -189,8 +168,8 @@ def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
     count, n = len(pieces), len(turn.ranges)
     after = (k + 1) % count
     p, q = pieces[k], pieces[after]
-    begins = _beam(q, 0, turn) + (n if k + 1 == count else 0)
-    last = _beam(p, 1, turn)
+    begins = round(q.bearing[0] / turn.step) + (n if k + 1 == count else 0)
+    last = round(p.bearing[1] / turn.step)
     sine, along_p = meet(p, q)
     if count < 2 or begins - last > LOOK_PAST or abs(sine) < MIN_CORNER_SINE:
         return
@@ -211,7 +190,7 @@ def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
 @kernel
 def _label_end(piece: Record, side: int, turn: Beams, total: Floats) -> None:
     """Label an end that is no corner; an occlusion end may lie anywhere up to the ray that shows its wall's absence."""
-    label, decided = _predicted_label(turn, _beam(piece, side, turn), 2 * side - 1, total)
+    label, decided = _predicted_label(turn, round(piece.bearing[side] / turn.step), 2 * side - 1, total)
     piece.label[side] = label
     if label == OCCLUSION:
         piece.slack[side] = abs(_on_ray(piece, decided * turn.step) - piece.end[side])

@@ -14,14 +14,11 @@ from protocol.arrays import Floats, Ints
 
 MIN_HITS = 3
 """Beams of a line, at least: two fit any line, and the third tells whether there is one."""
-
 LINE_COST = 18.0
 """Chi-square that one more line must save. Noise alone saves as much in 1 of 1000 cuts of a straight wall: two
 parameters of the line and the place of the cut."""
-
 STRAY_COST = 10.0
 """Chi-square of a beam that belongs to no wall: a hit 3.2 standard deviations off its line is rather a stray."""
-
 RANGE_SIGMAS = 3.5
 """Standard deviations by which a range must differ from its prediction to count as nearer or farther: 0.9995 of the
 noise."""
@@ -79,13 +76,13 @@ def chi2_of(sums: Floats, i: int, j: int) -> float:
 
 @kernel
 def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
-    """Cut beams first..last into lines and strays: (n,) start of the piece that ends at each beam, -1 for strays.
+    """Cut beams first..last into lines and strays: (k, 2) first and one past the last beam of each line.
 
     Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
     """
     n = last - first
     cost = np.empty(n + 1)
-    start = np.full(n + 1, -1)
+    start = np.full(n + 1, -1)  # of the piece that ends before each beam; -1 for strays
     cost[0] = 0.0
     live = np.empty(n + 1, np.int64)
     n_live = 0
@@ -96,33 +93,22 @@ def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
         kept = 0
         for c in range(n_live):
             i = live[c]
-            if j - i < MIN_HITS:
-                live[kept] = i
-                kept += 1
-                continue
-            chi2 = chi2_of(sums, first + i, first + j)
-            if cost[i] + chi2 + LINE_COST < best:
+            chi2 = chi2_of(sums, first + i, first + j) if j - i >= MIN_HITS else 0.0
+            if j - i >= MIN_HITS and cost[i] + chi2 + LINE_COST < best:
                 best, best_start = cost[i] + chi2 + LINE_COST, i
-            if cost[i] + chi2 < best + LINE_COST:
+            if j - i < MIN_HITS or cost[i] + chi2 < best + LINE_COST:
                 live[kept] = i
                 kept += 1
         n_live = kept
         cost[j], start[j] = best, best_start
-    return start
-
-
-@kernel
-def _pieces_of_cut(start: Ints, offset: int) -> Ints:
-    """(k, 2) first and one past the last beam of each line."""
-    out = np.empty((len(start), 2), np.int64)
-    k, j = 0, len(start) - 1
+    out = np.empty((n, 2), np.int64)
+    k, j = 0, n
     while j > 0:
         if start[j] < 0:
             j -= 1
         else:
-            out[k, 0], out[k, 1] = start[j] + offset, j + offset
-            k += 1
-            j = start[j]
+            out[k, 0], out[k, 1] = start[j] + first, j + first
+            k, j = k + 1, start[j]
     return out[:k][::-1].copy()
 
 
@@ -139,7 +125,7 @@ def piecewise(ranges: Floats, bearings: Floats, noise: float) -> tuple[Ints, Flo
     turn = _true_cut(sums, m // 4, m - m // 4)
     if turn < 0:
         turn = max(_true_cut(sums, 0, m), 0)
-    return _pieces_of_cut(_cheapest_cut(sums, turn, turn + m), turn), sums
+    return _cheapest_cut(sums, turn, turn + m), sums
 
 
 @kernel
@@ -149,7 +135,7 @@ def _true_cut(sums: Floats, first: int, last: int) -> int:
     Beams first..last are cut, and the line that begins nearest to their middle is taken: where the cut begins and ends
     has no influence there.
     """
-    lines = _pieces_of_cut(_cheapest_cut(sums, first, last), first)
+    lines = _cheapest_cut(sums, first, last)
     middle, best, turn = (first + last) // 2, (last - first) // 4, -1
     for k in range(len(lines)):
         if abs(lines[k, 0] - middle) <= best:

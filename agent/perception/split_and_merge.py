@@ -10,7 +10,6 @@ from protocol.arrays import Floats, Ints
 
 CHI2_PER_BEAM = 2.0
 """Chi-square that a beam may have on its line before the piece is split; 1 is the mean of the noise."""
-
 JUMP = 4.0
 """A step between neighbouring beams this many times as long as the greatest distance from the chord is where a piece
 is split: it is no part of a wall."""
