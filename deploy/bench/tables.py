@@ -66,14 +66,8 @@ def share(holds: Callable[[Figures], object]) -> Reduce:
 
 
 REDUCTIONS = {
-    "least": least,
-    "most": most,
-    "total": total,
-    "median": median,
-    "mean": mean,
-    "count": count,
-    "spread": spread,
-}
+    "least": least, "most": most, "total": total, "median": median, "mean": mean, "count": count, "spread": spread,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

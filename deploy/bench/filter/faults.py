@@ -104,13 +104,11 @@ def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
         e = _same_wall(edges, count, middle, unit)
         if e is None:
             return None
-        ends = [(int(edges[e]["link"][side]), 1 - side) for side in (0, 1)]
-        kept = [(k, int(edges[k]["probation"])) for k, _ in ends if k >= 0]
+        links = enumerate(edges[e]["link"].tolist())
+        ends = [(k, 1 - side, int(edges[k]["probation"])) for side, k in links if k >= 0]
         remove(edges, e)
-        for k, side in ends:  # as if it had never been seen: its neighbours just end there
-            if k >= 0:
-                edges[k]["label"][side], edges[k]["strength"][side] = OCCLUSION, STRENGTH
-        for k, probation in kept:
+        for k, side, probation in ends:  # as if it had never been seen: its neighbours just end there
+            edges[k]["label"][side], edges[k]["strength"][side] = OCCLUSION, STRENGTH
             edges[k]["probation"] = probation
         return count
 
@@ -138,18 +136,18 @@ def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Genera
         if f < 0:
             return None
         whole = edges[f] = edges[e].copy()
-        before, after = (int(k) for k in whole["link"])
-        if after >= 0:
-            edges[after]["link"][0] = f
         for k, a, b, side in ((e, whole["tip"][0], begin, 1), (f, end, whole["tip"][1], 0)):
             w = edges[k]
             share = float((b - a) @ unit) / length(whole)
             _lie_on(w, whole["hits"] * share, spread(whole) * share**3, a, b)
             w["label"][side], w["link"][side] = OCCLUSION, -1
             w["strength"][side], w["conflict"][side], w["slack"][side] = STRENGTH, 0.0, 0.0
-        for k in (before, f if after >= 0 else -1):  # outer corners stay where the lines meet
-            if k >= 0:
-                settle_corner(edges, k)
+        before, after = whole["link"].tolist()
+        if before >= 0:  # outer corners stay where the lines meet
+            settle_corner(edges, before)
+        if after >= 0:
+            edges[after]["link"][0] = f
+            settle_corner(edges, f)
         return count
 
     def gone(wireframe: Wireframe) -> bool:
@@ -198,8 +196,7 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
     def gone(wireframe: Wireframe) -> bool:
         nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
         return (
-            bool(len(nominal))
-            and float(np.hypot(*(nominal - corner).T).min()) < CORNER_NEAR_M
+            bool(np.hypot(*(nominal - corner).T).min(initial=np.inf) < CORNER_NEAR_M)
             and bool(_covered(before, u, wireframe).all())
             and bool(_covered(after, v, wireframe).all())
             and not any(_covered(samples, unit, wireframe).any() for samples, unit in false)

@@ -1,5 +1,6 @@
 """What one robot saw on a whole run, to be replayed into other filters, and the truth in the robot's own frame."""
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -35,8 +36,7 @@ class ScanRecording(NamedTuple):
 
     def new_filter(self, particles: int | None = None) -> WireframeFilter:
         """A filter as the robot's mind makes it; by default with as many particles."""
-        settings = {} if particles is None else {"particles": particles}
-        config = AgentConfig.model_validate({"filter": settings})
+        config = AgentConfig.model_validate({"filter": {} if particles is None else {"particles": particles}})
         return Robot("r1", self.spec, config, self.seed).filter
 
 
@@ -61,11 +61,6 @@ def record(world: str, seed: int, noise_m: float | None = None, limit_s: float =
 def _moved(truth: Truth, frame: Pose) -> Truth:
     """The truth in the frame of this pose."""
     back = relative(frame, HERE)
-    return Truth(
-        outline=apply(back, truth.outline.reshape(-1, 2)).reshape(-1, 4),
-        corners=apply(back, truth.corners),
-        seen_points=apply(back, truth.seen_points),
-        seen_directions=apply((0.0, 0.0, back[2]), truth.seen_directions),
-        seen_lengths=truth.seen_lengths,
-        seen_corners=apply(back, truth.seen_corners),
-    )
+    points = {name: apply(back, getattr(truth, name)) for name in ("corners", "seen_points", "seen_corners")}
+    outline = apply(back, truth.outline.reshape(-1, 2)).reshape(-1, 4)
+    return replace(truth, outline=outline, seen_directions=apply((0.0, 0.0, back[2]), truth.seen_directions), **points)
