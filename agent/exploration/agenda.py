@@ -7,22 +7,23 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agent.exploration.planning import Roads
-from agent.exploration.tour import open_tour, tour_cost
-from protocol.arrays import Floats
+from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints
 
 Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "wait", "park"]
 
 TOUR_TASKS = 40
-"""Most tasks that are put in the best order, the nearest ones.
+"""Most tasks that are put in order, the nearest ones. maze-15 has 15 at most, gbeltramo_building 34.
 
-There are 8 in the median and 15 at most in maze-15, 21 and 34 in gbeltramo_building. With 12 of 20 and no haste a
-robot may turn for ever, as those behind it drop out of the twelve on its way to those ahead.
+With 12 of 20 and no haste a robot may turn for ever, as tasks behind it leave the twelve while it drives to others.
 """
 SWITCH_GAIN_M = 1.5
-"""A tour that begins with another task must be this much better than one that goes on with the task begun, in metres
-of path, or a robot between two tasks turns for ever."""
+"""A tour must be better by this many metres of path to replace the task begun, or a robot between two tasks turns for
+ever."""
 _FAR_M = 1e6
 """Stands for no way, as a tour cannot add up infinities."""
+_LEAST_GAIN = 1e-9
+"""A change of the order must make the tour this much cheaper, or rounding errors could go on for ever."""
 
 
 class Task(NamedTuple):
@@ -61,12 +62,7 @@ class Target:
     stands: int = 1
     """Standing points tried, this one included."""
     stuck: int = 0
-    """How often the robot stuck on the way."""
-
-    @property
-    def reason(self) -> str:
-        """Why the robot goes there, in a few words."""
-        return {"park": "complete", "wait": "wait for a teammate"}.get(self.task.kind, self.task.kind)
+    """How often the robot was stuck on the way."""
 
 
 def is_end(task: Task) -> bool:
@@ -84,6 +80,59 @@ def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]
     stands = np.array([task.stand for task in tasks])
     left = roads.costs(stands) <= roads.costs_from(rivals[:, :2], stands) + rivals[:, 2:]
     return [task for task, keep in zip(tasks, np.all(left, axis=0), strict=True) if keep]
+
+
+@kernel
+def tour_cost(order: Ints, cost: Floats, waits: Bools, haste: float) -> float:
+    """Cost of a tour: its length where haste is 0, twice the mean way to the places that wait where haste is 1.
+
+    order: (k,) rows of cost (n, n); waits: (n,) the places whose ways are averaged. Where no place waits, the cost
+    is the length times 1 - haste.
+    """
+    left = 0
+    for k in range(1, order.shape[0]):
+        left += waits[order[k]]
+    each = 2.0 * haste / max(left, 1)
+    total = 0.0
+    for k in range(order.shape[0] - 1):
+        total += cost[order[k], order[k + 1]] * (1.0 - haste + each * left)
+        left -= waits[order[k + 1]]
+    return total
+
+
+@kernel
+def open_tour(cost: Floats, waits: Bools, haste: float) -> Ints:
+    """Order (n,) in which to visit all rows of cost (n, n), starting from row 0 and ending anywhere.
+
+    Nearest neighbour, then reversals of stretches (2-opt) and moves of single places until none makes the tour
+    cheaper by `tour_cost`.
+    """
+    n = cost.shape[0]
+    order, left = np.zeros(n, np.int64), np.ones(n, np.bool_)
+    for k in range(1, n):
+        left[order[k - 1]] = False
+        rest = np.flatnonzero(left)
+        order[k] = rest[cost[order[k - 1]][rest].argmin()]
+    best = tour_cost(order, cost, waits, haste)
+    improved = True
+    while improved:
+        improved = False
+        for i in range(1, n):
+            for j in range(1, n):
+                for reverses in (True, False):
+                    if i == j or (reverses and i > j):
+                        continue
+                    new = order.copy()
+                    if reverses:
+                        new[i : j + 1] = order[i : j + 1][::-1]
+                    else:
+                        new[i:j], new[j + 1 : i + 1] = order[i + 1 : j + 1], order[j:i]
+                        new[j] = order[i]
+                    total = tour_cost(new, cost, waits, haste)
+                    if total < best - _LEAST_GAIN:
+                        order, best, improved = new, total, True
+                        break
+    return order
 
 
 def first_of_tour(tasks: list[Task], roads: Roads, detour_m: float, haste: float) -> Task:

@@ -9,8 +9,8 @@ import shapely
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
-from agent.exploration.goal_memory import GoalMemory
-from agent.exploration.planning import Roads
+from agent.exploration.goals import GoalMemory
+from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
@@ -39,8 +39,7 @@ class DefaultStates:
         self.rng = rng
         self._edges = GoalMemory()
         self._lap: Floats | None = None
-        self._vertices = 0
-        self._vertex_version = -1
+        self._vertices, self._vertex_version = 0, -1
 
     def next(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
         """The next task, or None if the state has come to its end.
@@ -48,15 +47,12 @@ class DefaultStates:
         eyes: (k, 2) places from where was looked, the robot's own and its teammates'.
         """
         state = self.config.default_state
-        if state == "ours":
-            return self._sweep(scene, roads, eyes) or self._least_likely(scene.wireframe, roads)
-        if state == "interior-sweep":
-            return self._sweep(scene, roads, eyes)
-        if state == "least-likely":
-            return self._least_likely(scene.wireframe, roads)
         if state == "perimeter":
             return self._perimeter(scene.wireframe, roads)
-        return self._random_vertex(scene, roads)
+        if state == "random-vertex":
+            return self._random_vertex(scene, roads)
+        task = None if state == "least-likely" else self._sweep(scene, roads, eyes)
+        return task if task or state == "interior-sweep" else self._least_likely(scene.wireframe, roads)
 
     def ended(self) -> str:
         """Why there is nothing left to do."""
@@ -114,8 +110,7 @@ class DefaultStates:
             self._vertices += 1
             points = scene.wireframe.points
             point = points[int(self.rng.integers(len(points)))]
-            angles = np.arange(12) * (math.pi / 6)
-            around = point + _VERTEX_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)
+            around = point + _VERTEX_OFF_M * circle(12)
             around = around[roads.standable(around)]
             route = roads.nearest(around, np.zeros(len(around)))
             if route is not None:

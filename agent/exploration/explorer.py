@@ -15,12 +15,11 @@ from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_ne
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion
-from agent.exploration.goals import TEAMMATE, WAITS, Goals, rounded, told
-from agent.exploration.headway import Headway, Pace
-from agent.exploration.planning import GIVE_M, Roads, ahead_of, length_of, still_clear
+from agent.exploration.goals import TEAMMATE, WAITS, Goals, rounded
+from agent.exploration.headway import Headway
+from agent.exploration.planning import GIVE_M, Roads, ahead_of, circle, length_of, still_clear
 from agent.exploration.surroundings import Scene, Situation, Surroundings
-from agent.exploration.sweep import Sweep
-from agent.exploration.viewpoints import Viewpoints
+from agent.exploration.sweep import Sweep, Viewpoints
 from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
@@ -130,16 +129,18 @@ class Explorer:
         if scene.errand is None:
             return None
         if self.target is None and self._ended is None:
-            self._choose_place_of_contact(scene, scene.errand)
+            for roads in self.surroundings.ways(scene):
+                route = standing.near(scene.errand, roads)
+                if route is not None:
+                    return self._pursue(scene, Task("errand", scene.errand, route.path[-1]), roads, None)
+            self._ended = ErrandEnd.FAILED
         return self.target
 
     def frontier(self, scene: Scene) -> Target | None:
         """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
         if self.complete or (self.target is not None and not is_end(self.target.task)):
             return None
-        if self.target is None:
-            self._choose_frontier(scene, self._put_back)
-        return self.target
+        return self.target or self._choose_frontier(scene, self._put_back)
 
     def default_state(self, scene: Scene) -> Target:
         """What else is under way, or the default state's next task, or the place to park."""
@@ -148,7 +149,8 @@ class Explorer:
     def drive(self, scene: Scene, target: Target) -> Command:
         """Drive towards the target, or away from where the robot is stuck."""
         motion = self._drive(scene, target)
-        return self._command(motion, (self.target or target).reason)
+        kind = (self.target or target).task.kind
+        return self._command(motion, {"park": "complete", "wait": "wait for a teammate"}.get(kind, kind))
 
     # what is new
 
@@ -156,14 +158,14 @@ class Explorer:
         """A new errand, or the end of one, is a reason to decide anew."""
         last, self._errand = self._errand, errand
         if errand is None:
-            if last is not None and self.target is not None and self.target.task.kind == "errand":
+            if self.target is not None and self.target.task.kind == "errand":
                 self.target = None
         elif last is None or (errand != last).any():
             self.target = None
 
     def _take_viewpoints(self, scene: Scene, viewpoints: Floats) -> None:
         """What teammates saw need not be swept; what is taken back with a merge must."""
-        more = self.viewpoints.hear(viewpoints)
+        more, self.viewpoints.told = len(viewpoints) - len(self.viewpoints.told), viewpoints
         if more and self.target is not None and self.target.task.samples is not None:
             self.target = None
         if more < 0 and self.complete:
@@ -181,7 +183,7 @@ class Explorer:
 
     def _resume(self, place: Floats, reason: str) -> None:
         self.complete, self.target = False, None
-        self._events.append(told("resumed", reason=reason, place=rounded(place)))
+        self._tell("resumed", reason=reason, place=rounded(place))
 
     # what became of the target
 
@@ -260,32 +262,23 @@ class Explorer:
 
     # what to do next
 
-    def _choose_place_of_contact(self, scene: Scene, place: Floats) -> None:
-        """Go where the robot is sent, or as near as it can stand; the errand has failed if there is no way."""
-        for roads in self.surroundings.ways(scene):
-            route = standing.near(place, roads)
-            if route is not None:
-                self._pursue(scene, Task("errand", place, route.path[-1]), roads, None)
-                return
-        self._ended = ErrandEnd.FAILED
-
-    def _choose_frontier(self, scene: Scene, old: Target | None) -> None:
-        """The first task of a tour through fresh ends, or else through those to be tried again."""
+    def _choose_frontier(self, scene: Scene, old: Target | None) -> Target | None:
+        """The first task of a tour through fresh ends, or else through those to be tried again; None without any."""
         begun = None if old is None else old.task
-        # into slots from close by, once, where no fresh end can be seen on at ease
+        # slots are looked into from close by, once, where no fresh end can be seen on at ease
         for ends, views in ((self.goals.fresh(), (False, True)), (self.goals.again(), (False,))):
             for close, roads in (
                 (close, roads) for close in views if len(ends) for roads in self.surroundings.ways(scene)
             ):
                 tasks = self.goals.tasks(ends, roads, begun, close)
                 if tasks:
-                    self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
-                    return
+                    return self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
+            in_the_way = self.surroundings.teammates.in_the_way(scene.tick)
+            reason = TEAMMATE if in_the_way else "no way to a standing point"
             for end in ends:
-                in_the_way = self.surroundings.teammates.in_the_way(scene.tick)
-                reason = TEAMMATE if in_the_way else "no way to a standing point"
-                place, along = self.goals.ends.points[end], self.goals.ends.along[end]
-                self._events.append(self.goals.abandon(place, along, reason))
+                event = self.goals.abandon(self.goals.ends.points[end], self.goals.ends.along[end], reason)
+                self._events.append(event)
+        return None
 
     def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
@@ -309,7 +302,8 @@ class Explorer:
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
             return self._wait(scene)
         self.complete = True
-        self._events.append(told("complete", reason=self.states.ended(), unreachable=self.goals.given_up))
+        given_up = len(self.goals.reasons) - len(self.goals.fresh())
+        self._tell("complete", reason=self.states.ended(), unreachable=given_up)
         return self._park(scene, None)
 
     def _pursue(self, scene: Scene, task: Task, roads: Roads, old: Target | None) -> Target:
@@ -325,8 +319,7 @@ class Explorer:
         self.headway.restart(scene.tick)
         self._waits = 0
         if is_end(task):
-            event = told("frontier", what="chosen", place=rounded(task.place), cost=round(route.cost, 2))
-            self._events.append(event)
+            self._tell("frontier", what="chosen", place=rounded(task.place), cost=round(route.cost, 2))
         return self.target
 
     def _park(self, scene: Scene, old: Target | None) -> Target:
@@ -374,9 +367,9 @@ class Explorer:
         x, y = scene.here.tolist()
         mate = self.surroundings.teammates.near(x, y, BLOCKED_M) if motion.held else None
         pace = self.headway.judge(scene.tick, left_m, mate is not None)
-        if pace is Pace.STUCK:
+        if pace == "stuck":
             self._stuck(scene, target)
-        elif pace is Pace.IMPATIENT and mate is not None:
+        elif pace == "impatient" and mate is not None:
             self.surroundings.teammates.avoid(mate, scene.tick)
             self._make_room(scene, target, (mate.x, mate.y))
         return motion
@@ -384,7 +377,7 @@ class Explorer:
     def _make_room(self, scene: Scene, target: Target, teammate: tuple[float, float]) -> None:
         """Make room for a teammate: plan around it, or go back to an own former place away from it."""
         kind = target.task.kind
-        self._events.append(told("stuck", place=rounded(scene.here), on_the_way_to=kind, reason="a teammate"))
+        self._tell("stuck", place=rounded(scene.here), on_the_way_to=kind, reason="a teammate")
         for roads in self.surroundings.ways(scene):
             route = roads.way_to(target.task.stand)
             if route is not None:
@@ -404,18 +397,12 @@ class Explorer:
         """Back off, and give the target up the second time."""
         target.stuck += 1
         gives_up = target.stuck > 1 and target.task.kind != "park"
-        touch = self.surroundings.touch
-        unseen = touch.pushes
+        unseen = self.surroundings.touch.pushes
         if unseen:
-            touch.remember(scene.pose)
-        event = told(
-            "stuck",
-            place=rounded(scene.here),
-            on_the_way_to=target.task.kind,
-            reason="an unseen wall" if unseen else "no progress",
-            recovery="another goal" if gives_up else "back off",
-        )
-        self._events.append(event)
+            self.surroundings.touch.remember(scene.pose)
+        reason, recovery = "an unseen wall" if unseen else "no progress", "another goal" if gives_up else "back off"
+        kind = target.task.kind
+        self._tell("stuck", place=rounded(scene.here), on_the_way_to=kind, reason=reason, recovery=recovery)
         self.headway.restart(scene.tick)
         self._back_off = scene.tick + self._ticks(BACK_OFF_S), scene.here
         if gives_up:
@@ -426,8 +413,7 @@ class Explorer:
         if math.hypot(*(scene.here - self._back_off[1])) >= BACK_OFF_M:
             self._back_off = -1, scene.here
             self.headway.restart(scene.tick)
-        angles = np.arange(16) * (math.pi / 8)
-        around = scene.here + BACK_OFF_M * np.stack((np.cos(angles), np.sin(angles)), 1)
+        around = scene.here + BACK_OFF_M * circle(16)
         room = distances_to_walls(around, scene.near.walls)
         for x, y in scene.near.discs:
             room = np.minimum(room, np.hypot(around[:, 0] - x, around[:, 1] - y) - self.spec.radius_m)
@@ -442,6 +428,9 @@ class Explorer:
             place = float(x), float(y)
         complete = self.complete and self._errand is None
         return Command(motion.speed_mps, motion.turn_rps, complete, reason, self._events, place, self._ended)
+
+    def _tell(self, event: str, **data: object) -> None:
+        self._events.append(Event(event=event, data=data))
 
     def _ticks(self, seconds: float) -> int:
         return math.ceil(seconds * self.spec.lidar.rate_hz)

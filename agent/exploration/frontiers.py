@@ -28,22 +28,15 @@ _BEYOND_M = 0.08
 _TOUCH_M = 0.02
 """... and how far off the wall, so that the line of sight does not end in it."""
 
-_FRONTIER_ALONG = (-0.3, 0.2, 0.7, 1.3)
-_FRONTIER_OFF = (0.3, 0.6, 1.0, 1.6, 2.3)
-_OCCLUSION_ALONG = (0.2, 0.5, 1.0, 1.6)
-_OCCLUSION_OFF = (1.2, 0.6, 0.25, 0.0, -0.4)
-_EDGE_ALONG = (-0.6, 0.0, 0.6)
-_EDGE_OFF = (0.5, 1.0, 1.6)
-"""Standing points in metres along the wall beyond its end, and off it on the free side."""
-
 
 def _offsets(along: tuple[float, ...], off: tuple[float, ...]) -> Floats:
     return np.array([(a, b) for a in along for b in off])
 
 
-_FRONTIER = _offsets(_FRONTIER_ALONG, _FRONTIER_OFF)
-_OCCLUSION = _offsets(_OCCLUSION_ALONG, _OCCLUSION_OFF)
-_EDGE = _offsets(_EDGE_ALONG, _EDGE_OFF)
+_FRONTIER = _offsets((-0.3, 0.2, 0.7, 1.3), (0.3, 0.6, 1.0, 1.6, 2.3))
+_OCCLUSION = _offsets((0.2, 0.5, 1.0, 1.6), (1.2, 0.6, 0.25, 0.0, -0.4))
+_EDGE = _offsets((-0.6, 0.0, 0.6), (0.5, 1.0, 1.6))
+"""Standing points (n, 2): metres along the wall beyond its end, and off it on the free side."""
 _CLOSE_FRONTIER = _offsets((-0.6, -0.4, -0.2, 0.0), (0.14, 0.2))
 _CLOSE_OCCLUSION = _offsets((0.04, 0.08, 0.13), (0.15, 0.25, 0.4, 0.6))
 """The same for a view into a slot too narrow to stand in: beside a wall, hardly beyond the end, and flat."""
@@ -110,8 +103,6 @@ def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
     points, targets, goal = [], [], []
     for frontier in (True, False):
         chosen = which[ends.frontier[which] == frontier]
-        if not len(chosen):
-            continue
         p, u, n = ends.points[chosen], ends.along[chosen], ends.free[chosen]
         if frontier:
             offsets, target = _CLOSE_FRONTIER if close else _FRONTIER, p + _BEYOND_M * u + _TOUCH_M * n
@@ -127,7 +118,7 @@ def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
         points.append(stand[good])
         targets.append(np.broadcast_to(target[:, None], stand.shape)[good])
         goal.append(np.broadcast_to(chosen[:, None], good.shape)[good])
-    return _stack(points, targets, goal)
+    return Stands(np.concatenate(points), np.concatenate(targets), np.concatenate(goal))
 
 
 def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
@@ -138,11 +129,4 @@ def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
     middle = 0.5 * (a + b)
     stand = middle[:, None] + _EDGE[:, :1] * u[:, None] + _EDGE[:, 1:] * n[:, None]
     target = np.broadcast_to((middle + _TOUCH_M * n)[:, None], stand.shape)
-    goal = np.broadcast_to(which[:, None], stand.shape[:2])
-    return _stack([stand.reshape(-1, 2)], [target.reshape(-1, 2)], [goal.reshape(-1)])
-
-
-def _stack(points: list[Floats], targets: list[Floats], goal: list[Ints]) -> Stands:
-    if not points:
-        return Stands(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64))
-    return Stands(np.concatenate(points), np.concatenate(targets), np.concatenate(goal))
+    return Stands(stand.reshape(-1, 2), target.reshape(-1, 2), np.repeat(which, len(_EDGE)))

@@ -1,12 +1,15 @@
-"""The map's open ends as goals: which are there, from where they are seen on, and what became of them (ours)."""
+"""The map's open ends as goals: which are there, from where they are seen on, and what became of them (ours).
+
+Goals are remembered by place and direction, as a map's vertices come and go.
+"""
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from agent.exploration.agenda import Task, is_end
+from agent.exploration.agenda import Kind, Task, is_end
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
-from agent.exploration.goal_memory import SAME_DIRECTION_RAD, SAME_PLACE_M, GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from agent.geometry.visibility import all_seen
@@ -24,6 +27,64 @@ WAITS = 6
 """Times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt."""
 TEAMMATE = "a teammate is in the way"
 """The reason why a goal is given up that a teammate bars."""
+SAME_PLACE_M = 0.2
+"""Goals closer than this are the same one: the end of a wall moves by less from scan to scan."""
+SAME_DIRECTION_RAD = 0.8
+"""They also go on in directions that differ by less: 45 degrees, as opposite faces and corners differ by 90."""
+REMEMBERED = 400
+"""Most goals kept in memory; a building of 600 m2 brings about 100."""
+
+
+@dataclass(slots=True)
+class Tried:
+    """What became of a goal."""
+
+    attempts: int = 0
+    blocked: int = 0
+    """Times when a teammate was in the way; these are no attempts."""
+    version: int = -1
+    """Map version at the last attempt."""
+    stands: list[tuple[float, float]] = field(default_factory=list)
+    """Standing points that did not help."""
+    reason: str = ""
+    unreachable: bool = False
+
+
+class GoalMemory:
+    """What became of goals; the oldest are forgotten when there are too many."""
+
+    def __init__(self, size: int = REMEMBERED) -> None:
+        self.size = size
+        self.tried: list[Tried] = []
+        self._table = np.zeros((0, 4))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is remembered."""
+        return sum(48 + 16 * len(record.stands) for record in self.tried)
+
+    def find(self, points: Floats, along: Floats) -> Ints:
+        """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
+        if not len(self.tried) or not len(points):
+            return np.full(len(points), -1)
+        d2 = ((points[:, None] - self._table[None, :, :2]) ** 2).sum(2)
+        like = along @ self._table[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
+        d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
+        best = d2.argmin(1)
+        return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
+
+    def note(self, point: Floats, along: Floats) -> Tried:
+        """The record of a goal, a new one if there is none."""
+        k = int(self.find(point[None], along[None])[0])
+        if k >= 0:
+            return self.tried[k]
+        if len(self.tried) >= self.size:
+            del self.tried[0]
+            self._table = self._table[1:]
+        record = Tried()
+        self.tried.append(record)
+        self._table = np.vstack((self._table, (*point, *along)))
+        return record
 
 
 class Goals:
@@ -42,13 +103,7 @@ class Goals:
     @property
     def reasons(self) -> list[str]:
         """Per open end why it was given up; empty where it was not."""
-        found = self.memory.find(self.ends.points, self.ends.along)
-        return [self.memory.tried[k].reason if k >= 0 else "" for k in found]
-
-    @property
-    def given_up(self) -> int:
-        """How many open ends were given up."""
-        return int(np.count_nonzero(self._tried >= 0))
+        return [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
 
     def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks for which this reading stands, 0 without."""
@@ -69,13 +124,8 @@ class Goals:
 
     def again(self) -> Ints:
         """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
-        records = self.memory.tried
-        goals = [
-            goal
-            for goal, k in enumerate(self._tried)
-            if k >= 0 and not records[k].unreachable and records[k].version != self._version
-        ]
-        return np.array(goals, np.int64)
+        open_again = [not record.unreachable and record.version != self._version for record in self.memory.tried]
+        return np.array([goal for goal, k in enumerate(self._tried) if k >= 0 and open_again[k]], np.int64)
 
     def end_of(self, task: Task) -> int:
         """The open end that the task is about, or -1."""
@@ -119,18 +169,10 @@ class Goals:
             route = roads.nearest(points[here], extra[here])
             if route is not None:
                 k = here[route.goal]
-                goal = int(goal_of[k])
-                kind = "frontier" if self.ends.frontier[goal] else "occlusion"
-                tasks.append(
-                    Task(
-                        kind,  # type: ignore[arg-type]
-                        self.ends.points[goal],
-                        points[k],
-                        self.ends.along[goal],
-                        extra_m=float(extra[k]),
-                        begun=kept >= 0 and bool(once[kept] == wall),
-                    )
-                )
+                place, along, _, frontier = (of_ends[goal_of[k]] for of_ends in self.ends)
+                kind: Kind = "frontier" if frontier else "occlusion"
+                begins = kept >= 0 and bool(once[kept] == wall)
+                tasks.append(Task(kind, place, points[k], along, extra_m=float(extra[k]), begun=begins))
         return tasks
 
     def looked(self, task: Task) -> int:
@@ -152,12 +194,8 @@ class Goals:
         record.unreachable = record.attempts >= self.attempts
         self._recall()
         what = "unreachable" if record.unreachable else "abandoned"
-        return told("frontier", what=what, place=rounded(place), reason=reason, attempts=record.attempts)
-
-
-def told(event: str, **data: object) -> Event:
-    """An event with its data."""
-    return Event(event=event, data=data)
+        told = {"what": what, "place": rounded(place), "reason": reason, "attempts": record.attempts}
+        return Event(event="frontier", data=told)
 
 
 def rounded(point: Floats) -> list[float]:

@@ -1,7 +1,7 @@
 """Whether the robot gets on along its path, waits for a teammate, or is stuck (ours)."""
 
 import math
-from enum import Enum, auto
+from typing import Literal
 
 import numpy as np
 
@@ -10,17 +10,11 @@ LEAST_M = 0.06
 STUCK_S = 4.0
 """Without progress for this long a robot is stuck; a right-angle turn takes 0.6 s."""
 WAIT_S = 4.0
-"""Mean wait for a teammate to clear the way. It is drawn between half and one and a half of it, so that of two robots
-one gives way first."""
+"""Mean wait for a teammate to clear the way; drawn from half to one and a half of it, so that one of two gives way."""
 
 
-class Pace(Enum):
-    """How the robot gets on."""
-
-    FREE = auto()
-    IMPATIENT = auto()
-    """A teammate has barred the way for longer than the robot's patience."""
-    STUCK = auto()
+Pace = Literal["free", "impatient", "stuck"]
+"""How the robot gets on; impatient: a teammate has barred the way for longer than the robot's patience."""
 
 
 class Headway:
@@ -50,7 +44,7 @@ class Headway:
             self._tick = tick
             self._blocked += 1
             if self._blocked > self.patience:
-                return Pace.IMPATIENT
+                return "impatient"
         elif tick - self._tick > STUCK_S * self.rate_hz:
-            return Pace.STUCK
-        return Pace.FREE
+            return "stuck"
+        return "free"

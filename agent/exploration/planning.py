@@ -87,18 +87,15 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
         if a < 0 and b < 0:
             continue
         x, y = points[v]
-        if a >= 0 and b >= 0:
+        turn = -math.pi
+        if a >= 0:
             first = math.atan2(y - points[a, 1], x - points[a, 0])
-            second = math.atan2(points[b, 1] - y, points[b, 0] - x)
-            turn = -wrapped(first - second)
-            if turn > math.pi - 1e-6:
-                turn = -math.pi
-        elif a >= 0:
-            first = math.atan2(y - points[a, 1], x - points[a, 0])
-            turn = -math.pi
         else:
             first = math.atan2(points[b, 1] - y, points[b, 0] - x) + math.pi
-            turn = -math.pi
+        if a >= 0 and b >= 0:
+            turn = -wrapped(first - math.atan2(points[b, 1] - y, points[b, 0] - x))
+            if turn > math.pi - 1e-6:
+                turn = -math.pi
         if turn > -_STRAIGHT_RAD:
             continue
         count = 1 if turn > -_TWO_NODES_RAD else 2
@@ -206,9 +203,8 @@ def _reached(origin: Origin, terrain: Terrain, goals: Floats) -> Bools:
         for j in range(nodes.shape[0]):
             if out[i]:
                 break
-            out[i] = origin.cost[j] < math.inf and keeps_clear(
-                nodes[j, 0], nodes[j, 1], x, y, terrain.walls, terrain.clearance
-            )
+            if origin.cost[j] < math.inf:
+                out[i] = keeps_clear(nodes[j, 0], nodes[j, 1], x, y, terrain.walls, terrain.clearance)
     return out
 
 
@@ -277,9 +273,10 @@ class Roads:
         self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
         joins = np.full((len(self.nodes),) * 2, _UNASKED)
         self.terrain = Terrain(self.walls, hurdles_of(open_ends(wireframe)), clearance_m, self.nodes, joins)
-        self.origin = self._from(start)
+        self.origin = self.leave(start)
 
-    def _from(self, start: Floats) -> Origin:
+    def leave(self, start: Floats) -> Origin:
+        """Where ways start at another place (2,), and the nodes as reached from there."""
         start = np.ascontiguousarray(start, np.float64)
         clearance = _first_clearance(start, self.walls, self.clearance)
         return Origin(start, clearance, *_shortest(start, clearance, self.terrain))
@@ -308,22 +305,15 @@ class Roads:
 
     def reached(self, goals: Floats) -> Bools:
         """Whether there is a way to each of goals (g, 2)."""
-        reached: Bools = _reached(self.origin, self.terrain, np.ascontiguousarray(goals, np.float64))
-        return reached
+        return np.asarray(_reached(self.origin, self.terrain, np.ascontiguousarray(goals, np.float64)))
 
     def costs(self, goals: Floats) -> Floats:
         """Path cost (g,) in metres of each of goals (g, 2); inf where there is no way."""
-        costs: Floats = self._costs([self.origin], goals)[0]
-        return costs
+        return np.asarray(self._costs([self.origin], goals)[0])
 
     def costs_from(self, starts: Floats, goals: Floats) -> Floats:
         """Path cost (s, g) in metres of goals (g, 2) from each of starts (s, 2); inf where there is no way."""
-        return self._costs(map(self._from, starts), goals)
-
-    def to_nodes(self, start: Floats) -> Floats:
-        """Path cost (k,) in metres of each node from another start (2,)."""
-        cost: Floats = self._from(start).cost
-        return cost
+        return self._costs(map(self.leave, starts), goals)
 
     def _costs(self, origins: Iterable[Origin], goals: Floats) -> Floats:
         goals = np.ascontiguousarray(goals, np.float64)
@@ -358,5 +348,10 @@ def ahead_of(path: Floats, here: Floats, walls: Floats, clearance_m: float) -> F
 
 def length_of(path: Floats) -> float:
     """Metres along a path (k, 2)."""
-    d = np.diff(path, axis=0)
-    return float(np.hypot(d[:, 0], d[:, 1]).sum())
+    return float(np.hypot(*np.diff(path, axis=0).T).sum())
+
+
+def circle(count: int) -> Floats:
+    """(count, 2) unit vectors evenly around, the first along x."""
+    angles = np.arange(count) * (2.0 * math.pi / count)
+    return np.stack((np.cos(angles), np.sin(angles)), 1)

@@ -1,18 +1,14 @@
 """Where to stand for what is no exploration: near a proposal's place, away from a teammate, out of the way (ours)."""
 
-import math
-
 import numpy as np
 
-from agent.exploration.planning import Roads, Route
+from agent.exploration.planning import Roads, Route, circle
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 
 _RINGS_M = (0.3, 0.6)
-"""Distances from an errand's place at which standing points are looked for."""
-_AROUND = 8
-"""Directions in which they are."""
+"""Distances from an errand's place at which standing points are looked for, in eight directions."""
 _OFF_COST = 2.0
 """Metres of path that a metre of distance from an errand's place is worth."""
 _RETREAT_M = 1.2
@@ -27,9 +23,7 @@ _PARK_GAIN = 4.0
 
 def near(place: Floats, roads: Roads) -> Route | None:
     """The way to a place (2,), or to a point nearby from where it is in view; None if there is no way."""
-    angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
-    ring = np.stack((np.cos(angles), np.sin(angles)), 1)
-    points = np.vstack((place, *(place + radius * ring for radius in _RINGS_M)))
+    points = np.vstack((place, *(place + radius * circle(8) for radius in _RINGS_M)))
     away = np.hypot(*(points - place).T)
     good = roads.standable(points) & all_seen(points, np.repeat(place[None], len(points), 0), roads.walls)
     return roads.nearest(points[good], _OFF_COST * away[good])

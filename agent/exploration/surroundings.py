@@ -1,7 +1,7 @@
 """What is around the robot in a tick: walls of map and scan, teammates, walls found by touch, and ways around them."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +20,8 @@ NEAR_M = 1.5
 """Walls within this of the robot matter for the next commands; at full speed it drives 0.09 m in two."""
 
 
-class Situation(NamedTuple):
+@dataclass(frozen=True)
+class Situation:
     """What the robot knows in a tick. Metres and radians; the robot's own frame, if nothing else is said."""
 
     tick: int
@@ -35,27 +36,22 @@ class Situation(NamedTuple):
     """(k, 2) centres of teammates seen now, frame of the robot's pose."""
     errand: Floats | None = None
     """(2,) where the robot is sent to verify a proposal."""
-    rivals: Floats = np.zeros((0, 3))
+    rivals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
-    viewpoints: Floats = np.zeros((0, 2))
+    viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(j, 2) places from where teammates have looked whose maps are merged."""
 
 
-class Scene(NamedTuple):
+@dataclass(frozen=True, kw_only=True)
+class Scene(Situation):
     """The same with what follows from it, frame of the map."""
 
-    tick: int
-    wireframe: Wireframe
-    version: int
-    pose: Pose
     here: Floats
     """(2,) the place of the pose."""
     walls: Floats
     """(m, 4) all that may not be driven through or seen through."""
     near: Obstacles
     """What the next commands must not touch."""
-    errand: Floats | None
-    rivals: Floats
 
 
 class Surroundings:
@@ -71,16 +67,16 @@ class Surroundings:
 
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
-        tick, wireframe, version, pose, scan, discs, errand, rivals, _ = situation
+        tick, pose, scan = situation.tick, situation.pose, situation.scan
         here = np.array((float(pose[0]), float(pose[1])))
-        known = wireframe.segments()
+        known = situation.wireframe.segments()
         seen = apply(pose, scan.points)[scan.edges].reshape(-1, 4)
-        discs = self.teammates.update(tick, apply(pose, np.asarray(discs, np.float64).reshape(-1, 2)), known)
+        discs = self.teammates.update(tick, apply(pose, situation.discs), known)
         standing, fronts = self.teammates.walls(tick), self.teammates.fronts(here)
         self.touch.feel(here)
         walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self.touch.walls)))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
-        return Scene(tick, wireframe, version, pose, here, walls, near, errand, rivals)
+        return Scene(**vars(situation), here=here, walls=walls, near=near)
 
     def lasting_walls(self, scene: Scene) -> Floats:
         """(m, 4) walls of the map and those found by touch."""

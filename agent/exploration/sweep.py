@@ -1,15 +1,14 @@
 """Interior sweep: look at all free area from near enough to see the smallest object (paper IV-B; rule ours).
 
-What was seen is kept as poses only. When asked, the free area is the face of the map's walls that the robot has
-driven in; it is sampled as densely as the smallest object needs, and a sample is unseen if no kept pose within the
-radius sees it past the walls. The samples are made anew for each question; nothing of them is kept.
+What was seen is kept as viewpoints only. When asked, the free area is the face of the map's walls that the robot has
+driven in. It is sampled as densely as the smallest object needs; a sample is unseen if no viewpoint within the radius
+sees it past the walls.
 """
 
 import math
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agent.exploration.agenda import Task
 from agent.exploration.frontiers import open_ends
@@ -38,11 +37,46 @@ _GAP_M = 3.0
 """Gaps up to this long between open ends are closed to tell the free face from the outside."""
 _STOOD_M = 0.15
 """Standing points closer than this to a former one show nothing more."""
+SPACING_M = 0.5
+"""Distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side."""
+MOST_KEPT = 3000
+"""Most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten."""
 
 
-def sweep_radius(smallest_object_m: float, lidar: LidarSpec, beams: float = OBJECT_BEAMS) -> float:
-    """Distance in metres at which the smallest object gets enough beams to be seen."""
-    return min(smallest_object_m / (beams * 2.0 * math.pi / lidar.beams), RANGE_SHARE * lidar.range_max_m)
+class Viewpoints:
+    """From where was looked: the robot's own places so far, and those of teammates whose maps are merged."""
+
+    def __init__(self) -> None:
+        self.own: list[tuple[float, float]] = []
+        """Metres, frame of the map."""
+        self.ticks: list[int] = []
+        """When the robot was there."""
+        self.told = np.zeros((0, 2))
+        """(k, 2) those of teammates."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is kept."""
+        return 24 * len(self.own) + self.told.nbytes
+
+    def keep(self, tick: int, here: Floats, spacing_m: float = SPACING_M) -> bool:
+        """Keep the present place (2,) if it is so far from the last one; true if kept."""
+        x, y = here.tolist()
+        if self.own and math.hypot(self.own[-1][0] - x, self.own[-1][1] - y) < spacing_m:
+            return False
+        self.own.append((x, y))
+        self.ticks.append(tick)
+        if len(self.own) > MOST_KEPT:
+            del self.own[1::2], self.ticks[1::2]
+        return True
+
+    def own_places(self) -> Floats:
+        """(k, 2) the robot's own."""
+        return np.array(self.own).reshape(-1, 2)
+
+    def all(self) -> Floats:
+        """(k, 2) own ones and teammates'."""
+        return np.vstack((self.own_places(), self.told))
 
 
 @kernel
@@ -63,13 +97,11 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond:
             away2 = (px - x) ** 2 + (py - y) ** 2
             if out[i] or away2 > radius * radius or 0.0 < away2 <= beyond * beyond:
                 continue
-            if hidden_by(x, y, px, py, last_hid) >= 0:
-                continue
-            k = hidden_by(x, y, px, py, near)
-            if k < 0:
-                out[i] = True
-            else:
-                last_hid = near[k : k + 1]
+            if hidden_by(x, y, px, py, last_hid) < 0:
+                k = hidden_by(x, y, px, py, near)
+                out[i] = k < 0
+                if k >= 0:
+                    last_hid = near[k : k + 1]
     return out
 
 
@@ -82,58 +114,39 @@ def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
     return out
 
 
-@kernel
-def _cover(views: Bools, least: int, keep: bool) -> NDArray[np.int64]:
-    """Rows that together cover what the matrix covers, the one that adds most first, while it adds the least.
+def _cover(views: Bools, keep: bool) -> list[int]:
+    """Rows that together cover what the matrix (k, n) covers, the one that adds most first, while that is enough.
 
-    keep: row 0 comes before all others if it shows the least.
+    keep: the first row that shows enough comes first.
     """
-    left = np.ones(views.shape[1], np.bool_)
-    chosen = np.empty(views.shape[0], np.int64)
-    for k in range(views.shape[0]):
-        best, which = 0, -1
-        for e in range(views.shape[0]):
-            gain = 0
-            for i in range(views.shape[1]):
-                if left[i] and views[e, i]:
-                    gain += 1
-            if gain > best:
-                best, which = gain, e
-            if keep and k == 0 and best >= least:
-                break
-        if which < 0 or best < least:
-            return chosen[:k]
-        chosen[k] = which
-        for i in range(views.shape[1]):
-            if views[which, i]:
-                left[i] = False
-    return chosen
+    chosen: list[int] = []
+    while True:
+        gains = views.sum(1)
+        best = int((gains >= LEAST_SAMPLES).argmax() if keep and not chosen else gains.argmax())
+        if gains[best] < LEAST_SAMPLES:
+            return chosen
+        chosen.append(best)
+        views = views[:, ~views[best]]
 
 
-def lattice(x0: float, y0: float, x1: float, y1: float, step: float) -> Floats:
-    """Points (n, 2) of a square lattice through the origin inside a box, in the order of y; metres."""
-    xs = np.arange(math.ceil(x0 / step), math.floor(x1 / step) + 1) * step
-    ys = np.arange(math.ceil(y0 / step), math.floor(y1 / step) + 1) * step
+def _lattice(low: Floats, high: Floats, step: float) -> Floats:
+    """Points (n, 2) of a square lattice through the origin between two corners (2,), in the order of y; metres."""
+    xs, ys = (np.arange(math.ceil(a / step), math.floor(b / step) + 1) * step for a, b in zip(low, high, strict=True))
     return np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
 
 
 def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
     """The faces of the map's walls that hold any of poses (k, 2); the walls' bounding box if none does."""
     walls = shapely.linestrings(wireframe.segments().reshape(-1, 2, 2))
-    ends = open_ends(wireframe)
+    points = open_ends(wireframe).points
     lines = list(walls)
-    if len(ends.points) > 1:
-        d = np.hypot(*(ends.points[:, None] - ends.points[None, :]).transpose(2, 0, 1))
+    if len(points) > 1:
+        d = np.hypot(*(points[:, None] - points[None, :]).transpose(2, 0, 1))
         np.fill_diagonal(d, np.inf)
-        other = d.argmin(1)
-        lines += [
-            shapely.linestrings([ends.points[i], ends.points[j]]) for i, j in enumerate(other) if d[i, j] < _GAP_M
-        ]
+        lines += [shapely.linestrings([points[i], points[j]]) for i, j in enumerate(d.argmin(1)) if d[i, j] < _GAP_M]
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
     held = faces[shapely.intersects(faces, shapely.multipoints(poses))] if len(faces) else faces
-    if not len(held):
-        return shapely.box(*shapely.total_bounds(walls))
-    return shapely.union_all(held)
+    return shapely.union_all(held) if len(held) else shapely.box(*shapely.total_bounds(walls))
 
 
 class Sweep:
@@ -141,15 +154,16 @@ class Sweep:
 
     def __init__(self, smallest_object_m: float, lidar: LidarSpec, object_beams: float = OBJECT_BEAMS) -> None:
         self.sample_m = smallest_object_m
-        self.radius = sweep_radius(smallest_object_m, lidar, object_beams)
         self.range = RANGE_SHARE * lidar.range_max_m
+        self.radius = min(smallest_object_m / (object_beams * 2.0 * math.pi / lidar.beams), self.range)
+        """Distance in metres at which the smallest object gets enough beams to be seen."""
         self._stood: list[tuple[float, float]] = []
 
     def unseen(self, wireframe: Wireframe, eyes: Floats) -> Floats:
         """Samples (n, 2) of the free area that no eye (k, 2) has seen from within the radius."""
         face = free_face(wireframe, eyes)
-        x0, y0, x1, y1 = shapely.bounds(face)
-        points = lattice(x0, y0, x1, y1, self.sample_m)
+        bounds = shapely.bounds(face)
+        points = _lattice(bounds[:2], bounds[2:], self.sample_m)
         shapely.prepare(face)
         points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
         seen = _in_view(points, eyes, wireframe.segments(), self.radius)
@@ -157,13 +171,11 @@ class Sweep:
 
     def passed_by(self, wireframe: Wireframe, eyes: Floats, here: Floats, reach_m: float) -> Floats:
         """Samples (n, 2) around here (2,) that eyes (k, 2) have seen, but from too far; asks for no closed walls."""
-        x, y = here
-        points = lattice(x - reach_m, y - reach_m, x + reach_m, y + reach_m, self.sample_m)
+        points = _lattice(here - reach_m, here + reach_m, self.sample_m)
         around = eyes[(np.abs(eyes - here) < reach_m + self.range).all(1)]
         walls = wireframe.segments()
         points = points[~_in_view(points, around, walls, self.radius)]
-        in_range: Floats = points[_in_view(points, around, walls, self.range, self.radius)]
-        return in_range
+        return np.asarray(points[_in_view(points, around, walls, self.range, self.radius)])
 
     def left(self, samples: Floats, eye: Floats, walls: Floats) -> tuple[Floats, bool]:
         """Samples (n, 2) that the eye (2,) does not see from within the radius, and whether they are too few to count.
@@ -184,8 +196,7 @@ class Sweep:
         """
         if not len(unseen):
             return []
-        low, high = unseen.min(0) - self.radius, unseen.max(0) + self.radius
-        points = lattice(low[0], low[1], high[0], high[1], LATTICE_M)
+        points = _lattice(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
         points = points[roads.standable(points)]
         for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
@@ -197,6 +208,6 @@ class Sweep:
         views = _views(unseen, points, roads.walls, self.radius)
         kept = begun is not None and bool((points[0] == begun).all())
         return [
-            Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=bool(kept and k == 0))
-            for k in _cover(views, LEAST_SAMPLES, kept)
+            Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=kept and k == 0)
+            for k in _cover(views, kept)
         ]

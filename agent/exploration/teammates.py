@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.exploration.planning import NODE_SHARE
+from agent.exploration.planning import NODE_SHARE, circle
 from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
@@ -31,8 +31,7 @@ _FRONT = np.linspace(-1.2, 1.2, 5)
 """Bearings in radians of the corners of its front, from the direction of the eye; beyond, it may be narrower."""
 _SIDES = 8
 """Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
-_ANGLES = np.arange(_SIDES + 1) % _SIDES * (2 * math.pi / _SIDES)
-_OUTLINE = np.stack((np.cos(_ANGLES), np.sin(_ANGLES)), 1) / math.cos(math.pi / _SIDES)
+_OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)
 """(n + 1, 2) corners of a polygon around the unit disc, the first one again at the end."""
 
 
@@ -64,12 +63,9 @@ class Teammates:
 
     def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
         """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
-        if len(discs):
-            free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
-            self._fixed.append(discs[~free])
-            discs = discs[free]
-        else:
-            self._fixed.append(discs)
+        free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
+        self._fixed.append(discs[~free])
+        discs = discs[free]
         memory = MEMORY_S * self.rate_hz
         self.known = [mate for mate in self.known if tick - mate.seen <= memory or tick < mate.avoid_until]
         for x, y in discs.tolist():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agent.exploration.config import DrivingConfig
-from agent.exploration.planning import GIVE_M, NODE_SHARE
+from agent.exploration.planning import GIVE_M, NODE_SHARE, circle
 from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.messages import RobotSpec
@@ -16,8 +16,6 @@ PUSHING_S = 1.0
 """A robot that has pushed for so long pushes against an unseen wall."""
 MOST_WALLS = 50
 """Most unseen walls kept in memory (32 bytes each): 12 m of glass."""
-_AROUND = 8
-"""Path nodes around each end of an unseen wall."""
 
 
 class Touch:
@@ -57,8 +55,5 @@ class Touch:
         self.walls = np.vstack((self.walls, [x - half * s, y + half * c, x + half * s, y - half * c]))[-MOST_WALLS:]
 
     def nodes(self, clearance_m: float) -> Floats:
-        """(j, 2) places where paths that keep the clearance bend around these walls."""
-        ends = self.walls.reshape(-1, 2)
-        angles = np.arange(_AROUND) * (2.0 * math.pi / _AROUND)
-        ring = NODE_SHARE * clearance_m * np.stack((np.cos(angles), np.sin(angles)), 1)
-        return (ends[:, None] + ring).reshape(-1, 2)
+        """(j, 2) places where paths that keep the clearance bend around these walls: eight around each end."""
+        return (self.walls.reshape(-1, 1, 2) + NODE_SHARE * clearance_m * circle(8)).reshape(-1, 2)

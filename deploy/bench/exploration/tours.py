@@ -120,7 +120,7 @@ def least_ways(world: World, starts: Floats, spec: RobotSpec) -> Floats:
     samples = [start[None] for start in starts] + [np.ascontiguousarray(lattice[inside]) for inside in near]
     views = [shapely.Point(start) for start in starts] + sets
     roads = Roads(outline_of(world), np.asarray(starts[0], np.float64), OFF_M, node_offset_m=1e-4)
-    ways = np.array([roads.to_nodes(node) for node in roads.nodes])
+    ways = np.array([roads.leave(node).cost for node in roads.nodes])
     to_nodes = np.array([_to_nodes(points, roads.nodes, walls) for points in samples])
     s, n = len(starts), len(samples)
     out = np.zeros((n, n))

@@ -5,10 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from agent.exploration.agenda import TOUR_TASKS, Task, first_of_tour
+from agent.exploration.agenda import TOUR_TASKS, Task, first_of_tour, open_tour, tour_cost
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.planning import Roads
-from agent.exploration.tour import open_tour, tour_cost
 from protocol.wireframe import Wireframe
 
 HASTE = ExplorationConfig().haste

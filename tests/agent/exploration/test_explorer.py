@@ -12,7 +12,7 @@ from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.explorer import Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
-from agent.exploration.goal_memory import GoalMemory
+from agent.exploration.goals import GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation
 from agent.exploration.teammates import Teammates
