@@ -11,7 +11,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S
 from deploy.bench.explored import explore
 from deploy.bench.layouts import written
-from deploy.bench.tables import Table, whole
+from deploy.bench.tables import Table, least, most, total, whole
 
 CORRIDOR = [
     *[[-5.0, -1.5], [-2.0, -1.5], [-2.0, -0.3], [2.0, -0.3], [2.0, -1.5], [5.0, -1.5]],
@@ -32,8 +32,7 @@ def corridor(seed: int) -> dict[str, Any]:
 
 def measure_team(seed: int) -> Figures:
     """Contacts of each robot, and how each ended."""
-    settings = {"world": "maze-15", "robots": 5, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
-    return _figures(settings)
+    return _figures({"world": "maze-15", "robots": 5, "seed": seed, "starts": "random", "max_time_s": LIMIT_S})
 
 
 def measure_meeting(seed: int) -> Figures:
@@ -42,14 +41,12 @@ def measure_meeting(seed: int) -> Figures:
 
 
 def _figures(settings: Mapping[str, Any]) -> Figures:
-    robots = explore(settings, {}).summary["robots"].values()
+    robots = list(explore(settings, {}).summary["robots"].values())
     return {
         "complete": sum(robot["ended"] == "complete" for robot in robots) / len(robots),
-        "coverage": min(robot["coverage"] for robot in robots),
-        "robot_contacts": max(robot["robot_contacts"] for robot in robots),
-        "robot_contacts_all": sum(robot["robot_contacts"] for robot in robots),
-        "wall_contacts": max(robot["wall_contacts"] for robot in robots),
-        "t_99": max(robot["t_99"] for robot in robots) if all(robot["t_99"] for robot in robots) else None,
+        "coverage": least(robots, "coverage"),
+        "robot_contacts_all": total(robots, "robot_contacts"),
+        **{key: most(robots, key) for key in ("robot_contacts", "wall_contacts", "t_99")},
     }
 
 
