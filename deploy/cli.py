@@ -17,6 +17,7 @@ import typer
 from deploy.status import ENDINGS, Status
 
 if TYPE_CHECKING:
+    from deploy.bandwidth.representations import Measurement
     from deploy.config import RunConfig
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
@@ -95,28 +96,26 @@ def run(
         _say(error)
     if result.status == Status.USAGE:  # nothing was run
         raise typer.Exit(result.status)
-    page: Path | None = None
-    try:
-        page = write_report(directory)
-    except Exception as error:  # the run itself is written and must not be lost with its picture
-        _say(f"no report: {type(error).__name__}: {error}")
-    try:
-        _measure_bandwidth(directory, settings)
-    except Exception as error:
-        _say(f"no bandwidth measurement: {type(error).__name__}: {error}")
+    made = {}
+    for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
+        try:
+            made[what] = make(directory)
+        except Exception as error:  # the run itself is written and must not be lost with its picture
+            _say(f"no {what}: {type(error).__name__}: {error}")
     print_summary(directory)
-    print(page or directory)
+    print(made.get("report", directory))
     raise typer.Exit(result.status)
 
 
-def _measure_bandwidth(directory: Path, settings: RunConfig) -> None:
+def _measure_bandwidth(run: Path) -> Measurement:
     """What other forms of the maps would have cost, added to bandwidth.json, and its plots."""
     from deploy.bandwidth.plots import draw
     from deploy.bandwidth.representations import measure, write
 
-    measurement = measure(directory, settings)
-    write(directory, measurement)
-    draw(directory, measurement)
+    measurement = measure(run)
+    write(run, measurement)
+    draw(run, measurement)
+    return measurement
 
 
 @app.command("world")
@@ -153,8 +152,7 @@ def world_(
     _stop_on_signals(inbox.stop)
 
     def listening(endpoint: str) -> None:
-        print(f"listening on {endpoint}", flush=True)
-        print(f"radio: {settings.radio}", flush=True)
+        print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
 
     ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
     print(f"ended: {ended}; {directory}")
@@ -168,17 +166,11 @@ def bandwidth(
 ) -> None:
     """Measure what finished runs sent, and what their maps would have cost in other forms."""
     from deploy.bandwidth.books import read_books
-    from deploy.bandwidth.plots import draw
-    from deploy.bandwidth.representations import measure, write
     from deploy.bandwidth.tables import document, print_tables
 
     documents = []
     for run in runs:
-        books = read_books(run)
-        measurement = measure(run)
-        write(run, measurement)
-        draw(run, measurement)
-        documents.append(document(run, books, measurement))
+        documents.append(document(run, read_books(run), _measure_bandwidth(run)))
         if not as_json:
             print_tables(documents[-1])
     if as_json:
@@ -214,17 +206,17 @@ BENCHMARKS = {
 }
 
 
-def _add_benchmark(name: str, words: str) -> None:
-    @bench.command(name, help=words)
-    def measure(quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
-        from deploy.bench.benchmark import benchmark
+def _measure(
+    context: typer.Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")
+) -> None:
+    from deploy.bench.benchmark import benchmark
 
-        if not benchmark(name).run(quick, results, jobs):
-            raise typer.Exit(Status.FAILURE)
+    if not benchmark(str(context.info_name)).run(quick, results, jobs):
+        raise typer.Exit(Status.FAILURE)
 
 
 for _name, _words in BENCHMARKS.items():
-    _add_benchmark(_name, _words)
+    bench.command(_name, help=_words)(_measure)
 
 
 @app.command()

@@ -47,10 +47,10 @@ def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets:
     try:
         return RunConfig.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(sentence(error)) from None
+        raise ConfigError(_sentence(error)) from None
 
 
-def sentence(error: ValidationError) -> str:
+def _sentence(error: ValidationError) -> str:
     """One sentence on the first wrong key of a configuration."""
     found = error.errors(include_url=False)
     key = _key(found[0]["loc"])

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from agent.config import AgentConfig
+from agent.robot import Robot
 from agent.shell.mind import MakeMind
 from world.config import WorldConfig
 from world.episode import Episode
@@ -23,17 +24,13 @@ def run(
 
     `progress` is called after every tick. What a mind raises ends the run as interrupted and is raised.
     """
-    if make_mind is None:
-        from agent.robot import Robot  # imported only now: numba takes half a second
-
-        make_mind = Robot
     begin = time.perf_counter()
     episode = Episode(config, out)
     try:
         minds = {}
         for robot in episode.robots:
             welcome = episode.welcome(robot)
-            minds[robot] = make_mind(robot, welcome.spec, agent_config, welcome.seed)
+            minds[robot] = (make_mind or Robot)(robot, welcome.spec, agent_config, welcome.seed)
         while episode.ended is None:
             outputs = {}
             for robot, (heard, observation) in episode.inputs().items():
