@@ -137,17 +137,21 @@ def _transforms(
         c, s = math.cos(t[2]), math.sin(t[2])
         t[0] = a[i, 0] - c * b[j, 0] + s * b[j, 1]
         t[1] = a[i, 1] - s * b[j, 0] - c * b[j, 1]
-        same = -1
-        for n in range(count):
-            if not apart(found[n], t, centre, LIKE_M, LIKE_RAD):
-                same = n
-                break
-        if same < 0:
-            same = count
+        same = _first_like(t, found[:count], centre)
+        if same == count:
             found[same] = t
             count += 1
         votes[same] += likelihoods[k]
     return found[:count], votes[:count]
+
+
+@kernel
+def _first_like(t: Floats, found: Floats, centre: Floats) -> int:
+    """Row of the first of the transforms found (n, 3) that t is like; n where it is like none."""
+    for n in range(found.shape[0]):
+        if not apart(found[n], t, centre, LIKE_M, LIKE_RAD):
+            return n
+    return found.shape[0]
 
 
 @kernel
@@ -205,15 +209,10 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
 @kernel
 def _distinct(transforms: Floats, centre: Floats) -> Ints:
     """Indices of transforms that are like none before them."""
-    kept = np.empty(transforms.shape[0], np.int64)
+    kept, found = np.empty(transforms.shape[0], np.int64), np.empty(transforms.shape)
     count = 0
     for k in range(transforms.shape[0]):
-        new = True
-        for n in range(count):
-            if not apart(transforms[kept[n]], transforms[k], centre, LIKE_M, LIKE_RAD):
-                new = False
-                break
-        if new:
-            kept[count] = k
+        if _first_like(transforms[k], found[:count], centre) == count:
+            kept[count], found[count] = k, transforms[k]
             count += 1
     return kept[:count]

@@ -101,10 +101,8 @@ def _features(points: Floats, true: Bools, sd: Floats, parent: Ints, child: Ints
     line = np.empty(5, np.int64)
     direction, size = np.zeros(4), np.zeros(4)
     for v in range(n):
-        line[2] = v
-        line[1] = parent[v]
+        line[1], line[2], line[3] = parent[v], v, child[v]
         line[0] = parent[line[1]] if line[1] >= 0 else -1
-        line[3] = child[v]
         line[4] = child[line[3]] if line[3] >= 0 else -1
         for k in range(4):
             a, b = line[k], line[k + 1]

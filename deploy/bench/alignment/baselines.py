@@ -3,6 +3,7 @@
 Both know corners only, and have one test: enough of them must match.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,12 +12,19 @@ from agent.alignment import Alignment, AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
 from agent.alignment.align import Method, by_features, described
 from agent.alignment.candidates import Candidates, refine
+from agent.geometry.transform import fit, move
+from agent.kernels import kernel
 from deploy.bench.alignment.congruent_sets import matched_clouds
-from deploy.bench.alignment.icp import closest_points
 from protocol.arrays import Floats
 
 MIN_INLIERS = 12
 """Corners that must match."""
+STARTS = 24
+"""Evenly spread turns from which closest points begin; they turn by up to 10 degrees by themselves."""
+GATE_M = 1.5
+"""Corners farther apart are no pair, as the maps overlap only in part."""
+ROUNDS = 40
+"""Iterations of closest points at most."""
 
 
 def by_congruent_sets(
@@ -54,3 +62,37 @@ def _by_corners(first: Floats, mine: PreparedMap, theirs: PreparedMap) -> Alignm
     if said.inliers < MIN_INLIERS:
         return replace(said, reason="weak")
     return replace(said, transform=said.best, reason="aligned")
+
+
+@kernel
+def closest_points(source: Floats, target: Floats) -> Floats:
+    """(k, 3) where the source points (n, 2) settle on the targets (m, 2) from each turn; both centres lie together."""
+    out = np.empty((STARTS, 3))
+    here, there = np.empty(source.shape), np.empty(source.shape)
+    sx, sy = source[:, 0].mean(), source[:, 1].mean()
+    tx, ty = target[:, 0].mean(), target[:, 1].mean()
+    for k in range(STARTS):
+        turn = k * (2.0 * math.pi / STARTS)
+        c, s = math.cos(turn), math.sin(turn)
+        t = np.array([tx - c * sx + s * sy, ty - s * sx - c * sy, turn])
+        for _ in range(ROUNDS):
+            count = 0
+            for j in range(source.shape[0]):
+                x, y = move(t, source[j, 0], source[j, 1])
+                best, nearest = GATE_M * GATE_M, -1
+                for i in range(target.shape[0]):
+                    d2 = (target[i, 0] - x) ** 2 + (target[i, 1] - y) ** 2
+                    if d2 < best:
+                        best, nearest = d2, i
+                if nearest >= 0:
+                    here[count], there[count] = source[j], target[nearest]
+                    count += 1
+            if count < 2:
+                break
+            new = fit(here, there, count)
+            still = abs(new[0] - t[0]) + abs(new[1] - t[1]) + abs(new[2] - t[2]) < 1e-6
+            t = new
+            if still:
+                break
+        out[k] = t
+    return out

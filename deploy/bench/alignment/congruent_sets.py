@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.candidates import FINE_M
+from agent.geometry.cells import by_cell
 from agent.geometry.transform import fit
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
@@ -108,32 +109,37 @@ class Cells(NamedTuple):
     rows: int
     size_m: float
     begins: Ints
-    """(columns * rows + 1,) where each cell's points begin in `members`, column by column."""
+    """(columns * rows + 1,) where the points of a cell, column by column, begin in `members`."""
     members: Ints
-    """(n,) rows of the points."""
 
 
 @kernel
 def _cells_of(points: Floats, cell: float) -> Cells:
     """Points (n, 2) by cells of at least this size, metres."""
-    x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
-    for k in range(points.shape[0]):
-        x0, x1 = min(x0, points[k, 0]), max(x1, points[k, 0])
-        y0, y1 = min(y0, points[k, 1]), max(y1, points[k, 1])
+    x0, y0 = points[:, 0].min(), points[:, 1].min()
+    x1, y1 = points[:, 0].max(), points[:, 1].max()
     size = max(cell, max(x1 - x0, y1 - y0) / 500.0)
     columns, rows = int((x1 - x0) // size) + 1, int((y1 - y0) // size) + 1
-    begins = np.zeros(columns * rows + 1, np.int64)
     where = np.empty(points.shape[0], np.int64)
     for k in range(points.shape[0]):
         where[k] = int((points[k, 0] - x0) // size) * rows + int((points[k, 1] - y0) // size)
-        begins[where[k] + 1] += 1
-    for k in range(columns * rows):
-        begins[k + 1] += begins[k]
-    at, members = begins.copy(), np.empty(points.shape[0], np.int64)
-    for k in range(points.shape[0]):
-        members[at[where[k]]] = k
-        at[where[k]] += 1
+    begins, members = by_cell(where, columns * rows)
     return Cells(x0, y0, columns, rows, size, begins, members)
+
+
+@kernel
+def _columns(cells: Cells, x: float) -> tuple[int, int]:
+    """The columns to search near x: its own and those beside it, from the first to before the second."""
+    i = math.floor((x - cells.x) / cells.size_m)
+    return max(i - 1, 0), min(i + 2, cells.columns)
+
+
+@kernel
+def _strip(cells: Cells, column: int, y: float) -> Ints:
+    """Points of a column in the row of y and those beside it."""
+    j, first = math.floor((y - cells.y) / cells.size_m), column * cells.rows
+    low, high = min(max(j - 1, 0), cells.rows), max(min(j + 2, cells.rows), 0)
+    return cells.members[cells.begins[first + low] : cells.begins[first + high]]
 
 
 @kernel
@@ -143,16 +149,11 @@ def _matched(source: Floats, target: Floats, t: Floats, cells: Cells) -> int:
     count = 0
     for k in range(source.shape[0]):
         x, y = t[0] + c * source[k, 0] - s * source[k, 1], t[1] + s * source[k, 0] + c * source[k, 1]
-        i, j = math.floor((x - cells.x) / cells.size_m), math.floor((y - cells.y) / cells.size_m)
         near = False
-        for p in range(max(i - 1, 0), min(i + 1, cells.columns - 1) + 1):
-            for q in range(max(j - 1, 0), min(j + 1, cells.rows - 1) + 1):
-                for n in range(cells.begins[p * cells.rows + q], cells.begins[p * cells.rows + q + 1]):
-                    dx, dy = target[cells.members[n], 0] - x, target[cells.members[n], 1] - y
-                    if dx * dx + dy * dy < FINE_M * FINE_M:
-                        near = True
-        if near:
-            count += 1
+        for column in range(*_columns(cells, x)):
+            for n in _strip(cells, column, y):
+                near |= (target[n, 0] - x) ** 2 + (target[n, 1] - y) ** 2 < FINE_M * FINE_M
+        count += near
     return count
 
 
@@ -170,47 +171,34 @@ def _congruent(source: Floats, target: Floats, bases: Ints, pairs: Ints, lengths
         for n in range(4):
             four[n] = source[bases[k, n]]
         u, v = _crossing(four[0], four[1], four[2], four[3])
-        ax, ay, cx, cy = (
-            four[1, 0] - four[0, 0],
-            four[1, 1] - four[0, 1],
-            four[3, 0] - four[2, 0],
-            four[3, 1] - four[2, 1],
-        )
+        (ax, ay), (cx, cy) = four[1] - four[0], four[3] - four[2]
         one, two = math.hypot(ax, ay), math.hypot(cx, cy)
         angle = math.atan2(ax * cy - ay * cx, ax * cx + ay * cy)
         i0, i1 = np.searchsorted(lengths, one - SAME_M), np.searchsorted(lengths, one + SAME_M)
         j0, j1 = np.searchsorted(lengths, two - SAME_M), np.searchsorted(lengths, two + SAME_M)
         if i1 == i0 or j1 == j0:
             continue
-        crossings = np.empty((i1 - i0, 2))
-        for i in range(i0, i1):
-            p, q = pairs[i]
-            crossings[i - i0, 0] = target[p, 0] + u * (target[q, 0] - target[p, 0])
-            crossings[i - i0, 1] = target[p, 1] + u * (target[q, 1] - target[p, 1])
+        from_, to = target[pairs[i0:i1, 0]], target[pairs[i0:i1, 1]]
+        crossings = from_ + u * (to - from_)
         near = _cells_of(crossings, SAME_M)
         sets = 0
         for j in range(j0, j1):
             p, q = pairs[j]
             dx, dy = target[q, 0] - target[p, 0], target[q, 1] - target[p, 1]
             x, y = target[p, 0] + v * dx, target[p, 1] + v * dy
-            m, n = math.floor((x - near.x) / near.size_m), math.floor((y - near.y) / near.size_m)
-            for g in range(max(m - 1, 0), min(m + 1, near.columns - 1) + 1):
-                for h in range(max(n - 1, 0), min(n + 1, near.rows - 1) + 1):
-                    for w in range(near.begins[g * near.rows + h], near.begins[g * near.rows + h + 1]):
-                        i = near.members[w]
-                        if (crossings[i, 0] - x) ** 2 + (
-                            crossings[i, 1] - y
-                        ) ** 2 > SAME_M * SAME_M or sets >= MAX_SETS:
-                            continue
-                        r, s = pairs[i0 + i]
-                        bx, by = target[s, 0] - target[r, 0], target[s, 1] - target[r, 1]
-                        found_angle = math.atan2(bx * dy - by * dx, bx * dx + by * dy)
-                        if abs(wrapped(found_angle - angle)) > SAME_RAD:
-                            continue
-                        there[0], there[1], there[2], there[3] = target[r], target[s], target[p], target[q]
-                        t = fit(four, there, 4)
-                        found[total] = t
-                        matched[total] = _matched(source, target, t, cells)
-                        total += 1
-                        sets += 1
+            for column in range(*_columns(near, x)):
+                for i in _strip(near, column, y):
+                    away2 = (crossings[i, 0] - x) ** 2 + (crossings[i, 1] - y) ** 2
+                    if away2 > SAME_M * SAME_M or sets >= MAX_SETS:
+                        continue
+                    r, s = pairs[i0 + i]
+                    bx, by = target[s, 0] - target[r, 0], target[s, 1] - target[r, 1]
+                    found_angle = math.atan2(bx * dy - by * dx, bx * dx + by * dy)
+                    if abs(wrapped(found_angle - angle)) > SAME_RAD:
+                        continue
+                    there[0], there[1], there[2], there[3] = target[r], target[s], target[p], target[q]
+                    found[total] = fit(four, there, 4)
+                    matched[total] = _matched(source, target, found[total], cells)
+                    total += 1
+                    sets += 1
     return found[:total], matched[:total]

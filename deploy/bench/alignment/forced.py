@@ -16,7 +16,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right, true_transform
 from deploy.bench.explored import explore
 from deploy.bench.layouts import drawn_starts, path_of
-from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, columns, runs_of
+from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, runs_of
 from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.messages import Observation
@@ -101,18 +101,16 @@ class ForcedRun:
                     self._force(robot, peer, theirs, observation.tick)
 
     def _force(self, robot: Robot, peer: Met, theirs: Wireframe, tick: int) -> None:
-        kind = KINDS[len(self.forced) % len(KINDS)]
-        name = peer.log.name
-        truth = true_transform(self.frames[robot.robot], self.frames[name])
-        wrong = self._wrong(kind, robot, peer, theirs, truth)
-        robot.team.propose(peer, pose_of(wrong), robot.own, {"forced": True})
+        kind, name = KINDS[len(self.forced) % len(KINDS)], peer.log.name
+        robot.team.propose(peer, pose_of(self._wrong(kind, robot, peer, theirs)), robot.own, {"forced": True})
         peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
         self._open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
-    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe, truth: Floats) -> Floats:
+    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe) -> Floats:
         """(3,) a transform of that kind that is wrong."""
         mine = self.frames[robot.robot]
+        truth = true_transform(mine, self.frames[peer.log.name])
         if kind == "twin":
             half = np.array([*(2.0 * self.centre), math.pi])  # the half turn about the building's centre
             step = np.array([self.rng.choice([-4.0, 4.0]), 0.0, 0.0])  # or the next room of `symmetric`
@@ -141,19 +139,10 @@ class ForcedRun:
         opened = self._open.pop((one, data["peer"]), None)
         if opened is None:
             return
-        off = errors(data["transform"], self.frames[one], self.frames[data["peer"]], np.zeros(2))
-        self.forced.append(
-            {
-                **opened,
-                "accepted": event == "accepted",
-                "wrong": not right(*off),
-                "error_m": off[0],
-                "error_deg": off[1],
-                "reason": data["reason"],
-                "weight": data["weight"],
-                "evidence": data["evidence"],
-            }
-        )
+        metres, degrees = errors(data["transform"], self.frames[one], self.frames[data["peer"]], np.zeros(2))
+        said = {key: data[key] for key in ("reason", "weight", "evidence")}
+        judged = {"accepted": event == "accepted", "wrong": not right(metres, degrees)}
+        self.forced.append({**opened, **judged, "error_m": metres, "error_deg": degrees, **said})
 
 
 def _wrong(runs: Runs) -> list[Figures]:
@@ -168,16 +157,8 @@ def _by_evidence(figures: Outcomes) -> list[Row]:
         wrong, forced = _wrong(runs), sum(len(run["forced"]) for run in runs)
         accepted = sum(one["accepted"] for one in wrong)
         rejected = sum(one["reason"] == "the evidence decides" and not one["accepted"] for one in wrong)
-        rows.append(
-            {
-                "evidence": row,
-                "forced": forced,
-                "accepted": accepted,
-                "righted": forced - len(wrong),
-                "by_evidence": rejected,
-                "given_up": len(wrong) - rejected - accepted,
-            }
-        )
+        counts = {"forced": forced, "accepted": accepted, "righted": forced - len(wrong), "by_evidence": rejected}
+        rows.append({"evidence": row, **counts, "given_up": len(wrong) - rejected - accepted})
     return [row for row in rows if row["forced"]]
 
 
@@ -193,11 +174,9 @@ TABLES = [
         "forced",
         "Wrong proposals forced into the queue",
         _by_evidence,
-        columns(
-            "evidence; forced; accepted <= 0: wrong accepted; righted: put right by later maps; "
-            "by_evidence: rejected by evidence; given_up: unreachable, time or undecided"
-        ),
+        "evidence; forced; accepted <= 0: wrong accepted; righted: put right by later maps; "
+        "by_evidence: rejected by evidence; given_up: unreachable, time or undecided",
         judged=lambda row: row["evidence"] == "all evidence",
     ),
-    Table("forced_kinds", "The same by kind, all evidence", _by_kind, columns("kind; forced; accepted <= 0")),
+    Table("forced_kinds", "The same by kind, all evidence", _by_kind, "kind; forced; accepted <= 0"),
 ]

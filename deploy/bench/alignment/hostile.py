@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.geometry.transform import compose, inverse
+from agent.geometry.transform import inverse
 from agent.robot import Robot, Step
 from agent.shell.mind import Mind
 from deploy import inprocess
@@ -15,9 +15,8 @@ from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
-from deploy.bench.tables import Table, columns, whole
-from protocol.arrays import Floats
-from protocol.geometry import Pose, apply
+from deploy.bench.tables import Table, whole
+from protocol.geometry import apply, compose
 from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
@@ -50,10 +49,8 @@ def besiege(world: str, seed: int, limit_s: float, kinds: Sequence[str]) -> Figu
         made.append(_Besieged(Robot(name, spec, config, own_seed), kinds, np.random.default_rng(seed)))
         return made[0]
 
-    settings = WorldConfig.model_validate(
-        {"world": path_of(world), "robots": 1, "seed": seed, "starts": "random", "until": limit_s}
-    )
-    inprocess.run(settings, AgentConfig(), None, None, make)
+    settings = {"world": path_of(world), "robots": 1, "seed": seed, "starts": "random", "until": limit_s}
+    inprocess.run(WorldConfig.model_validate(settings), AgentConfig(), None, None, make)
     return made[0].figures()
 
 
@@ -96,24 +93,19 @@ class _Besieged:
 
     def figures(self) -> Figures:
         """Messages, and what was merged of them."""
-        return {
-            "messages": self.messages,
-            "merged": len(self.merged),
-            "refused": self.refused,
-            "moved_m": self.moved_m,
-            "maps": len(self.kinds),
-        }
+        counts = {"messages": self.messages, "merged": len(self.merged), "refused": self.refused}
+        return {**counts, "moved_m": self.moved_m, "maps": len(self.kinds)}
 
     def _speak(self, observation: Observation, name: str, kind: str) -> list[Heard]:
         """A beacon and a whole map."""
-        frame, pose = self.frames[name], self.robot.filter.pose
-        own = self.robot.own
-        told, place = moved(own, frame), self._at(frame, pose)
+        x, y, theta = self.frames[name].tolist()
+        frame, pose, own = (x, y, theta), self.robot.filter.pose, self.robot.own
+        told, place = moved(own, frame), compose(frame, pose)
         if kind == "random":
             told = self._random(80)
         elif kind == "mirrored":
             flipped = replace(own, points=own.points * (1.0, -1.0), edges=own.edges[:, ::-1].copy())
-            told, place = moved(flipped, frame), self._at(frame, (pose[0], -pose[1], -pose[2]))
+            told, place = moved(flipped, frame), compose(frame, (pose[0], -pose[1], -pose[2]))
         elif kind == "elsewhere":
             told = moved(self.elsewhere[int(name[1:]) % len(self.elsewhere)], frame)
             corner = told.points[int(self.rng.integers(len(told.points)))]
@@ -133,10 +125,6 @@ class _Besieged:
             parts = [Part(observation.tick, 0, k, MAX_PARTS, self.rng.bytes(1_150)) for k in range(MAX_PARTS)]
         payloads = [("beacon", Beacon(observation.tick, place).encode()), *(("map", part.encode()) for part in parts)]
         return [Heard(tick=observation.tick, sender=name, kind=what, payload=data) for what, data in payloads]
-
-    def _at(self, frame: Floats, pose: Pose) -> Pose:
-        x, y, theta = compose(frame, np.array(pose)).tolist()
-        return x, y, theta
 
     def _random(self, n: int) -> Wireframe:
         order = self.rng.permutation(n)
@@ -159,7 +147,7 @@ TABLES = [
         "hostile",
         "Hostile maps against a live robot",
         whole("hostile/{kind}"),
-        columns("kind; maps: peers; messages; refused: refused as malformed; merged <= 0; moved_m <= 0.25: moved m"),
+        "kind; maps: peers; messages; refused: refused as malformed; merged <= 0; moved_m <= 0.25: moved m",
         note="A shifting peer tells the truth first and may be merged; what it says after that must not move the map.",
     )
 ]

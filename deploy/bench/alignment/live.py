@@ -28,13 +28,13 @@ from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
 SEEDS = 20
-"""Of each bundled world: 100 runs."""
+"""Runs of each bundled world: 100 in all."""
 PAIRED_SEEDS = 10
-"""Of maze-15 for comparisons (the issue's)."""
+"""Runs of maze-15 with and without what is compared (the issue's)."""
 TEAM_SEEDS = 5
-"""Of them for teams of 2 and 5 robots, which have no bar."""
+"""The same for teams of 2 and 5 robots, which have no bar."""
 LIMIT_S = 600.0
-"""Simulated seconds of the runs: all robots have seen all before, though some sweep on."""
+"""Simulated seconds of a run. All robots have seen all walls before, though some still sweep."""
 UNSHARED_S = 1200.0
 """The same where robots do not share: alone in maze-15 they need 500 to 750 s."""
 LOOK_S = 10.0
@@ -55,7 +55,7 @@ def cases(quick: bool) -> list[Case]:
     seeds = range(1 if quick else PAIRED_SEEDS)
     made = []
     for seed, live in product(range(1 if quick else SEEDS), world.values() if quick else BUNDLED):
-        # runs whose last maps are scored, and whose bytes are compared, go on to their own end
+        # the comparisons read the last maps and the bytes of these runs, so they go on to their own end
         until = None if live == "maze-15" and seed < PAIRED_SEEDS else "merged"
         made.append(Case(f"live/{live}/{seed}", measure, {"world": live, "seed": seed, "until": until}))
     alone = {**world, "limit_s": UNSHARED_S, "until": "each"}
@@ -83,24 +83,20 @@ def measure(
     start: int | None = None,
     until: str | None = None,
 ) -> Figures:
-    """One run, until `team` or `each` robot has 99 %, until all is `merged`, or to its own end (None)."""
-    if start is None:
-        starts = drawn_starts(world, robots, seed)
-    else:
-        starts = drawn_starts(world, 3, seed)[start : start + 1]
-        world, robots = alone_from(world, starts[0]), 1
-    watched = LiveRun(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
-    settings = {
-        "world": world,
-        "robots": robots,
-        "seed": seed,
-        "starts": "random" if start is None else "file",
-        "max_time_s": limit_s,
-        "radio": {"range_m": range_m},
-    }
-    enough = None if until is None else {"team": _team, "each": _each, "merged": watched.all_merged}[until]
-    run = explore(settings, {"cooperation": cooperation or {}}, watched, enough=enough)
-    return watched.figures(run)
+    """One run, until `team` or `each` robot has 99 %, until all is `merged`, or to its own end (None).
+
+    start: the run is of one robot, from the start of that number; None: from all starts.
+    """
+    settings = {"robots": robots, "seed": seed, "starts": "random", "max_time_s": limit_s}
+    starts = drawn_starts(world, 3 if start is not None else robots, seed)
+    if start is not None:
+        starts = starts[start : start + 1]
+        world = written({**load(path_of(world)).document, "spawns": [starts[0].tolist()]})
+        settings |= {"robots": 1, "starts": "file"}
+    live = LiveRun(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
+    enough = None if until is None else {"team": _team, "each": _each, "merged": live.all_merged}[until]
+    settings |= {"world": world, "radio": {"range_m": range_m}}
+    return live.figures(explore(settings, {"cooperation": cooperation or {}}, live, enough=enough))
 
 
 FULL = 0.99 - 1e-9
@@ -114,13 +110,8 @@ def _each(episode: Episode) -> bool:
     return min(episode.coverage.values()) >= FULL
 
 
-def alone_from(world: str, start: Floats) -> str:
-    """File of a world with one spawn."""
-    return written({**load(path_of(world)).document, "spawns": [start.tolist()]})
-
-
 class LiveRun:
-    """Looks over the shoulders of all robots of a run."""
+    """What a run shows while it lasts: which pairs of robots in contact have maps that overlap enough to be merged."""
 
     def __init__(self, world: str, starts: Mapping[str, Floats]) -> None:
         """starts: (3,) pose of each robot's own frame in the world."""
@@ -148,34 +139,29 @@ class LiveRun:
 
     def see_overlap(self, t: float, one: str, two: str) -> None:
         """Note that two maps have enough in common."""
-        a, b = self._pieces(one), self._pieces(two)
-        lengths = self._truth(one).seen_lengths
+        (a, lengths), (b, _) = self._pieces(one), self._pieces(two)
         smaller = min(float(lengths[a].sum()), float(lengths[b].sum()))
         if smaller > 0 and float(lengths[a & b].sum()) / smaller >= OVERLAP:
             self.due[one, two] = t
 
-    def _truth(self, robot: str) -> Truth:
-        return _truth(self.world, float(self.starts[robot][0]), float(self.starts[robot][1]))
-
-    def _pieces(self, robot: str) -> Bools:
+    def _pieces(self, robot: str) -> tuple[Bools, Floats]:
+        """(p,) which pieces of the visible true wall are in a robot's map, and (p,) the lengths of all."""
         x, y, theta = self.starts[robot].tolist()
-        return mapped(self.minds[robot].own, (x, y, theta), self._truth(robot))
+        truth = _truth(self.world, x, y)
+        return mapped(self.minds[robot].own, (x, y, theta), truth), truth.seen_lengths
 
     def figures(self, run: Explored) -> Figures:
         """All that the tables need."""
-        events = [
-            {"t": t, "robot": robot, "event": event.event, **event.data}
-            for t, robot, event in run.events
-            if event.event in EVENTS
-        ]
+        events = [(t, robot, event.event, event.data) for t, robot, event in run.events if event.event in EVENTS]
         accepted = []
-        for event in events:
-            if event["event"] == "accepted":
-                peer_map = run.robots[event["peer"]].own.points
-                centre = peer_map.mean(0) if len(peer_map) else np.zeros(2)
-                off = errors(event["transform"], run.frame(event["robot"]), run.frame(event["peer"]), centre)
-                accepted.append({**event, "error_m": off[0], "error_deg": off[1], "false": not right(*off)})
-        words = [((event["robot"], event["peer"]), f"{event['event']}: {event['reason']}") for event in events]
+        for t, robot, name, data in events:
+            if name == "accepted":
+                theirs = run.robots[data["peer"]].own.points
+                centre = theirs.mean(0) if len(theirs) else np.zeros(2)
+                off = errors(data["transform"], run.frame(robot), run.frame(data["peer"]), centre)
+                found = {"t": t, "robot": robot, "error_m": off[0], "error_deg": off[1], "false": not right(*off)}
+                accepted.append(data | found)
+        words = [((robot, data["peer"]), f"{name}: {data['reason']}") for _, robot, name, data in events]
         last = dict(words)
         pairs = [
             {
@@ -194,10 +180,13 @@ class LiveRun:
             "robots": {name: run.figures(name) for name in run.robots},
             "team": run.summary["team"],
             "real_time_factor": run.summary["real_time_factor"],
-            "accepted": accepted,
-            "counts": {name: sum(event["event"] == name for event in events) for name in EVENTS},
+            "alignments": accepted,
+            "false": sum(one["false"] for one in accepted),
+            **{event: sum(name == event for _, _, name, _ in events) for event in EVENTS},
             "reasons": dict(sorted(Counter(word for _, word in words).items())),
-            "pairs": pairs,
+            "due": pairs,
+            "pairs": len(pairs),
+            "merged": sum(pair["merged"] for pair in pairs),
         }
 
 
@@ -210,46 +199,25 @@ def _truth(world: str, x: float, y: float) -> Truth:
 # tables
 
 
-def _over(key: str, make: Callable[[list[Any]], Any]) -> Reduce:
-    """Made of the lists under a key of all runs, put together."""
-    return lambda runs, _: make([one for run in runs for one in run[key]])
-
-
 def _worst(key: str) -> Reduce:
-    return _over("accepted", lambda accepted: max((one[key] for one in accepted), default=None))
+    """The largest of all accepted alignments of all runs."""
+    return lambda runs, _: max((one[key] for run in runs for one in run["alignments"]), default=None)
 
 
-def _counted(runs: Runs, key: str) -> int:
-    return sum(run["counts"][key] for run in runs)
+def _share_merged(runs: Runs, key: str) -> float:
+    return float(sum(run["merged"] for run in runs) / max(sum(run["pairs"] for run in runs), 1))
 
 
-def _number(key: str) -> Callable[[list[Any]], int]:
-    return lambda found: sum(one[key] for one in found)
-
-
-def _share_merged(pairs: list[Any]) -> float:
-    return _number("merged")(pairs) / max(len(pairs), 1)
-
-
-def _interval(pairs: list[Any]) -> str:
-    low, high = wilson(_number("merged")(pairs), len(pairs))
+def _interval(runs: Runs, key: str) -> str:
+    low, high = wilson(sum(run["merged"] for run in runs), sum(run["pairs"] for run in runs))
     return f"{low:.2f} to {high:.2f}"
-
-
-ACCEPTED = {"accepted": _over("accepted", len), "false": _over("accepted", _number("false"))}
 
 
 def _left(figures: Outcomes) -> list[Row]:
     """Last words of the pairs that were not merged, the most frequent first."""
-    live = grouped(figures, "live/{world}/*")
-    counts = Counter(
-        f"{labels['world']}: {pair['reason']}"
-        for labels, runs in live
-        for run in runs
-        for pair in run["pairs"]
-        if not pair["merged"]
-    )
-    return [{"reason": reason, "pairs": n} for reason, n in sorted(counts.items(), key=lambda item: -item[1])]
+    left = [(run, pair) for run in runs_of(figures, "live/*/*") for pair in run["due"] if not pair["merged"]]
+    counts = Counter(f"{run['world']}: {pair['reason']}" for run, pair in left)
+    return [{"reason": reason, "pairs": n} for reason, n in counts.most_common()]
 
 
 def _least_of_robots(runs: Runs, key: str) -> float:
@@ -267,8 +235,7 @@ MAPS = columns(
 
 def _maps(figures: Outcomes) -> list[Row]:
     """The worst of the maps of the first seeds, a row a world."""
-    groups = grouped(figures, "live/{world}/*")
-    return [row_of(MAPS, runs[:PAIRED_SEEDS], labels) for labels, runs in groups]
+    return [row_of(MAPS, runs[:PAIRED_SEEDS], labels) for labels, runs in grouped(figures, "live/{world}/*")]
 
 
 def _divided(figures: Outcomes, robots: int, seed: int) -> Figures | None:
@@ -288,10 +255,11 @@ def _last_t99(run: Figures) -> float | None:
     return last
 
 
-def _quarters(ratios: Sequence[float]) -> str:
-    """Middle half of paired ratios."""
+def _paired(ratios: Sequence[float]) -> Row:
+    """Median and middle half of paired ratios."""
+    ratio = median(ratios)
     low, high = np.quantile(ratios, (0.25, 0.75), method="nearest").tolist()
-    return f"{low:.2f} to {high:.2f}"
+    return {"ratio": ratio if math.isfinite(ratio) else None, "spread": f"{low:.2f} to {high:.2f}"}
 
 
 def _sharing(figures: Outcomes) -> list[Row]:
@@ -303,12 +271,8 @@ def _sharing(figures: Outcomes) -> list[Row]:
             with_, without = _last_t99(on), _last_t99(off)
             ratio = with_ / without if with_ is not None and without is not None else None
             rows.append({"seed": str(seed), "on": with_, "off": without, "ratio": ratio})
-    if not rows:
-        return []
     ratios = [math.inf if row["ratio"] is None else row["ratio"] for row in rows]
-    ratio = median(ratios)
-    spread = _quarters(ratios)
-    return [*rows, {"seed": "median", "ratio": ratio if math.isfinite(ratio) else None, "spread": spread}]
+    return [*rows, {"seed": "median", **_paired(ratios)}] if rows else []
 
 
 def _division(figures: Outcomes) -> list[Row]:
@@ -323,30 +287,19 @@ def _division(figures: Outcomes) -> list[Row]:
             if len(found) == len(runs) and None not in found:
                 times.append((found[0], found[1], fmean(found[2:])))
         if times:
-            divided, undivided, alone = zip(*times, strict=True)
-            ratios = [with_ / one for with_, _, one in times]
-            rows.append(
-                {
-                    "robots": robots,
-                    "seeds": len(times),
-                    "divided": median(divided),
-                    "undivided": median(undivided),
-                    "alone": median(alone),
-                    "ratio": median(ratios),
-                    "spread": _quarters(ratios),
-                    "sooner": median(with_ / without for with_, without, _ in times),
-                }
-            )
+            row = dict(zip(("divided", "undivided", "alone"), map(median, zip(*times, strict=True)), strict=True))
+            sooner = median(with_ / without for with_, without, _ in times)
+            ratios = _paired([with_ / one for with_, _, one in times])
+            rows.append({"robots": robots, "seeds": len(times), **row, **ratios, "sooner": sooner})
     return rows
 
 
 RANGE = columns(
     "range: radio range m; runs count; t_99: every robot 99 % s; team: team 99 % s; bytes: bytes sent; "
-    "accepted; false <= 0",
+    "accepted total; false total <= 0",
     t_99=lambda runs, _: middle([{"t": _last_t99(run)} for run in runs], "t"),
     team=lambda runs, _: middle([run["team"] for run in runs], "t_99"),
     bytes=lambda runs, _: median(sum(robot["bytes_sent"] for robot in run["robots"].values()) for run in runs),
-    **ACCEPTED,
 )
 
 
@@ -368,11 +321,10 @@ TABLES = [
         "3 robots, starts from the seed: accepted alignments",
         "live/{world}/*",
         columns(
-            "world; runs count; accepted; false <= 0; worst_m; worst_deg; proposed; rejected; unmerged",
-            **ACCEPTED,
+            "world; runs count; accepted total; false total <= 0; worst_m; worst_deg; proposed total; rejected total; "
+            "unmerged total",
             worst_m=_worst("error_m"),
             worst_deg=_worst("error_deg"),
-            **dict.fromkeys(("proposed", "rejected", "unmerged"), _counted),
         ),
         total="all",
         note="False: more than 0.25 m or 5 degrees off, also if undone later.",
@@ -382,16 +334,12 @@ TABLES = [
         "Robot and peer in contact with overlap >= 30 % and 120 s left: merged by the end",
         "live/{world}/*",
         columns(
-            "world; pairs; merged; share >= 0.8; interval: 95 %",
-            pairs=_over("pairs", len),
-            merged=_over("pairs", _number("merged")),
-            share=_over("pairs", _share_merged),
-            interval=_over("pairs", _interval),
+            "world; pairs total; merged total; share >= 0.8; interval: 95 %", share=_share_merged, interval=_interval
         ),
         total="all",
         judged=lambda row: row["world"] == "all",
     ),
-    Table("left", "Why the rest is not", _left, columns("reason: last word; pairs")),
+    Table("left", "Why the rest is not", _left, "reason: last word; pairs"),
     Table(
         "maps",
         "Every robot's map with sharing, worst of 10 seeds",
@@ -403,17 +351,15 @@ TABLES = [
         "sharing",
         _titled(": time until every robot has 99 %"),
         _sharing,
-        columns("seed; on: sharing s; off: without s; ratio <= 0.75; spread: quarters"),
+        "seed; on: sharing s; off: without s; ratio <= 0.75; spread: quarters",
         judged=lambda row: row["seed"] == "median",
     ),
     Table(
         "division",
         _titled(": team coverage of 99 %, medians of the seeds"),
         _division,
-        columns(
-            "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
-            "ratio <= 0.55: to one robot; spread: quarters; sooner <= 1: to without"
-        ),
+        "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
+        "ratio <= 0.55: to one robot; spread: quarters; sooner <= 1: to without",
         judged=lambda row: row["robots"] == 3,
     ),
     Table("range", _titled(", 3 robots, by radio range"), _range, RANGE),

@@ -4,12 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from agent.geometry.transform import compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
-from deploy.bench.errors import off_by, right
+from deploy.bench.errors import off_by, right, true_transform
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.wireframe import Wireframe
@@ -17,15 +18,15 @@ from protocol.wireframe import Wireframe
 MIN_CORNERS = 16
 """True corners that both maps have, in the main tables (the issue's)."""
 SMALL_CORNERS = 8
-"""And at least, in the table of small ones."""
+"""True corners that both maps have at least, in the table of small maps."""
 RANGE_M = 4.0
 """Default radio range."""
 BODIES_M = 0.25
-"""Two robots are not nearer."""
+"""The centres of two robots are at least this far apart."""
 NOTHING = 0.01
 """Overlap below which maps share nothing: a piece of wall or two."""
 BINS = ((0.0, NOTHING), (NOTHING, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 1.01))
-"""Overlaps of one row each; the first is without."""
+"""Least and most overlap of each row of the tables; maps of the first row share nothing."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Pair:
     """Two maps, the second moved by a random pose, and the truth between them."""
 
     world: str
-    """Or two, for maps of different buildings."""
+    """Name of the world, or of both where the maps are of different buildings."""
     mine: Wireframe
     theirs: Wireframe
     my_pose: Pose
@@ -47,62 +48,44 @@ class Pair:
     corners: int
     """True corners of the smaller map."""
 
-    def errors(self, found: Pose) -> tuple[float, float]:
-        """Metres at the middle of their walls, and degrees, that a transform is off; inf without a truth."""
-        if self.truth is None:
-            return math.inf, math.inf
-        return off_by(found, self.truth, self.theirs.points.mean(0))
-
     def right(self, found: Pose) -> bool:
-        """Whether a transform counts as right."""
-        return right(*self.errors(found))
+        """Whether a transform counts as right, by its error at the middle of their walls."""
+        return self.truth is not None and right(*off_by(found, self.truth, self.theirs.points.mean(0)))
 
 
-def moved(wireframe: Wireframe, by: Floats) -> Wireframe:
+def moved(wireframe: Wireframe, by: Sequence[float] | Floats) -> Wireframe:
     """A map in another frame: by (3,) takes the old into the new."""
     return replace(wireframe, points=apply(by, wireframe.points))
 
 
 def random_pose(rng: np.random.Generator) -> Floats:
-    """(3,) a frame that nobody could guess."""
+    """(3,) a frame within 20 m, turned by any angle."""
     return rng.uniform((-20.0, -20.0, -math.pi), (20.0, 20.0, math.pi))
 
 
-@dataclass(frozen=True)
-class _Choice:
+class _Choice(NamedTuple):
     """Which snapshots make a pair."""
 
-    one: tuple[Recording, Snapshot]
-    two: tuple[Recording, Snapshot]
+    one: Recording
+    mine: Snapshot
+    two: Recording
+    theirs: Snapshot
     overlap: float
-    distance_m: float
-
-    @property
-    def contact(self) -> bool:
-        return BODIES_M <= self.distance_m <= RANGE_M
+    contact: bool
 
     @property
     def corners(self) -> int:
-        return min(self.one[1].corners, self.two[1].corners)
+        return min(self.mine.corners, self.theirs.corners)
 
     def pair(self, rng: np.random.Generator) -> Pair:
-        (a, mine), (b, theirs) = self.one, self.two
+        a, mine, b, theirs, overlap, contact = self
         by = random_pose(rng)
         x, y, theta = compose(by, np.array(theirs.pose)).tolist()
-        truth = None
+        world, truth = f"{a.world} and {b.world}", None
         if a.world == b.world:
-            truth = compose(compose(inverse(np.array(a.frame)), np.array(b.frame)), inverse(by))
-        return Pair(
-            world=a.world if a.world == b.world else f"{a.world} and {b.world}",
-            mine=mine.wireframe,
-            theirs=moved(theirs.wireframe, by),
-            my_pose=mine.pose,
-            their_pose=(x, y, theta),
-            truth=truth,
-            overlap=self.overlap,
-            contact=self.contact,
-            corners=self.corners,
-        )
+            world, truth = a.world, compose(true_transform(a.frame, b.frame), inverse(by))
+        maps = mine.wireframe, moved(theirs.wireframe, by)
+        return Pair(world, *maps, mine.pose, (x, y, theta), truth, overlap, contact, self.corners)
 
 
 def pairs_of(
@@ -135,13 +118,14 @@ def _choices(one: Recording, two: Recording) -> list[_Choice]:
     both = (a * one.lengths) @ b.T
     smaller = np.minimum((a @ one.lengths)[:, None], (b @ one.lengths)[None])
     overlap = both / np.maximum(smaller, 1e-9)
-    places = [
-        np.array([compose(np.array(recording.frame), np.array(s.pose)) for s in recording.snapshots])[:, :2]
+    here, there = (
+        compose(np.array(recording.frame), np.array([s.pose for s in recording.snapshots]))[:, :2]
         for recording in (one, two)
-    ]
-    away = np.linalg.norm(places[0][:, None] - places[1][None], axis=2)
+    )
+    away = np.linalg.norm(here[:, None] - there[None], axis=2)
+    contact = (away >= BODIES_M) & (away <= RANGE_M)
     return [
-        _Choice((one, s), (two, u), float(overlap[i, j]), float(away[i, j]))
+        _Choice(one, s, two, u, float(overlap[i, j]), bool(contact[i, j]))
         for i, s in enumerate(one.snapshots)
         for j, u in enumerate(two.snapshots)
     ]
@@ -161,5 +145,5 @@ def strangers(
     for _ in range(count if len(worlds) > 1 else 0):
         a, b = rng.choice(len(worlds), 2, replace=False)
         one, two = (large[worlds[k]][int(rng.integers(len(large[worlds[k]])))] for k in (a, b))
-        pairs.append(_Choice(one, two, 0.0, 0.5 * RANGE_M).pair(rng))
+        pairs.append(_Choice(*one, *two, 0.0, True).pair(rng))
     return pairs

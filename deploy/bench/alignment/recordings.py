@@ -6,8 +6,7 @@ Two recordings in one world make pairs of maps that share no frame, and their st
 import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,12 +49,9 @@ MAZES = {"generated-10x10-1": 3, "generated-14x12-2": 4, "generated-12x12-3": 3,
 """generated-WIDTHxHEIGHT-SEED, by world/maze.py."""
 
 
-@dataclass(frozen=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """One moment of a robot: what it would say to a peer, and what of the truth is in it."""
 
-    t: float
-    """Simulated seconds."""
     pose: Pose
     """Robot in its own frame."""
     wireframe: Wireframe
@@ -66,8 +62,7 @@ class Snapshot:
     """True corners that are in the map."""
 
 
-@dataclass(frozen=True)
-class Recording:
+class Recording(NamedTuple):
     """One robot's snapshots in one world, in order of time."""
 
     world: str
@@ -95,27 +90,25 @@ def cases(quick: bool) -> list[Case]:
 
 def record(world: str, seed: int, limit_s: float) -> Figures:
     """Let one robot explore from a start drawn from the seed; its snapshots as JSON values."""
-    kept: list[tuple[float, Pose, Wireframe]] = []
+    kept: list[tuple[Pose, Wireframe]] = []
 
     def watch(robot: Robot, observation: Observation, step: Step) -> None:
-        t = observation.tick / robot.spec.lidar.rate_hz
         if observation.tick % round(LOOK_S * robot.spec.lidar.rate_hz):
             return
-        if corners_of(robot.wireframe) >= GROWTH + (corners_of(kept[-1][2]) if kept else 0):
-            kept.append((t, step.pose.pose, robot.wireframe))
+        if corners_of(robot.wireframe) >= GROWTH + (corners_of(kept[-1][1]) if kept else 0):
+            kept.append((step.pose.pose, robot.wireframe))
 
     settings = {"world": file_of(world), "robots": 1, "seed": seed, "starts": "random", "max_time_s": limit_s}
     run = explore(settings, {}, watch)
     truth, frame = run.truth(), run.frame()
     snapshots = [
         {
-            "t": t,
             "pose": list(pose),
             "wireframe": _packed(encode_wireframe(wireframe)),
             "mapped": _packed(np.packbits(mapped(wireframe, frame, truth)).tobytes()),
             "corners": _true_corners(wireframe, frame, truth),
         }
-        for t, pose, wireframe in kept
+        for pose, wireframe in kept
     ]
     lengths = _packed(truth.seen_lengths.astype("<f4").tobytes())
     return {"world": world, "frame": list(frame), "lengths": lengths, "snapshots": snapshots}
@@ -135,14 +128,10 @@ def recording_of(figures: Mapping[str, Any]) -> Recording:
 
     def snapshot(kept: Mapping[str, Any]) -> Snapshot:
         bits = np.frombuffer(_unpacked(kept["mapped"]), np.uint8)
+        wireframe = decode_wireframe(_unpacked(kept["wireframe"]))
+        mapped = np.unpackbits(bits, count=len(lengths)).astype(np.bool_)
         x, y, theta = kept["pose"]
-        return Snapshot(
-            kept["t"],
-            (x, y, theta),
-            decode_wireframe(_unpacked(kept["wireframe"])),
-            np.unpackbits(bits, count=len(lengths)).astype(np.bool_),
-            kept["corners"],
-        )
+        return Snapshot((x, y, theta), wireframe, mapped, kept["corners"])
 
     x, y, theta = figures["frame"]
     return Recording(figures["world"], (x, y, theta), lengths, [snapshot(kept) for kept in figures["snapshots"]])

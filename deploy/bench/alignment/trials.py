@@ -9,13 +9,13 @@ from statistics import median
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, Meeting, align_prepared, prepare
+from agent.alignment import AlignmentConfig, Meeting, align_prepared, prepare
 from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
 from deploy.bench.cases import Case, Figures, measure_all
 from deploy.bench.layouts import KEEP
-from deploy.bench.tables import Outcomes, Row, Table, columns, runs_of
+from deploy.bench.tables import Outcomes, Row, Table, runs_of
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
@@ -83,20 +83,17 @@ def trial(pair: Pair, small: bool = False) -> Row:
 
 def _said(pair: Pair, method: str, small: bool) -> Row:
     config = AlignmentConfig(min_corners=4) if small else AlignmentConfig()
-    rng = np.random.default_rng(7)
     begin = time.perf_counter()
     mine, theirs = prepare(pair.mine, config), prepare(pair.theirs, config)
-    found = align_prepared(mine, theirs, config, rng, method=METHODS[method])
+    found = align_prepared(mine, theirs, config, np.random.default_rng(7), method=METHODS[method])
     ms = (time.perf_counter() - begin) * 1e3
     possible = False
     if found.best is not None and mine is not None and theirs is not None:
         meeting = Meeting(pair.my_pose, pair.their_pose, RANGE_M, RobotSpec().radius_m)
         possible = bool(meeting.possible(np.array([found.best]), mine.place, theirs.place)[0])
-    return {"ms": ms, "possible": possible, **_verdict(pair, found)}
-
-
-def _verdict(pair: Pair, found: Alignment) -> Row:
     return {
+        "ms": ms,
+        "possible": possible,
         "reason": found.reason,
         "right": found.best is not None and pair.right(found.best),
         "best": found.best is not None,
@@ -177,7 +174,7 @@ def _overlaps(name: str, which: str, title: str) -> Table:
                 made.append({"method": NAMES[method], "overlap": group, **_shares(said, proposes), "ms": ms})
         return made
 
-    return Table(name, title, rows, columns(f"method; overlap; {PARTS}; ms: ms median"))
+    return Table(name, title, rows, f"method; overlap; {PARTS}; ms: ms median")
 
 
 def _with_contact(figures: Outcomes) -> list[Row]:
@@ -242,19 +239,18 @@ def _bars(figures: Outcomes) -> list[Row]:
     ours, theirs = swept(pairs, "features"), swept(pairs, "4pcs")
     both = min(max(row["recall"] for row in rows) for rows in (ours, theirs))
     wrong, wrong_theirs = _at_recall(ours, both)["wrong"], _at_recall(theirs, both)["wrong"]
-    rows: list[Row] = [
-        {
-            "measure": f"wrong at the highest recall that both reach ({both:.3f}), ours against 4PCS",
-            "value": wrong / max(wrong_theirs, 1),
-            "of": f"{wrong} / {wrong_theirs}",
-            "most": 0.2,
-        }
-    ]
+    rows: list[Row] = []
+
+    def add(measure: str, value: float, of: str, least: float = 0.0, most: float = 1.0) -> None:
+        bar = f">= {least:g}" if least else f"<= {most:g}"
+        rows.append({"measure": measure, "value": value, "of": of, "bar": bar, "met": int(least <= value <= most)})
 
     def judge(measure: str, some: Sequence[Row], word: str, accepts: Accepts, **bar: float) -> None:
         row = _shares([pair["methods"]["features"] for pair in some], accepts)
-        of = f"{row[f'{word}_95']} of {row['pairs']}"
-        rows.append({"measure": word + measure, "value": row[word], "of": of, **bar})
+        add(word + measure, row[word], f"{row[f'{word}_95']} of {row['pairs']}", **bar)
+
+    measure = f"wrong at the highest recall that both reach ({both:.3f}), ours against 4PCS"
+    add(measure, wrong / max(wrong_theirs, 1), f"{wrong} / {wrong_theirs}", most=0.2)
 
     judge(" at overlap >= 40 %, without symmetric", list(filter(is_high, pairs)), "right", proposes, least=0.9)
     for name, groups in (("no overlap", ("none", "two buildings")), ("symmetric", ("symmetric",))):
@@ -262,9 +258,6 @@ def _bars(figures: Outcomes) -> list[Row]:
         judge(f", {name}, from the maps alone", some, "wrong", proposes, most=0.03)
         heard = [pair for pair in some if pair["contact"]]
         judge(f", {name}, with the radio range", heard, "wrong", possible, most=0.01)
-    for row in rows:
-        row["bar"] = f"<= {row['most']:g}" if "most" in row else f">= {row['least']:g}"
-        row["met"] = int(row["value"] <= row["most"] if "most" in row else row["value"] >= row["least"])
     return rows
 
 
@@ -273,7 +266,7 @@ TABLES = [
         "bars",
         "Bars of the alignment",
         _bars,
-        columns("measure; value; of: 95 % or counts; bar; met >= 1"),
+        "measure; value; of: 95 % or counts; bar; met >= 1",
         note=lambda figures: f"{len(pairs_in(figures, 'pairs'))} pairs.",
     ),
     _overlaps("overlap", "pairs", "Pairs of partial maps with at least 16 true corners each, from the maps alone"),
@@ -281,7 +274,7 @@ TABLES = [
         "contact",
         "Ours with the radio range at contact and free space around both robots",
         _with_contact,
-        columns(f"overlap; {PARTS}"),
+        f"overlap; {PARTS}",
         note="Pairs whose robots are within 4 m of each other; in two buildings as if they were.",
     ),
     _overlaps("small", "small", "Small maps: 8 to 15 true corners, with the least size switched off"),
@@ -289,13 +282,13 @@ TABLES = [
         "worlds",
         "Ours by world, overlap of 40 % and more; at the right all its pairs",
         _worlds,
-        columns(f"world; {PARTS}; all_pairs; all_wrong"),
+        f"world; {PARTS}; all_pairs; all_wrong",
     ),
     Table(
         "sweep",
         "Sweep of each method's threshold",
         _sweep,
-        columns("method; threshold; recall: recall at >= 40 %; wrong: wrong, all pairs; wrong_plain: no symmetric"),
+        "method; threshold; recall: recall at >= 40 %; wrong: wrong, all pairs; wrong_plain: no symmetric",
         note=f"Threshold: margin over the next best (ours, default {AlignmentConfig().margin}), "
         "matched corners (others).",
     ),
