@@ -148,10 +148,10 @@ def _transforms(
 @kernel
 def _first_like(t: Floats, found: Floats, centre: Floats) -> int:
     """Row of the first of the transforms found (n, 3) that t is like; n where it is like none."""
-    for n in range(found.shape[0]):
+    for n in range(len(found)):
         if not apart(found[n], t, centre, LIKE_M, LIKE_RAD):
             return n
-    return found.shape[0]
+    return len(found)
 
 
 @kernel
