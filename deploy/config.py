@@ -62,7 +62,7 @@ def _sentence(error: ValidationError) -> str:
 
 
 def _key(where: tuple[int | str, ...]) -> str:
-    """Dotted key of an error; the parts that name a choice among types are no key."""
+    """Dotted key of an error, without pydantic's names of the alternatives among types."""
     return ".".join(str(part) for part in where if re.fullmatch(r"[a-z0-9_]+", str(part)) and part != "float")
 
 

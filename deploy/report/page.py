@@ -19,8 +19,8 @@ HERE = Path(__file__).parent
 MAX_EVENTS = 500
 """Rows of the events table: the first and the last events. events.jsonl has all."""
 
-ROUTINE = ("frontier",)
-"""Events left out of the table, because one comes with every new goal."""
+ROUTINE = "frontier"
+"""The event left out of the table, because one comes with every new goal."""
 
 ROBOT_COLUMNS = (
     ("coverage", "coverage", share),
@@ -114,7 +114,7 @@ def _notes(run: Run) -> str:
     if not run.notes:
         return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in run.notes)
-    return f'<div class="notes">This report is not whole:<ul>{items}</ul></div>'
+    return f'<div class="notes">Some files of this run are missing or broken:<ul>{items}</ul></div>'
 
 
 def _switches(run: Run) -> str:
@@ -196,14 +196,14 @@ def _events(run: Run) -> str:
         return ""
     counts = Counter(event["event"] for event in run.events)
     about = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-    listed = [event for event in run.events if event["event"] not in ROUTINE]
-    cut = ""
+    listed = [event for event in run.events if event["event"] != ROUTINE]
+    cut, half = "", MAX_EVENTS // 2
     if len(listed) > MAX_EVENTS:
-        cut = f" The first and the last {MAX_EVENTS // 2} are listed."
-        listed = listed[: MAX_EVENTS // 2] + listed[-MAX_EVENTS // 2 :]
+        cut = f" The first and the last {half} are listed."
+        listed = listed[:half] + listed[-half:]
     rows = [[number(event["t"]), event["robot"], event["event"], _details(event)] for event in listed]
     listing = table(["t (s)", "robot", "event", "about"], rows, words=4)
-    left_out = f" Not listed: {', '.join(ROUTINE)}." if set(counts) & set(ROUTINE) else ""
+    left_out = f" Not listed: {ROUTINE}." if ROUTINE in counts else ""
     return f"<h2>Events</h2>\n<p>{escape(about)}.{left_out}{cut}</p>\n{listing}"
 
 

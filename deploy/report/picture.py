@@ -34,7 +34,7 @@ TITLE_IN = 0.8
 
 SETTINGS: Any = {
     "text.parse_math": False,  # names come from files
-    "font.family": style.FONT,
+    "font.family": "DejaVu Sans",
     "font.size": 9,
     "text.color": style.INK,
     "axes.labelcolor": style.INK,

@@ -31,7 +31,7 @@ MARKS = ("walls", "nominal", "occlusion", "frontier")
 
 
 def overview(run: Run) -> str:
-    """All maps over the truth, as they are at the end, side by side where they agree."""
+    """All final maps over the true world, drawn side by side where they agree."""
     robots = [robot for robot in run.robots if robot in run.frames]
     unit, stroke = _unit(run), style.stroke(len(robots))
     layers = []
@@ -44,7 +44,7 @@ def overview(run: Run) -> str:
 
 
 def single(run: Run, robot: str) -> str:
-    """One robot's final map: over the truth where its frame is known, else in its own frame."""
+    """One robot's final map: over the true world where its frame is known, else in its own frame."""
     frame = run.frames.get(robot)
     unit = _unit(run) * 2.2
     drawn = _strings(run.maps.get(robot), frame, unit)
@@ -68,18 +68,12 @@ def frames(run: Run) -> dict[str, Any]:
     if run.duration > times[-1]:
         times.append(run.duration)
     unit, stroke = _unit(run), style.stroke(len(robots))
-    return {
-        "times": times,
-        "captions": [_caption(run, t) for t in times],
-        "robots": {
-            robot: {
-                "maps": _maps_at(run, robot, times, unit, k * stroke * unit),
-                "trails": _trails_at(run, robot, times),
-                "places": [_place(run, robot, t) for t in times],
-            }
-            for k, robot in enumerate(robots)
-        },
-    }
+    shown = {}
+    for k, robot in enumerate(robots):
+        maps = _maps_at(run, robot, times, unit, k * stroke * unit)
+        places = [_place(run, robot, t) for t in times]
+        shown[robot] = {"maps": maps, "trails": _trails_at(run, robot, times), "places": places}
+    return {"times": times, "captions": [_caption(run, t) for t in times], "robots": shown}
 
 
 def _maps_at(run: Run, robot: str, times: list[float], unit: float, aside: float) -> list[list[str] | int]:

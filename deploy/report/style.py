@@ -15,8 +15,6 @@ ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#6a
 MARKS = {Label.NOMINAL: "o", Label.OCCLUSION: "^", Label.FRONTIER: "s"}
 """As in figures 2 and 3 of the paper: circle, triangle, square."""
 
-FONT = ("DejaVu Sans",)
-
 
 def colour(index: int) -> str:
     """Colour of the robot of that number, from 0."""
