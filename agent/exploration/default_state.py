@@ -4,13 +4,12 @@ import itertools
 import math
 
 import numpy as np
-import shapely
 
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
 from agent.exploration.goals import GoalMemory
-from agent.exploration.planning import Roads, circle
+from agent.exploration.planning import Roads, circle, length_of
 from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep
 from agent.geometry.visibility import all_seen
@@ -22,12 +21,10 @@ POCKET_REACH_M = 5.0
 """Distance to either side within which pockets are looked for: two rooms."""
 VERTEX_VISITS = 10
 """Random vertices visited in a row without a change of the map: then the state ends."""
-_VERTEX_OFF_M = 0.5
-"""Distance from which a vertex is looked at."""
+_OFF_M = 0.5
+"""Distance from which a vertex is looked at, and of the points visited along the perimeter from its walls."""
 _PERIMETER_STEP_M = 1.5
-"""Distance of the points visited along the perimeter; from each, 3.5 m of wall to either side are in view."""
-_PERIMETER_OFF_M = 0.5
-"""Distance of these points from the wall."""
+"""Distance between these points; from each, 3.5 m of wall to either side are in view."""
 
 
 class DefaultStates:
@@ -110,7 +107,7 @@ class DefaultStates:
             self._vertices += 1
             points = scene.wireframe.points
             point = points[int(self.rng.integers(len(points)))]
-            around = point + _VERTEX_OFF_M * circle(12)
+            around = point + _OFF_M * circle(12)
             around = around[roads.standable(around)]
             route = roads.nearest(around, np.zeros(len(around)))
             if route is not None:
@@ -133,26 +130,22 @@ def _lap(wireframe: Wireframe) -> Floats:
     """Points (k, 2) off the longest chain, in its order."""
     into, out_of = neighbours(wireframe.edges, len(wireframe.points))
     left = set(range(len(into)))
-    longest: list[int] = []
-    best = 0.0
-    for start in [v for v in range(len(into)) if into[v] < 0] + list(range(len(into))):
+    chains: list[Floats] = [np.zeros((0, 2))]
+    for start in (*np.flatnonzero(into < 0).tolist(), *range(len(into))):
         chain, v = [], start
-        while v >= 0 and v in left:
+        while v in left:
             left.discard(v)
             chain.append(v)
             v = int(out_of[v])
-        if v >= 0 and chain and v == chain[0]:
+        if chain and v == chain[0]:
             chain.append(v)
-        if len(chain) > 1:
-            length = float(shapely.length(shapely.linestrings(wireframe.points[chain])))
-            if length > best:
-                best, longest = length, chain
+        chains.append(wireframe.points[chain])
     points = []
-    for a, b in itertools.pairwise(longest):
-        p, q = wireframe.points[a], wireframe.points[b]
+    longest: Floats = max(chains, key=length_of)
+    for p, q in itertools.pairwise(longest):
         d = q - p
         length = math.hypot(*d)
         n = max(1, math.ceil(length / _PERIMETER_STEP_M))
         free = np.array((-d[1], d[0])) / max(length, 1e-9)
-        points += [p + d * (k + 0.5) / n + _PERIMETER_OFF_M * free for k in range(n)]
+        points += [p + d * (k + 0.5) / n + _OFF_M * free for k in range(n)]
     return np.array(points).reshape(-1, 2)

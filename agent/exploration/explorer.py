@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from agent.errand import ErrandEnd
 from agent.exploration import standing
@@ -37,9 +38,8 @@ PERSIST_S = 0.8
 BLOCKED_M = 0.6
 """A teammate within this, and the robot held back, is in the way; their centres keep 0.27 m from each other."""
 BACK_OFF_M = 0.2
-"""How far a stuck robot moves away from what it is close to."""
 BACK_OFF_S = 3.0
-"""How long it does so at most."""
+"""How far a stuck robot moves away from what it is close to, and for how long at most."""
 
 
 class Command(NamedTuple):
@@ -63,9 +63,7 @@ class Explorer:
     In each tick `look` comes first. Then `drive_forward`, or `drive` to the target of one of the branches.
     """
 
-    def __init__(
-        self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
         self.config = config
         self.spec = spec
         self.driver = Driver(driving, spec)
@@ -267,12 +265,11 @@ class Explorer:
         begun = None if old is None else old.task
         # slots are looked into from close by, once, where no fresh end can be seen on at ease
         for ends, views in ((self.goals.fresh(), (False, True)), (self.goals.again(), (False,))):
-            for close, roads in (
-                (close, roads) for close in views if len(ends) for roads in self.surroundings.ways(scene)
-            ):
-                tasks = self.goals.tasks(ends, roads, begun, close)
-                if tasks:
-                    return self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
+            for close in views if len(ends) else ():
+                for roads in self.surroundings.ways(scene):
+                    tasks = self.goals.tasks(ends, roads, begun, close)
+                    if tasks:
+                        return self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
             in_the_way = self.surroundings.teammates.in_the_way(scene.tick)
             reason = TEAMMATE if in_the_way else "no way to a standing point"
             for end in ends:
@@ -286,7 +283,7 @@ class Explorer:
         pockets = self.states.pockets(scene, roads, self.viewpoints.all(), begun)
         mine += not_nearer_to(scene.rivals, pockets, roads)
         detour_m = self.config.team_detour_m if len(scene.rivals) else self.config.pocket_detour_m
-        # a robot sweeps rather than follow a teammate
+        # where teammates are nearer to all open ends, a robot sweeps rather than follow them
         return first_of_tour(mine or tasks, roads, detour_m, self.config.haste)
 
     def _choose_default(self, scene: Scene, old: Target | None) -> Target:
@@ -342,7 +339,6 @@ class Explorer:
         return any(self.states.next(scene, roads, eyes) for roads in self.surroundings.ways(scene, teammates=False))
 
     def _wait(self, scene: Scene) -> Target:
-        """Stand still for a while."""
         self._waits += 1
         self.headway.restart(scene.tick)
         here, patience = Task("wait", scene.here, scene.here), self.headway.patience

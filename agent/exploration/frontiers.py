@@ -17,12 +17,9 @@ from protocol.wireframe import Label, Wireframe
 GRAZING_RAD = 0.35
 """Flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle."""
 CLOSE_GRAZING_RAD = 0.05
-"""The same at the mouth of a slot that nothing else shows, 3 degrees.
-
-A stand 0.04 m aside and 0.25 m off a cabinet's corner, as the tight clearance allows beside a wall 0.17 m away, has
-five beams on the first 0.3 m of its side. With such views recall in hurtado_apartment is 0.972-0.978 instead of
-0.958-0.966, for a fifth more time (five starts).
-"""
+"""The same at the mouth of a slot that nothing else shows, 3 degrees: a robot 0.04 m aside of a cabinet's corner and
+0.25 m off it has five beams on the first 0.3 m of the cabinet's side. With such views recall in hurtado_apartment is
+0.972-0.978 instead of 0.958-0.966, for a fifth more time (five starts)."""
 _BEYOND_M = 0.08
 """How far beyond its end the hidden part of a wall is looked for; a tenth of a doorway."""
 _TOUCH_M = 0.02

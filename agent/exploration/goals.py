@@ -81,10 +81,9 @@ class GoalMemory:
         if len(self.tried) >= self.size:
             del self.tried[0]
             self._table = self._table[1:]
-        record = Tried()
-        self.tried.append(record)
+        self.tried.append(Tried())
         self._table = np.vstack((self._table, (*point, *along)))
-        return record
+        return self.tried[-1]
 
 
 class Goals:

@@ -18,7 +18,7 @@ _PASSING_M = 0.45
 _PARK_ROOM_M = 1.0
 """More room than this is no better for parking: half the width of a corridor of the mazes."""
 _PARK_GAIN = 4.0
-"""Metres of path that a metre of room is worth: out of a doorway of 1 m into the room behind it."""
+"""Metres of path that a metre of room is worth: a robot in a doorway of 1 m drives on into the room behind it."""
 
 
 def near(place: Floats, roads: Roads) -> Route | None:

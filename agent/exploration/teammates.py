@@ -28,7 +28,7 @@ AVOID_S = 10.0
 ROOM_M = 0.045
 """Air around a teammate that is planned around: with the air of a tight path a little more than driving asks for."""
 _FRONT = np.linspace(-1.2, 1.2, 5)
-"""Bearings in radians of the corners of its front, from the direction of the eye; beyond, it may be narrower."""
+"""Bearings in radians of the corners of a disc's front, from the direction of the robot that sees it."""
 _SIDES = 8
 """Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
 _OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)
@@ -101,12 +101,8 @@ class Teammates:
         """Plan around a teammate for a while, as it did not clear the way."""
         mate.avoid_until = tick + math.ceil(AVOID_S * self.rate_hz)
 
-    def in_the_way(self, tick: int) -> bool:
-        """Whether any teammate is planned around."""
-        return len(self._avoided(tick)) > 0
-
-    def _avoided(self, tick: int) -> list[Teammate]:
-        """Those that stand, or are to be avoided."""
+    def in_the_way(self, tick: int) -> list[Teammate]:
+        """Those that are planned around, as they stand or did not clear the way."""
         still = STILL_S * self.rate_hz
         return [mate for mate in self.known if tick - mate.still_since >= still or tick < mate.avoid_until]
 
@@ -121,5 +117,5 @@ class Teammates:
 
     def _rings(self, tick: int, inner_m: float) -> Floats:
         """(k, n, 2) closed polygons around discs of this radius."""
-        places = np.array([(mate.x, mate.y) for mate in self._avoided(tick)]).reshape(-1, 1, 2)
+        places = np.array([(mate.x, mate.y) for mate in self.in_the_way(tick)]).reshape(-1, 1, 2)
         return places + inner_m * _OUTLINE
