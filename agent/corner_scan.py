@@ -18,6 +18,8 @@ from protocol.wireframe import Label, Wireframe
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
 """Labels as kernels and records hold them."""
+NOISE_SIGMAS = 3.5
+"""Standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise."""
 NOISE_FLOOR_M = 0.003
 """Standard deviation of a range, at least: real walls are not flatter, whatever the lidar promises."""
 BRIDGE_M = 0.25

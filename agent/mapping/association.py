@@ -9,14 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOMINAL
+from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import WALL, line_sd, spread, tip_at
 from protocol.arrays import Floats, Ints, Records
 
-GATE_SIGMAS = 3.5
-"""Noise that an association allows for, in standard deviations: 0.9995 of it."""
 OFFSET_GATE_M = 0.012
 """Distance that a wall and a piece of it may have beside noise, as real walls are not straight. A gate of 6 cm would
 fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
@@ -55,9 +53,9 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     t = along(e, p.x, p.y)
     off = above(e, p.x, p.y)
     off_sd = math.hypot(math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise)), gates.pose_sd)
-    if abs(turn) > min(ANGLE_GATE + GATE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + GATE_SIGMAS * off_sd:
+    if abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + NOISE_SIGMAS * off_sd:
         return math.inf
-    return (off / (off_sd + gates.offset / GATE_SIGMAS)) ** 2 + (turn / (turn_sd + ANGLE_GATE / GATE_SIGMAS)) ** 2
+    return (off / (off_sd + gates.offset / NOISE_SIGMAS)) ** 2 + (turn / (turn_sd + ANGLE_GATE / NOISE_SIGMAS)) ** 2
 
 
 @kernel

@@ -9,19 +9,7 @@ from agent.corner_scan import NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
-from agent.mapping.edges import (
-    CANDIDATE,
-    WALL,
-    add_hits,
-    length,
-    new_slot,
-    piece_scatter,
-    residual,
-    set_end,
-    set_tip,
-    spread,
-    tip_at,
-)
+from agent.mapping.edges import CANDIDATE, WALL, add_hits, length, new_slot, scatter, set_end, set_tip, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from protocol.arrays import Records
 
@@ -29,8 +17,7 @@ MAX_DIRECTION_SD = math.radians(5.0)
 """rad, how well a new wall's direction must be known: 3 of it are 15 degrees. With 10 degrees, smears over steps
 of 5 cm became walls that were as oblique."""
 STEADY = 0.5
-"""Share of the scans in view that must have hit a new wall: the faces of posts reach 0.7 to 1, smears over two of them
-0.3."""
+"""Share of the scans in view that must have hit a new wall: faces of posts reach 0.7 to 1, smears over two 0.3."""
 SMEAR_M = 0.3
 """No smear over the faces of a post or over a step is longer: twice the widest that was measured."""
 STRAIGHT_SIGMAS = 1.2
@@ -42,12 +29,10 @@ step of 0.1 m fits a line. With 6, two far views of three beams, each across two
 AXIS_TRUST = 0.8
 """Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
 OFF_AXIS = math.radians(10.0)
-"""rad, angle to the axis from which a new wall is suspect where walls are rectilinear; true walls are within 2 degrees
-of theirs."""
+"""rad to the axis, beyond which a new wall is suspect among rectilinear walls; true ones are within 2 degrees."""
 OBLIQUE_SD = math.radians(3.0)
-"""rad, how well a suspect wall's direction must be known, so that 3 of it lie between the wall and the axis. A face of
-a post of 0.1 m needs 44 beams, which are 7 scans from 0.9 m; a smear over a step of 0.05 m needs 180, and the step
-itself is seen before."""
+"""rad, how well a suspect wall's direction must be known: 3 of it lie between wall and axis. A face of a post of 0.1 m
+needs 44 beams (7 scans from 0.9 m), a smear over a step of 0.05 m 180, before which the step itself is seen."""
 EARLY_WALL = 0.1
 """Probability that a piece is a wall which shows too few beams or is suspect: 1 of 10 was one in eight layouts."""
 
@@ -80,7 +65,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
                 best, e = chi2, f
     if e >= 0:
         n = edges[e]
-        add_hits(n, p.hits, p.x, p.y, piece_scatter(p))
+        add_hits(n, p.hits, p.x, p.y, scatter(p))
         t = along(n, p.x, p.y)
         set_tip(n, 0, min(tip_at(n, 0), t + p.end[0]))
         set_tip(n, 1, max(tip_at(n, 1), t + p.end[1]))
@@ -90,7 +75,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         n = edges[e]
         n.alive, n.own, n.probation = CANDIDATE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
-        n.xx, n.xy, n.yy = piece_scatter(p)
+        n.xx, n.xy, n.yy = scatter(p)
         n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
         for side in range(2):
             set_end(n, side, OCCLUSION, 0.0, 0.0)
@@ -110,7 +95,8 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
     a post would be known by those of its views alone whose noise turns them there.
     """
     direction_sd = noise / math.sqrt(spread(c))
-    if is_bent(length(c), c.hits, residual(c), noise) or c.seen < STEADY * c.due or direction_sd > MAX_DIRECTION_SD:
+    squares = c.xx * c.uy * c.uy - 2 * c.xy * c.ux * c.uy + c.yy * c.ux * c.ux  # m2, of distances from the line
+    if is_bent(length(c), c.hits, squares, noise) or c.seen < STEADY * c.due or direction_sd > MAX_DIRECTION_SD:
         return 0.0
     off = 4 * (math.atan2(c.uy, c.ux) - axis)
     oblique = trust >= AXIS_TRUST and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > OFF_AXIS

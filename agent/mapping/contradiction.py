@@ -8,28 +8,14 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import FRONTIER
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.edges import (
-    CANDIDATE,
-    CONFIRMATIONS,
-    FREE,
-    MIN_WALL_M,
-    doubt,
-    new_slot,
-    part,
-    remove,
-    set_end,
-    set_tip,
-    tip_at,
-)
+from agent.mapping.edges import CANDIDATE, CONFIRMATIONS, FREE, MIN_WALL_M, new_slot, open_end, part, remove, tip_at
 from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Bools, Ints, Records
 
 SIDE_BY_SIDE = 0.5
-"""Cosine of 60 degrees: of two walls that meet at a smaller angle and share a place, one is wrong; buildings turn by
-90."""
+"""Cosine of 60 degrees: of two walls that meet at a smaller angle, one is wrong; buildings turn by 90."""
 BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 CUT_AFTER = 3.0
@@ -70,11 +56,7 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, patience: fl
                 w.through -= 1.0
         else:
             low, high = _count_gap(w, low, high, samples.spacing)
-            if w.through < CUT_AFTER * patience - w.probation:
-                continue
-            if w.alive == CANDIDATE:
-                remove(edges, e)
-            else:
+            if w.through >= CUT_AFTER * patience - w.probation:
                 count = _cut_gap(edges, count, e, low, high, samples)
     return count
 
@@ -151,13 +133,12 @@ def _count_gap(wall: Record, low: float, high: float, spacing: float) -> tuple[f
 
     A part that does not touch the earlier one begins a new count.
     """
-    again = False
-    if wall.through > 0.0:
-        one, two = along(wall, wall.gap[0, 0], wall.gap[0, 1]), along(wall, wall.gap[1, 0], wall.gap[1, 1])
-        again = min(max(one, two), high) >= max(min(one, two), low) - spacing
-        if again:
-            low, high = min(low, one, two), max(high, one, two)
-    wall.through = wall.through + 1.0 if again else 1.0
+    one, two = along(wall, wall.gap[0, 0], wall.gap[0, 1]), along(wall, wall.gap[1, 0], wall.gap[1, 1])
+    if wall.through > 0.0 and min(max(one, two), high) >= max(min(one, two), low) - spacing:
+        low, high = min(low, one, two), max(high, one, two)
+        wall.through += 1.0
+    else:
+        wall.through = 1.0
     wall.gap[0, 0], wall.gap[0, 1] = wall.x + low * wall.ux, wall.y + low * wall.uy
     wall.gap[1, 0], wall.gap[1, 1] = wall.x + high * wall.ux, wall.y + high * wall.uy
     return low, high
@@ -173,7 +154,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         high = head
     low, high = low - half, high + half
     keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
-    if not keep_tail and not keep_head:
+    if edges[e].alive == CANDIDATE or not (keep_tail or keep_head):
         remove(edges, e)
         return count
     if keep_tail and keep_head:
@@ -184,16 +165,8 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
                 edges[edges[e].link[1]].link[0] = f
                 edges[e].link[1] = -1
             edges[f].link[0] = -1
-            _open_end(edges[f], 0, high)
+            open_end(edges[f], 0, high)
     side = 1 if keep_tail else 0
     part(edges, e, side)
-    _open_end(edges[e], side, low if keep_tail else high)
+    open_end(edges[e], side, low if keep_tail else high)
     return count
-
-
-@kernel
-def _open_end(wall: Record, side: int, t: float) -> None:
-    """Let a wall end at coordinate t by a frontier, and doubt what is left of it."""
-    set_end(wall, side, FRONTIER, 0.0, 0.0)
-    set_tip(wall, side, t)
-    doubt(wall)

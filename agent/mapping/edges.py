@@ -78,13 +78,7 @@ def spread(e: Record) -> float:
 
 
 @kernel
-def residual(e: Record) -> float:
-    """Sum of squared distances of the hits from the wall's line, m2."""
-    return e.xx * e.uy * e.uy - 2 * e.xy * e.ux * e.uy + e.yy * e.ux * e.ux
-
-
-@kernel
-def piece_scatter(p: Record) -> tuple[float, float, float]:
+def scatter(p: Record) -> tuple[float, float, float]:
     """Scatter xx, xy, yy of a piece's hits about its centroid, m2."""
     xx = p.spread * p.ux * p.ux + p.residual * p.uy * p.uy
     yy = p.spread * p.uy * p.uy + p.residual * p.ux * p.ux
@@ -98,14 +92,14 @@ def line_sd(e: Record, t: float, noise: float) -> float:
 
 
 @kernel
-def add_hits(e: Record, hits: float, x: float, y: float, scatter: tuple[float, float, float]) -> None:
-    """Fuse hits (count, centroid, scatter xx, xy, yy about it) into the wall's line; ends keep their places."""
+def add_hits(e: Record, hits: float, x: float, y: float, moments: tuple[float, float, float]) -> None:
+    """Fuse hits (count, centroid, moments xx, xy, yy about it) into the wall's line; ends keep their places."""
     total = e.hits + hits
     dx, dy = x - e.x, y - e.y
     w = e.hits * hits / total
-    e.xx += scatter[0] + w * dx * dx
-    e.xy += scatter[1] + w * dx * dy
-    e.yy += scatter[2] + w * dy * dy
+    e.xx += moments[0] + w * dx * dx
+    e.xy += moments[1] + w * dx * dy
+    e.yy += moments[2] + w * dy * dy
     e.x += dx * hits / total
     e.y += dy * hits / total
     e.hits = total
@@ -163,6 +157,14 @@ def doubt(e: Record) -> None:
     """
     e.probation = 1
     e.seen, e.due, e.misses, e.through = 0.0, 0.0, 0.0, 0.0
+
+
+@kernel
+def open_end(e: Record, side: int, t: float) -> None:
+    """Let a wall end at coordinate t by a frontier, and doubt what is left of it."""
+    set_end(e, side, FRONTIER, 0.0, 0.0)
+    set_tip(e, side, t)
+    doubt(e)
 
 
 @kernel

@@ -112,26 +112,22 @@ def systematic(weights: Floats, offset: float) -> Ints:
 class WireframeFilter:
     """Particles, each a whole wireframe and a pose. The first takes the likeliest decisions, the others sample."""
 
-    def __init__(self, config: FilterConfig, spec: RobotSpec, seed: int | np.random.SeedSequence) -> None:
+    def __init__(self, config: FilterConfig, spec: RobotSpec, seed: np.random.SeedSequence) -> None:
         """Begin with empty maps, at the origin."""
         n = config.particles
-        sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-        own, *children = sequence.spawn(n + 1)
+        own, *children = seed.spawn(n + 1)
         self._random = np.random.default_rng(own)
         self._dice = [np.random.default_rng(child) for child in children]
         self.edges: Records = np.zeros((n, 4 * SPARE), EDGE)
         self.counts = np.zeros(n, np.int64)
-        self.log_weights = np.zeros(n)
-        self.standing = np.zeros(n)
+        self.log_weights, self.standing = np.zeros(n), np.zeros(n)
         self.best = 0
         self._noise = range_noise(spec.lidar)
         self._odometry: Pose | None = None
-        self._odometry_noise = np.array(
-            [spec.odometry.distance_sd, math.radians(spec.odometry.heading_sd_deg), spec.odometry.turn_sd], np.float64
-        )
-        self._noisy = spec.odometry.noisy and config.correct_pose
-        self.poses = np.zeros((n, 3))
-        self.covariances = np.zeros((n, 3, 3))
+        drift = spec.odometry
+        self._odometry_noise = np.array([drift.distance_sd, math.radians(drift.heading_sd_deg), drift.turn_sd])
+        self._noisy = drift.noisy and config.correct_pose
+        self.poses, self.covariances = np.zeros((n, 3)), np.zeros((n, 3, 3))
         # A particle's patience is a decision, too: drawn once, so that hasty and patient ones compete.
         self._patience = 1 + PATIENCE_SPREAD * (2 * self._random.random(n) - 1)
         self._patience[0] = 1.0
@@ -150,16 +146,9 @@ class WireframeFilter:
                 self.poses[p] = compose(before, by)
         else:
             self.poses[:] = odometry
+        pieces, sight, dice = scan.pieces, scan.sight, self._throw_dice(len(scan.pieces))
         scores = update_particles(
-            self.edges,
-            self.counts,
-            self.poses,
-            self.covariances,
-            scan.pieces,
-            scan.sight,
-            self._noise,
-            self._throw_dice(len(scan.pieces)),
-            self._patience,
+            self.edges, self.counts, self.poses, self.covariances, pieces, sight, self._noise, dice, self._patience
         )
         self._weigh(scores)
 

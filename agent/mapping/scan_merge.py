@@ -4,23 +4,12 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOMINAL, OCCLUSION
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import GATE_SIGMAS, Gates, cost, overlap
+from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.candidates import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
-from agent.mapping.edges import (
-    WALL,
-    add_hits,
-    line_sd,
-    part,
-    piece_scatter,
-    remove,
-    set_end,
-    set_tip,
-    settle_corner,
-    tip_at,
-)
+from agent.mapping.edges import WALL, add_hits, line_sd, part, remove, scatter, set_end, set_tip, settle_corner, tip_at
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
 from protocol.arrays import Floats, Ints, Records
 
@@ -54,7 +43,7 @@ def merge_scan(
         _unite_all(edges, count, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
         if not bent[k]:
-            add_hits(w, p.hits, p.x, p.y, piece_scatter(p))
+            add_hits(w, p.hits, p.x, p.y, scatter(p))
         if own:
             w.own = 1
     for k in range(len(pieces)):
@@ -111,7 +100,7 @@ def _same_line(e: Record, f: Record, gates: Gates) -> bool:
         return False
     for a, b in ((e, f), (f, e)):
         sd = math.hypot(line_sd(a, along(a, b.x, b.y), gates.noise), line_sd(b, 0.0, gates.noise))
-        if abs(above(a, b.x, b.y)) > gates.offset + GATE_SIGMAS * sd:
+        if abs(above(a, b.x, b.y)) > gates.offset + NOISE_SIGMAS * sd:
             return False
     return True
 

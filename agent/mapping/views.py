@@ -3,10 +3,9 @@
 import math
 from typing import NamedTuple
 
-from agent.corner_scan import CornerScan, Sight, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import GATE_SIGMAS
 from agent.mapping.edges import length, tip_at
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
@@ -48,7 +47,7 @@ def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:
 @kernel
 def scan_margin(noise: float) -> float:
     """Margin of a view for walls that own scans have mapped; noise: m, standard deviation of a range."""
-    return max(MARGIN_M, GATE_SIGMAS * noise)
+    return max(MARGIN_M, NOISE_SIGMAS * noise)
 
 
 @kernel

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.corner_scan import NOISE_SIGMAS
 from agent.kernels import kernel
-from agent.perception.segmentation import RANGE_SIGMAS, beam_sums, fit
+from agent.perception.segmentation import beam_sums, fit
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 
@@ -59,7 +60,7 @@ def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
     rays = np.empty((len(ranges), 2))
     for k in range(len(ranges)):
         rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
-    turn = Turn(ranges, rays, step, radius, noise, RANGE_SIGMAS * noise + 0.1 * radius)
+    turn = Turn(ranges, rays, step, radius, noise, NOISE_SIGMAS * noise + 0.1 * radius)
     found = np.empty((len(ranges), 3))  # distance, bearing, mean squared residual
     count = 0
     for i in range(len(ranges)):
@@ -148,22 +149,16 @@ def _better(turn: Turn, disc: Disc) -> Disc:
     for k in range(low, high + 1):
         c, s = _from_centre(turn, k, cb, sb)
         off = _off(turn, k, distance, c, s)
-        if abs(off) > turn.near:
-            continue
-        side = distance * s
-        root = math.sqrt(radius * radius - side * side)
-        by_distance = c + side * s / root
-        by_bearing = side - side * distance * c / root
-        a11 += by_distance**2
-        a12 += by_distance * by_bearing
-        a22 += by_bearing**2
-        b1 += by_distance * off
-        b2 += by_bearing * off
+        if abs(off) <= turn.near:
+            side = distance * s
+            root = math.sqrt(radius * radius - side * side)
+            by_distance, by_bearing = c + side * s / root, side - side * distance * c / root
+            a11, a12, a22 = a11 + by_distance**2, a12 + by_distance * by_bearing, a22 + by_bearing**2
+            b1, b2 = b1 + by_distance * off, b2 + by_bearing * off
     det = a11 * a22 - a12 * a12
+    d_distance, d_bearing = b1 / a11, 0.0
     if det > 1e-9 * a11 * a22:
         d_distance, d_bearing = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
-    else:
-        d_distance, d_bearing = b1 / a11, 0.0
     distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
     return Disc(distance, bearing + max(-turn.step, min(turn.step, d_bearing)))
 
@@ -171,8 +166,7 @@ def _better(turn: Turn, disc: Disc) -> Disc:
 @kernel
 def _is_line(turn: Turn, disc: Disc, fitted: Fit) -> bool:
     """Whether the beams on a disc, unless they are few, fit a line better."""
-    run, angle = np.empty(fitted.last - fitted.first + 1), np.empty(fitted.last - fitted.first + 1)
-    m = 0
+    run, angle, m = np.empty(fitted.last - fitted.first + 1), np.empty(fitted.last - fitted.first + 1), 0
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(fitted.first, fitted.last + 1):
         c, s = _from_centre(turn, k, cb, sb)
@@ -209,8 +203,7 @@ def _bounded(turn: Turn, found: Floats, count: int) -> Floats:
     for c in range(count):
         for side in range(2):
             jump[c, side] = _jumps(turn, found[c, 0], found[c, 1], 2 * side - 1)
-    kept = np.empty((count, 2))
-    n_kept = 0
+    kept, n_kept = np.empty((count, 2)), 0
     for c in range(count):
         distance, bearing = found[c, 0], found[c, 1]
         edge = _half_width(distance, turn.radius) + turn.step
@@ -246,8 +239,7 @@ def _on_another(turn: Turn, found: Floats, count: int, jump: Bools, c: int, bear
 @kernel
 def hidden_beams(n: int, discs: Floats, radius: float) -> Bools:
     """(n,) which beams of a full turn meet one of the discs (d, 2), or pass within one beam of it."""
-    out = np.zeros(n, np.bool_)
-    step = 2 * math.pi / n
+    out, step = np.zeros(n, np.bool_), 2 * math.pi / n
     for d in range(len(discs)):
         distance = max(math.hypot(discs[d, 0], discs[d, 1]), 1.001 * radius)
         bearing = math.atan2(discs[d, 1], discs[d, 0])
@@ -259,13 +251,9 @@ def hidden_beams(n: int, discs: Floats, radius: float) -> Bools:
 
 @kernel
 def beams_on(ranges: Floats, expected: Floats, radius: float, margin: float) -> Bools:
-    """(n,) which beams of a full turn end on a disc expected at (k, 3) centre and slack, metres, robot's frame.
-
-    margin: m, added to every slack.
-    """
-    n = len(ranges)
+    """(n,) which beams end on a disc expected at (k, 3) centre and slack (+ margin), metres, robot's frame."""
+    n, step = len(ranges), 2 * math.pi / len(ranges)
     out = np.zeros(n, np.bool_)
-    step = 2 * math.pi / n
     for d in range(len(expected)):
         reach = radius + (expected[d, 2] + margin)
         distance = math.hypot(expected[d, 0], expected[d, 1])

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import PIECE, CornerScan, Sight, range_noise
+from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, range_noise
 from agent.geometry.clearance import distances_to_walls
 from agent.perception.config import Method, PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
 from agent.perception.pieces import Beams, pieces_of
-from agent.perception.segmentation import MIN_HITS, RANGE_SIGMAS, piecewise
+from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply, seen_from
@@ -105,7 +105,7 @@ def perceive(
         pieces, explained = pieces_of(turn, cuts, sums)
         unexplained = (returned | hidden) & ~explained
     free, blind = _sectors(~returned & ~hidden, OPEN_BEAMS), _sectors(unexplained, 1)
-    return CornerScan(pieces, Sight(free, blind, lidar.range_max_m - RANGE_SIGMAS * noise, math.pi / n), discs)
+    return CornerScan(pieces, Sight(free, blind, lidar.range_max_m - NOISE_SIGMAS * noise, math.pi / n), discs)
 
 
 def _sectors(marked: Bools, least: int) -> Floats:

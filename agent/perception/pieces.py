@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOMINAL, OCCLUSION, PIECE
+from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import MIN_CORNER_SINE, Record, meet
 from agent.kernels import kernel
-from agent.perception.segmentation import LINE_COST, MIN_HITS, RANGE_SIGMAS, fit
+from agent.perception.segmentation import LINE_COST, MIN_HITS, fit
 from protocol.arrays import Bools, Floats, Ints, Records
 
 LOOK_PAST = 3
@@ -56,7 +56,10 @@ def pieces_of(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
     for k in range(len(cuts)):
         for side in range(2):
             if pieces[k].label[side] != NOMINAL:
-                _label_end(pieces[k], side, turn, totals[k])
+                p = pieces[k]
+                p.label[side], decided = _predicted_label(turn, p, side, totals[k])
+                if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
+                    p.slack[side] = abs(_on_ray(p, decided * turn.step) - p.end[side])
     return pieces, explained
 
 
@@ -120,7 +123,7 @@ def _only_strays(turn: Beams, first: int, end: int, joint: Floats) -> bool:
     for j in range(first, end):
         beam = turn.used[j % m]
         u = a * math.cos(beam * turn.step) + b * math.sin(beam * turn.step)
-        if not abs(turn.ranges[beam] * u - 1.0) < RANGE_SIGMAS * turn.noise * u:
+        if not abs(turn.ranges[beam] * u - 1.0) < NOISE_SIGMAS * turn.noise * u:
             return False
     return gap <= BRIDGE_M
 
@@ -174,8 +177,8 @@ def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
     if count < 2 or begins - last > LOOK_PAST or abs(sine) < MIN_CORNER_SINE:
         return
     along_q = meet(q, p)[1]
-    off_p = RANGE_SIGMAS * turn.noise * math.sqrt(1 / p.hits + along_p**2 / p.spread)
-    off_q = RANGE_SIGMAS * turn.noise * math.sqrt(1 / q.hits + along_q**2 / q.spread)
+    off_p = NOISE_SIGMAS * turn.noise * math.sqrt(1 / p.hits + along_p**2 / p.spread)
+    off_q = NOISE_SIGMAS * turn.noise * math.sqrt(1 / q.hits + along_q**2 / q.spread)
     slack = min(math.hypot(off_p, off_q) / abs(sine), MAX_SLACK_M)
     next_p, next_q = _on_ray(p, begins * turn.step), _on_ray(q, last * turn.step)
     next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
@@ -188,28 +191,18 @@ def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
 
 
 @kernel
-def _label_end(piece: Record, side: int, turn: Beams, total: Floats) -> None:
-    """Label an end that is no corner; an occlusion end may lie anywhere up to the ray that shows its wall's absence."""
-    label, decided = _predicted_label(turn, round(piece.bearing[side] / turn.step), 2 * side - 1, total)
-    piece.label[side] = label
-    if label == OCCLUSION:
-        piece.slack[side] = abs(_on_ray(piece, decided * turn.step) - piece.end[side])
-
-
-@kernel
-def _predicted_label(turn: Beams, beam: int, side: int, sums: Floats) -> tuple[int, int]:
-    """Label of a piece's end by prediction, and the beam that decided. side: 1 counter-clockwise, -1 clockwise.
+def _predicted_label(turn: Beams, piece: Record, side: int, sums: Floats) -> tuple[int, int]:
+    """Label by prediction of a piece's end that is no corner, and the beam that decided.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
     something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
     """
-    n = len(turn.ranges)
+    n, beam = len(turn.ranges), round(piece.bearing[side] / turn.step)
     a, b, _ = fit(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent = 0
-    before = turn.ranges[beam % n]
+    silent, before = 0, turn.ranges[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
-        k = beam + side * ahead
+        k = beam + (2 * side - 1) * ahead
         c, s = math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)
         u = a * c + b * s
         if turn.hidden[k % n] or u <= 1.0 / turn.range_max:
@@ -224,11 +217,10 @@ def _predicted_label(turn: Beams, beam: int, side: int, sums: Floats) -> tuple[i
             silent += 1
             if silent == turn.silence:
                 return OCCLUSION, k
-        elif r > predicted + RANGE_SIGMAS * sd:
+        elif r > predicted + NOISE_SIGMAS * sd:
             return OCCLUSION, k
-        elif r < predicted - RANGE_SIGMAS * sd:
+        elif r < predicted - NOISE_SIGMAS * sd:
             apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(2 * math.pi / n), 0.0))
-            if ahead == 1 and predicted - r < apart:
-                return OCCLUSION, k  # no nearer than the beams are apart: it meets the wall, and ends it
-            return FRONTIER, k
-    return FRONTIER, beam + side * LOOK_PAST
+            # a hit no nearer than the beams are apart is where something meets the wall, and ends it
+            return (OCCLUSION if ahead == 1 and predicted - r < apart else FRONTIER), k
+    return FRONTIER, k

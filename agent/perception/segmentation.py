@@ -15,13 +15,9 @@ from protocol.arrays import Floats, Ints
 MIN_HITS = 3
 """Beams of a line, at least: two fit any line, and the third tells whether there is one."""
 LINE_COST = 18.0
-"""Chi-square that one more line must save. Noise alone saves as much in 1 of 1000 cuts of a straight wall: two
-parameters of the line and the place of the cut."""
+"""Chi-square that one more line must save; by noise alone, 1 of 1000 cuts of a straight wall saves as much."""
 STRAY_COST = 10.0
 """Chi-square of a beam that belongs to no wall: a hit 3.2 standard deviations off its line is rather a stray."""
-RANGE_SIGMAS = 3.5
-"""Standard deviations by which a range must differ from its prediction to count as nearer or farther: 0.9995 of the
-noise."""
 
 
 @kernel

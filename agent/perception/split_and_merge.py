@@ -11,8 +11,7 @@ from protocol.arrays import Floats, Ints
 CHI2_PER_BEAM = 2.0
 """Chi-square that a beam may have on its line before the piece is split; 1 is the mean of the noise."""
 JUMP = 4.0
-"""A step between neighbouring beams this many times as long as the greatest distance from the chord is where a piece
-is split: it is no part of a wall."""
+"""A step between beams this many times as long as the greatest distance from the chord is a gap: the split is there."""
 
 
 @kernel
@@ -29,8 +28,7 @@ def split_and_merge(ranges: Floats, bearings: Floats, noise: float) -> tuple[Int
     turn, _ = _widest_step(x, y, 0, m + 1)  # a cut in any case
     stack = np.empty((2 * m + 2, 2), np.int64)
     stack[0, 0], stack[0, 1] = turn, turn + m
-    depth, k = 1, 0
-    out = np.empty((m, 2), np.int64)
+    out, depth, k = np.empty((m, 2), np.int64), 1, 0
     while depth > 0:
         depth -= 1
         i, j = stack[depth, 0], stack[depth, 1]

@@ -49,7 +49,7 @@ class Walk:
         self.lidar = Lidar(np.array(segments, np.float64), spec)
         self.rng = np.random.default_rng(seed)
         self.discs = SeenDiscs(self.spec)
-        self.filter = WireframeFilter(FilterConfig(particles=particles), self.spec, seed)
+        self.filter = WireframeFilter(FilterConfig(particles=particles), self.spec, np.random.SeedSequence(seed))
 
     def see(
         self, pose: Pose, odometry: Pose | None = None, discs: np.ndarray | None = None, post: Place | None = None
