@@ -37,18 +37,16 @@ class Perception:
     def __init__(self, config: PerceptionConfig, spec: RobotSpec) -> None:
         self._method, self._spec = config.method, spec
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
-        self._map = Wireframe()
-        self._walls = np.zeros((0, 4))
-        """(m, 4) walls of that map in which no teammate stands, metres."""
 
     def see(self, observation: Observation, predicted: Pose, own: Wireframe) -> CornerScan:
         """Corner scan of an observation. predicted: the robot's pose in the frame of its own map, before correction."""
+        walls = own.segments()
         scan = perceive(
             observation.scan(),
             self._spec,
             self._method,
             expected=self._seen_discs.expected(observation.odometry),
-            known=seen_from(predicted, self._long_walls(own).reshape(-1, 2)).reshape(-1, 4),
+            known=seen_from(predicted, walls[lengths(walls) >= WALL_M].reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
         )
         self._seen_discs.add(observation.odometry, scan.discs)
@@ -57,13 +55,6 @@ class Perception:
     def remember(self, tick: int, pose: Pose, scan: CornerScan, heard: bool) -> None:
         """Note where a scan's discs are, once the pose is corrected; heard: whether any message came in this tick."""
         self._posts.add(tick, pose, apply(pose, scan.discs), heard)
-
-    def _long_walls(self, own: Wireframe) -> Floats:
-        if own is not self._map:
-            walls = own.segments()
-            self._map = own
-            self._walls = walls[lengths(walls) >= WALL_M]
-        return self._walls
 
 
 def perceive(
