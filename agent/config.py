@@ -1,4 +1,4 @@
-"""All settings of a robot's mind, with units and reasons."""
+"""All settings of a robot's mind, and those of its process, with units and reasons."""
 
 from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
@@ -6,7 +6,16 @@ from agent.cooperation.config import CooperationConfig
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.mapping.config import FilterConfig
 from agent.perception.config import PerceptionConfig
-from protocol.settings import Config
+from protocol.settings import Config, NotNegative, Positive
+
+
+class JoinConfig(Config):
+    """How long a robot looks for its world."""
+
+    join_timeout_s: Positive = 10.0
+    """Seconds that a robot tries to reach a world at its start. A world that starts with it is up after 1 to 5 s."""
+    reconnect_s: NotNegative = 2.0
+    """Seconds that a robot waits for a world that is gone. One that restarts is found 0.5 s after it is up."""
 
 
 class AgentConfig(Config):

@@ -10,6 +10,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache, cached_property
 from pathlib import Path
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
@@ -20,12 +21,10 @@ import numpy as np
 from numba.core import serialize, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
 
-PACKAGE = Path(__file__).parent
-IN_PACKAGE = PACKAGE / "__pycache__" / "kernels"
+IN_PACKAGE = Path(__file__).parent / "__pycache__" / "kernels"
 """Filled at installation, and found by all users."""
 
 _serialize: Any = serialize  # untyped
-_warned = False
 
 
 class KernelCache(_Cache):
@@ -35,7 +34,6 @@ class KernelCache(_Cache):
         self._function = function
         self._name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
         self._options = options
-        self._version: str | None = None
         self._impl: Any = _Reduced(function)
 
     @property
@@ -50,9 +48,7 @@ class KernelCache(_Cache):
         for folder in folders():
             try:
                 return self._impl.rebuild(target_context, pickle.loads((folder / name).read_bytes()))
-            except FileNotFoundError:
-                continue
-            except Exception:  # cut off, or of another build of numba: compiled again
+            except Exception:  # not there, cut off, or of another build of numba
                 continue
         return None
 
@@ -74,26 +70,17 @@ class KernelCache(_Cache):
             return
         _warn()
 
-    def enable(self) -> None:
-        """Do nothing: it is always on."""
-
-    def disable(self) -> None:
-        """Do nothing: it is always on."""
-
     def flush(self) -> None:
-        """Do nothing: what was made from other sources has another name."""
+        """Do nothing: the cache is always on, and what was made from other sources has another name."""
 
-    @property
+    enable = disable = flush
+
+    @cached_property
     def version(self) -> str:
         """Hash of the kernel and all that it reads. Asked for at the first call, when all modules are complete."""
-        if self._version is None:
-            digest = hashlib.sha256()
-            for part in (sys.version_info[:2], numba.__version__, llvmlite.__version__, sorted(self._options.items())):
-                digest.update(repr(part).encode())
-            for text in _sources(self._function, set()):
-                digest.update(text.encode())
-            self._version = digest.hexdigest()[:16]
-        return self._version
+        made_by = sys.version_info[:2], numba.__version__, llvmlite.__version__, sorted(self._options.items())
+        texts = "".join([*map(repr, made_by), *_sources(self._function, set())])
+        return hashlib.sha256(texts.encode()).hexdigest()[:16]
 
     def _file(self, sig: Any, codegen: Any) -> str:
         built_for = "".join(map(_described, sig)) + repr(codegen.magic_tuple())
@@ -127,12 +114,10 @@ def _write(file: Path, content: bytes) -> None:
         part.unlink(missing_ok=True)
 
 
+@cache  # once
 def _warn() -> None:
-    global _warned
-    if not _warned:
-        places = " nor ".join(map(str, folders()))
-        print(f"wireswarm compiles its kernels at every start: it can write neither {places}.", file=sys.stderr)
-    _warned = True
+    places = " nor ".join(map(str, folders()))
+    print(f"wireswarm compiles its kernels at every start: it can write neither {places}.", file=sys.stderr)
 
 
 def _sources(value: Any, met: set[Any]) -> Iterator[str]:

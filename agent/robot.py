@@ -11,12 +11,11 @@ from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
-from agent.errand import ErrandEnd
-from agent.exploration.explorer import Command, Explorer
+from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import Perception
-from protocol.messages import Action, Event, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
+from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
@@ -59,7 +58,7 @@ class Robot:
         self._map_bytes = encode_wireframe(self.wireframe)
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
-        self._errand_ended: ErrandEnd | None = None
+        self._arrived: bool | None = None
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -75,10 +74,10 @@ class Robot:
         pose = self.filter.pose
         self.perception.remember(tick, pose, scan, len(heard) > 0)
         own_changed = self._read_own()
-        hearing = self.exchange.hear(tick, heard)  # C
+        news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
-            self.team.hear(tick, hearing, pose, scan)
-            self.team.judge(tick, self.own, pose, self._errand_ended)  # Z and T by the evidence so far
+            self.team.hear(tick, news, pose, scan)
+            self.team.judge(tick, self.own, pose, self._arrived)  # Z and T by the evidence so far
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._read_map(tick, own_changed)
         seen = scan.wireframe()
@@ -94,15 +93,26 @@ class Robot:
             command = explorer.drive(scene, frontier)
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
-        self._errand_ended = command.ended
+        self._arrived = command.arrived
         looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
-        ask = () if command.complete else self.team.shares_work_with
-        in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts.present)
+        ask = [] if command.complete else [peer.log.name for peer in self.team.shares_work_with]
+        in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
-            self._act(tick, command, [*hearing.events, *self.team.events], len(sends), len(self._map_bytes), started),
+            Action(
+                tick=tick,
+                speed_mps=command.speed_mps,
+                turn_rps=command.turn_rps,
+                sent=len(sends),
+                complete=command.complete,
+                events=[*events, *self.team.events, *command.events],
+                map_bytes=len(self._map_bytes),
+                filter_bytes=self.filter.nbytes + self.explorer.nbytes,
+                step_ms=(time.perf_counter() - started) * 1e3,
+                merged=self.team.merged_ticks,
+            ),
             sends,
             ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
             PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
@@ -119,7 +129,7 @@ class Robot:
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
-        layers = self.team.layers
+        layers = [peer.layer for peer in self.team.merged]
         new = self.own
         if layers:
             due = own_changed and tick - self._laid_tick >= self._lay_ticks
@@ -132,22 +142,6 @@ class Robot:
         self.wireframe = new
         self.version += 1
         return True
-
-    def _act(
-        self, tick: int, command: Command, events: list[Event], sent: int, map_bytes: int, started: float
-    ) -> Action:
-        return Action(
-            tick=tick,
-            speed_mps=command.speed_mps,
-            turn_rps=command.turn_rps,
-            sent=sent,
-            complete=command.complete,
-            events=[*events, *command.events],
-            map_bytes=map_bytes,
-            filter_bytes=self.filter.nbytes + self.explorer.nbytes,
-            step_ms=(time.perf_counter() - started) * 1e3,
-            merged=self.team.merged_ticks,
-        )
 
 
 def _alike(new: Wireframe, old: Wireframe) -> bool:

@@ -28,7 +28,6 @@ from protocol.wireframe import Wireframe
 
 TICKS_TO_LOAD = 40
 """Enough for one robot to map some walls, choose a frontier, plan and drive."""
-
 TICKS_TO_COMPILE = 300
 """Enough for two robots to merge their maps and to explore what is left."""
 
@@ -83,7 +82,7 @@ def _align() -> None:
 
 def _explore(starts: Sequence[Pose], ticks: int) -> None:
     """Let robots explore from their starts and hear each other."""
-    spec, config, walls, rng = RobotSpec(), AgentConfig(), _walls(), np.random.default_rng(0)
+    spec, config, building, rng = RobotSpec(), AgentConfig(), _building(), np.random.default_rng(0)
     robots = [Robot(f"r{k + 1}", spec, config, k) for k in range(len(starts))]
     moved: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)
     heard: list[list[Heard]] = [[] for _ in starts]
@@ -92,15 +91,14 @@ def _explore(starts: Sequence[Pose], ticks: int) -> None:
         said: list[list[Heard]] = [[] for _ in starts]
         for k, robot in enumerate(robots):
             others = np.array([pose[:2] for n, pose in enumerate(poses) if n != k]).reshape(-1, 2)
-            ranges = _ranges(poses[k], walls, others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
+            ranges = _ranges(poses[k], building.segments(), others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
             seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved[k])
             step = robot.step(seen, heard[k])
             ahead = step.action.speed_mps / spec.lidar.rate_hz
             moved[k] = compose(moved[k], (ahead, 0.0, step.action.turn_rps / spec.lidar.rate_hz))
-            for send in step.sends:
-                for n in range(len(robots)):
-                    if n != k and send.to in ("*", robots[n].robot):
-                        said[n].append(Heard(tick=tick, sender=robot.robot, kind=send.kind, payload=send.payload))
+            sent = [Heard(tick=tick, sender=robot.robot, kind=send.kind, payload=send.payload) for send in step.sends]
+            for n in set(range(len(robots))) - {k}:  # with two robots, all messages are for the other
+                said[n] += sent
         heard = said
 
 
@@ -109,16 +107,8 @@ def _building() -> Wireframe:
     points = np.array([corner for ring in rings for corner in ring], np.float64)
     begin = np.cumsum([0, *map(len, rings)])
     edges = [(begin[n] + k, begin[n] + (k + 1) % len(ring)) for n, ring in enumerate(rings) for k in range(len(ring))]
-    n = len(points)
-    return Wireframe(
-        points, np.zeros(n, np.uint8), np.array(edges, np.int32), np.ones(n, np.float32), np.ones(n, np.bool_)
-    )
-
-
-def _walls() -> Floats:
-    """(m, 4) ends of the building's walls."""
-    building = _building()
-    return building.points[building.edges].reshape(-1, 4)
+    n, ends = len(points), np.array(edges, np.int32)
+    return Wireframe(points, np.zeros(n, np.uint8), ends, np.ones(n, np.float32), np.ones(n, np.bool_))
 
 
 def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Floats:

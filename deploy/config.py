@@ -8,8 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from agent.config import AgentConfig
-from agent.shell.config import JoinConfig
+from agent.config import AgentConfig, JoinConfig
 from world.config import ServerConfig, WorldConfig
 
 

@@ -4,13 +4,13 @@ Each peer is told the changes to the map that it last acknowledged, and nothing 
 is the tick at which it was so. Both sides keep the maps that the other may still refer to.
 """
 
+from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from agent.communication.config import TalkConfig
-from agent.communication.contacts import Contacts
-from agent.communication.hearing import Hearing, News, PeerViews, ReceivedMap
-from agent.communication.receiving import KEPT_MAPS, Known
+from agent.communication.receiving import KEPT_MAPS, Known, PeerViews, ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
@@ -23,21 +23,42 @@ from protocol.wireframe import Wireframe
 NEVER = -(10**9)
 """A tick long ago."""
 MOST_DOUBLINGS = 3
-"""The wait for an acknowledgement doubles up to eight times the first one."""
+"""How often the wait for an acknowledgement doubles at most."""
 WHOLE_BYTES = 1.0
-"""A whole map takes more than this a vertex (1.7 measured): shorter changes need no comparison with it."""
+"""A whole map takes more than this a vertex (1.7 measured), so shorter changes are not compared with it."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
 SLACK_CELLS = 1.5
-"""A corner that moved by less than this, in cells of the grid, is not news. Most corners of a map still shift by
-some millimetres a minute."""
+"""A corner that moved by fewer cells of the grid is not news: most corners still shift by millimetres a minute."""
 SLACK_LEVELS = 2
 """A wall's likelihood that changed by less than this, in sevenths, is not news."""
 AXIS_SLACK_DEG = 1.0
-"""The grid is turned anew where the map's main axis is off by more. Then a wall of 1.2 m spans 2 cells across, which
-costs 3 bits each."""
+"""The grid is turned anew where the map's main axis is off by more: a wall of 1.2 m then costs 6 bits more."""
 MOST_TRIES = 10
-"""A map in several parts is sent to its end, or so often, before a newer one takes its place: else none arrived."""
+"""A newer map waits until one in several parts is acknowledged, or was sent this often: else none would arrive."""
+
+
+@dataclass(slots=True)
+class Contact:
+    """A peer within radio range: known by its messages alone, never by a list from the truth."""
+
+    since: int
+    """Tick of the first message after silence."""
+    last: int
+    """Tick of the newest message."""
+
+
+class News(NamedTuple):
+    """What a peer told in this tick."""
+
+    peer: str
+    since: int
+    """Tick at which the contact with it began."""
+    beacon: Beacon | None = None
+    map: ReceivedMap | None = None
+    """A newer map; at the beginning of a contact also the map that is known from an earlier one."""
+    views: PeerViews | None = None
+    """All its viewpoints, where new ones came."""
 
 
 @dataclass
@@ -49,26 +70,26 @@ class Told:
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the one that it has, and those that it was told since."""
     whole: list[Part] = field(default_factory=list)
-    """The last news in all its parts."""
+    """All parts of the newest update."""
     parts: list[Part] = field(default_factory=list)
-    """Those of them that are on their way, and not acknowledged."""
+    """Those of them that are not acknowledged."""
     sent: int = NEVER
-    """Tick at which they, or the last ones, were sent."""
+    """Tick at which parts were last sent."""
     update: int = NEVER
-    """Tick of the last news."""
+    """Tick of the newest update."""
     tries: int = 0
     compared: int = -1
     """State of the robot's map that was last compared with what the peer has, or is being told."""
     untold: str = ""
-    """Why the last news could not be told, where it could not."""
+    """Why the last update could not be sent; empty where it could."""
     current: int = 0
     """Tick until which it has all that was seen."""
 
     def take_ack(self, ack: Ack) -> None:
         """Note what the peer has, or lacks."""
         if ack.version not in self.maps:
-            return  # of a former life, or of something long ago
-        if ack.missing is None:  # it has lost what it once had: all of it again
+            return  # an answer to an earlier process of this name, or to a version given up since
+        if ack.missing is None:  # the peer has lost its base: the whole map goes again
             self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
         elif ack.missing:
             if self.parts and self.parts[0].version == ack.version:  # else another map is on its way by now
@@ -85,9 +106,10 @@ class Exchange:
     def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int) -> None:
         """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries."""
         self.config, self.mtu_bytes = config, mtu_bytes
-        self.contacts = Contacts(round(config.silence_s * rate_hz))
-        self._told: dict[str, Told] = {}
-        self._known: dict[str, Known] = {}
+        self.contacts: dict[str, Contact] = {}
+        """Peers heard lately, in the order in which their contacts began: C of Algorithm 1."""
+        self._told: defaultdict[str, Told] = defaultdict(Told)
+        self._known: defaultdict[str, Known] = defaultdict(Known)
         self._answers: list[tuple[str, Ack, int]] = []
         """Acknowledgements due: to whom, what, and how many parts there are."""
         self._events: list[Event] = []
@@ -96,16 +118,15 @@ class Exchange:
         """Who wants to know where the robot looked from, and since when."""
         self._axis: int | None = None
         self._beacon_due = False
-        self._beacon_ticks = max(1, round(config.beacon_s * rate_hz))
-        self._sight_ticks = max(1, round(config.sight_beacon_s * rate_hz))
-        self._period_ticks = max(1, round(config.map_period_s * rate_hz))
-        self._retry_ticks = max(1, round(config.retry_s * rate_hz))
-        self._patience_ticks = max(1, round(REASSEMBLY_S * rate_hz))
+        self._silence_ticks = round(config.silence_s * rate_hz)
+        waits_s = config.beacon_s, config.sight_beacon_s, config.map_period_s, config.retry_s, REASSEMBLY_S
+        ticks = [max(1, round(wait_s * rate_hz)) for wait_s in waits_s]
+        self._beacon_ticks, self._sight_ticks, self._period_ticks, self._retry_ticks, self._patience_ticks = ticks
 
-    def hear(self, tick: int, heard: Sequence[Heard]) -> Hearing:
-        """Take a tick's messages. Events are `contact`, `lost`, `refused` and the last talk's `untold`.
+    def hear(self, tick: int, heard: Sequence[Heard]) -> tuple[list[News], list[Event]]:
+        """Take a tick's messages: news, one of each peer that said something, in the order of `contacts`.
 
-        A bad message meets nobody.
+        Events are `contact`, `lost`, `refused` and the last talk's `untold`. A bad message makes no contact.
         """
         events, self._events = self._events, []
         refused: dict[str, str] = {}
@@ -117,11 +138,15 @@ class Exchange:
             except ProtocolError as error:
                 refused.setdefault(peer, str(error))
                 continue
-            if self.contacts.hear(tick, peer):
-                events.append(self._greet(peer))
-                known = self._known.get(peer)
-                news[peer] = News(peer, tick, map=None if known is None else known.map())
-            one = news.get(peer) or News(peer, self.contacts.present[peer].since)
+            if peer not in self.contacts:
+                self.contacts[peer] = Contact(tick, tick)
+                events.append(Event(event="contact", data={"peer": peer}))
+                news[peer] = News(peer, tick, map=self._known[peer].map())
+                self._beacon_due = True
+                told = self._told[peer]
+                told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
+            self.contacts[peer].last = tick
+            one = news.get(peer) or News(peer, self.contacts[peer].since)
             match said:
                 case Beacon():
                     one = one._replace(beacon=said)
@@ -131,48 +156,32 @@ class Exchange:
                     one = one._replace(views=said)
             news[peer] = one
         events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
-        events += self.contacts.forget(tick)
-        return Hearing([news[peer] for peer in self.contacts.present if peer in news], events)
-
-    def _greet(self, peer: str) -> Event:
-        """Answer a new contact by a beacon, and tell at once what did not arrive before."""
-        self._beacon_due = True
-        told = self._told.setdefault(peer, Told())
-        told.sent, told.tries = NEVER, 0
-        return Event(event="contact", data={"peer": peer})
+        lost = [peer for peer, contact in self.contacts.items() if tick - contact.last > self._silence_ticks]
+        events += [Event(event="lost", data={"peer": peer}) for peer in lost]
+        self.contacts = {peer: contact for peer, contact in self.contacts.items() if peer not in lost}
+        return [news[peer] for peer in self.contacts if peer in news], events
 
     def _take(self, tick: int, peer: str, message: Heard) -> Beacon | ReceivedMap | PeerViews | None:
         """What a message tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
         if message.kind in (MAP, DELTA, RESEND):
-            return self._take_part(tick, peer, Part.decode(message.payload))
+            part = Part.decode(message.payload)
+            ack, new = self._known[peer].take_part(tick, part, self._patience_ticks)
+            if ack is not None:  # of the answers to one version, the last one goes
+                self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
+                self._answers.append((peer, ack, part.parts))
+            return new
         if message.kind == ACK:
-            ack = Ack.decode(message.payload)
-            if peer in self._told:
-                self._told[peer].take_ack(ack)
+            self._told[peer].take_ack(Ack.decode(message.payload))
             return None
         if message.kind == VIEWS:
-            return self._take_views(peer, decode_views(message.payload))
+            views = decode_views(message.payload)
+            if isinstance(views, Views):
+                return self._known[peer].take_views(views)
+            self._asks[peer] = views.since
+            return None
         raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
-
-    def _take_part(self, tick: int, peer: str, part: Part) -> ReceivedMap | None:
-        known = self._known.setdefault(peer, Known())
-        ack, new = known.take_part(tick, part, self._patience_ticks)
-        if ack is not None:
-            self._answer(peer, ack, part.parts)
-        return new
-
-    def _answer(self, peer: str, ack: Ack, count: int) -> None:
-        """Acknowledge at this tick's end: one answer a peer and version, the last word."""
-        self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
-        self._answers.append((peer, ack, count))
-
-    def _take_views(self, peer: str, views: AskViews | Views) -> PeerViews | None:
-        if isinstance(views, Views):
-            return self._known.setdefault(peer, Known()).take_views(views)
-        self._asks[peer] = views.since
-        return None
 
     def talk(
         self,
@@ -197,8 +206,8 @@ class Exchange:
         self._beacon_due = False
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
         self._answers = []
-        for peer in self.contacts.present:
-            kind, parts = self._due(tick, peer, self._told.setdefault(peer, Told()), wireframe, state)
+        for peer in self.contacts:
+            kind, parts = self._due(tick, peer, wireframe, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
         return sends + self._talk_of_views(tick, state, looked, ask)
 
@@ -206,9 +215,7 @@ class Exchange:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
-            told = self._told.get(peer)
-            if told is None:
-                continue
+            told = self._told[peer]
             if not told.parts and told.compared == state:
                 told.current = tick
             views = looked.between(since, told.current, self.mtu_bytes)
@@ -216,45 +223,39 @@ class Exchange:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
         self._asks = {}
         if tick % self._beacon_ticks == 0:
-            for peer in self.contacts.present:
-                if peer in ask:
-                    question = AskViews(self._known.setdefault(peer, Known()).views_until)
-                    sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
+            for peer in [peer for peer in self.contacts if peer in ask]:
+                question = AskViews(self._known[peer].views_until)
+                sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
-    def _due(self, tick: int, peer: str, told: Told, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
-        """News, or what was not acknowledged in time."""
+    def _due(self, tick: int, peer: str, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
+        """Kind and parts of the next update to a peer, or those that were not acknowledged in time."""
+        told = self._told[peer]
         late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
         if told.parts and not late:
             return RESEND, []
         half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
         if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
             told.compared = state
-            news = self._tellable(tick, peer, told, wireframe)
-            if news:
+            try:
+                parts, told.untold = self._update(tick, told, wireframe), ""
+            except ProtocolError as error:
+                if not told.untold:
+                    self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
+                parts, told.untold = [], str(error)
+            if parts:
                 told.tries = told.tries + 1 if told.parts else 0
-                told.whole, told.parts, told.sent, told.update = news, news, tick, tick
-                return DELTA if news[0].base else MAP, news
+                told.whole, told.parts, told.sent, told.update = parts, parts, tick, tick
+                return DELTA if parts[0].base else MAP, parts
         if told.parts:
             told.tries += 1
             told.sent = tick
         return RESEND, list(told.parts)
 
-    def _tellable(self, tick: int, peer: str, told: Told, wireframe: Wireframe) -> list[Part]:
-        """News; none, and an event the first time, where they are more than travels."""
-        try:
-            news, told.untold = self._news(tick, told, wireframe), ""
-        except ProtocolError as error:
-            if not told.untold:
-                self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
-            told.untold = str(error)
-            return []
-        return news
-
-    def _news(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
+    def _update(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
         """The parts that bring a peer up to date; none where it is, or where that is on its way.
 
-        Raises ProtocolError where they are more than travels.
+        Raises ProtocolError where the map or its parts exceed what a message may hold.
         """
         config = self.config
         axis = main_axis(wireframe)
@@ -265,7 +266,7 @@ class Exchange:
         if base is not None and base.axis != self._axis:
             base = None
         new = quantise(wireframe, config.cell_mm, self._axis, base, SLACK_CELLS, SLACK_LEVELS)
-        if base is not None and new.alike(base) and not told.parts:
+        if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):
             return []
         coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
         if base is not None and len(coded.data) > WHOLE_BYTES * len(new.cells):
@@ -274,8 +275,6 @@ class Exchange:
                 coded, version = whole, 0
         pending = told.maps.get(told.parts[0].version) if told.parts else None
         if pending is not None and pending.alike(coded.map):
-            return []
-        if not len(new.cells) and base is None:
             return []
         parts = in_parts(tick, version, coded.data, self.mtu_bytes)
         told.maps[tick] = coded.map

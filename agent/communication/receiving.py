@@ -1,20 +1,40 @@
 """The maps and viewpoints of one peer, from messages that may be lost, late or doubled."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from agent.communication.hearing import NO_VIEWS, PeerViews, ReceivedMap
+from protocol.arrays import Floats, Ints
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap
 from protocol.map_codec import decode_map
 from protocol.talk import MAX_BODY, Ack, Part
 from protocol.viewpoints import Views
+from protocol.wireframe import Wireframe
 
 KEPT_MAPS = 8
 """Versions of one peer's map that are kept: one acknowledged, one on its way, and those of time-outs in between."""
 KEPT_VIEWS = 6000
 """Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+
+
+class ReceivedMap(NamedTuple):
+    """The map of a peer, at a moment."""
+
+    wireframe: Wireframe
+    """In the peer's own frame."""
+    tick: int
+    """When the peer's map was so."""
+
+
+class PeerViews(NamedTuple):
+    """Where a peer has looked from."""
+
+    points: Floats = np.zeros((0, 2))
+    """(k, 2) metres, the peer's own frame."""
+    need: Ints = np.zeros(0, np.int64)
+    """(k,) tick of the peer's map that holds what it saw from there."""
 
 
 @dataclass
@@ -27,11 +47,7 @@ class Arriving:
     last: int
     """Tick of the newest part."""
     bodies: dict[int, bytes] = field(default_factory=dict)
-
-    @property
-    def missing(self) -> frozenset[int]:
-        """Parts that are not there."""
-        return frozenset(range(self.count)) - self.bodies.keys()
+    """Payload of each part that came, by its number."""
 
 
 @dataclass
@@ -41,7 +57,7 @@ class Known:
     maps: dict[int, GridMap] = field(default_factory=dict)
     """By version: the newest, and those that it may still tell changes to."""
     arriving: Arriving | None = None
-    views: PeerViews = NO_VIEWS
+    views: PeerViews = field(default_factory=PeerViews)
     views_until: int = 0
     """Tick of the last viewpoint that it told."""
 
@@ -80,8 +96,8 @@ class Known:
             raise ProtocolError(f"a map of more than {MAX_BODY} bytes")
         arriving.bodies, arriving.last = bodies, tick
         self.arriving = arriving
-        if arriving.missing:
-            return Ack(part.version, arriving.missing), None
+        if missing := frozenset(range(arriving.count)) - bodies.keys():
+            return Ack(part.version, missing), None
         self.arriving = None
         body = b"".join(bodies[index] for index in range(arriving.count))
         whole = decode_map(body, self.maps[part.base] if part.base else None)
@@ -93,7 +109,7 @@ class Known:
         """Add viewpoints; all of them, or None where the message came twice or late."""
         if views.until <= self.views_until or views.since not in (0, self.views_until):
             return None  # what is missing will be asked for
-        old = self.views if views.since else NO_VIEWS
+        old = self.views if views.since else PeerViews()
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
         need = np.concatenate((old.need, np.full(len(views.cells), self.newest)))[-KEPT_VIEWS:]
         self.views, self.views_until = PeerViews(points, need), views.until

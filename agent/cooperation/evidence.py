@@ -46,7 +46,7 @@ class WallEvidence:
         """(k,) scans that found the wall in its place."""
         self.through = np.zeros(0, np.int64)
         """(k,) scans that saw through it."""
-        self._keys = np.zeros(0, np.int64)
+        self._keys, self._edges = np.zeros(0, np.int64), 0
 
     def lay(self, wireframe: Wireframe, fresh: Bools | None = None) -> None:
         """Take a newer map of the same sender; what is known of pieces that it still has is kept.
@@ -62,7 +62,7 @@ class WallEvidence:
             known = self._keys[order[at]] == keys
             on[known], through[known] = self.on[order[at[known]]], self.through[order[at[known]]]
             was_fresh[known] = self.fresh[order[at[known]]]
-        self.pieces, self.wall, self._keys = pieces, wall, keys
+        self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
         self.on, self.through = on, through
         self.fresh = was_fresh if fresh is None else fresh
 
@@ -77,11 +77,11 @@ class WallEvidence:
         against = (self.through >= looks) & (self.through > self.on)
         return PIECE_M * float((confirmed & self.fresh).sum()), PIECE_M * float((against & self.fresh).sum())
 
-    def hidden(self, after: int, edges: int) -> Bools:
+    def hidden(self, after: int) -> Bools:
         """(edges,) walls that at least `after` own scans have seen through, along a third of the length or more."""
         seen_through = (self.through >= after) & (self.through > self.on)
-        total = np.bincount(self.wall, minlength=edges)
-        return np.asarray(3 * np.bincount(self.wall[seen_through], minlength=edges) >= np.maximum(total, 1))
+        through, total = (np.bincount(wall, minlength=self._edges) for wall in (self.wall[seen_through], self.wall))
+        return np.asarray(3 * through >= np.maximum(total, 1))
 
     def unseen(self) -> Floats:
         """(n, 4) fresh pieces that no scan has said anything of."""

@@ -12,9 +12,9 @@ import numpy as np
 from agent.alignment import AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
 from agent.alignment.candidates import COARSE_M, refine
-from agent.communication.hearing import ReceivedMap
+from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.peer import Figures, Merged, Met, Proposed
+from agent.cooperation.peer import Figures, Merged, Proposed
 from agent.geometry.transform import apart
 from agent.mapping.layers import Layer, layer_of
 from protocol.arrays import Bools, Floats
@@ -47,19 +47,12 @@ def merge(peer: Proposed, tick: int) -> Merged:
     return Merged(peer.log, peer.map, transform, peer.fit_m, walls, hidden, layer, tick, tick)
 
 
-def given_up(peer: Proposed | Merged) -> Met:
-    """Reject a proposal or undo a merge: the peer is again one that was only met."""
-    peer.log.growth = REJECTED_GROWTH
-    return Met(peer.log)
-
-
 def hide_seen_through(peer: Merged) -> Merged:
     """Leave away at once what own scans have seen through: a phantom would go from map to map and come back for ever.
 
     The same peer, unchanged, where there is nothing new of it.
     """
-    hidden = _hidden(peer.map, peer.walls)
-    if not (hidden & ~peer.hidden).any():
+    if not (peer.walls.hidden(HIDDEN_AFTER) & ~peer.hidden).any():
         return peer
     hidden, layer = _laid(peer.map, peer.transform, peer.walls)
     return replace(peer, hidden=hidden, layer=layer)
@@ -74,18 +67,19 @@ def contradiction(peer: Merged) -> Figures | None:
 
 
 def update(
-    peer: Merged, tick: int, mine: PreparedMap | None, theirs: PreparedMap | None, config: AlignmentConfig
+    peer: Merged, tick: int, maps: tuple[PreparedMap, PreparedMap] | None, config: AlignmentConfig
 ) -> tuple[Merged, Figures]:
     """Take the newest map of a merged peer and refine the transform; refuse a map that contradicts the own one.
 
-    Returns how well the two agree, too, in metres of wall.
+    maps: the own one and the peer's, made ready. Returns how well the two agree, too, in metres of wall.
     """
     newest = peer.log.map
     assert newest is not None
     peer.log.map_is_news = False
     peer = replace(peer, updated=tick)
-    if mine is None or theirs is None or not (len(mine.corners.walls) and len(theirs.corners.walls)):
+    if maps is None or not all(len(prepared.corners.walls) for prepared in maps):
         return peer, {}
+    mine, theirs = maps
     transform = _refined(peer.transform, mine, theirs, config.min_inliers)
     agreed, conflict = agreement(mine.walls, theirs.walls, transform)
     figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
@@ -93,8 +87,8 @@ def update(
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
     hidden, layer = _laid(newest, transform, peer.walls)
-    taken = replace(peer, map=newest, transform=transform, hidden=hidden, layer=layer)
-    return replace(taken, agreed_m=agreed, refused=0), figures
+    peer = replace(peer, map=newest, transform=transform, hidden=hidden, layer=layer)
+    return replace(peer, agreed_m=agreed, refused=0), figures
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:
@@ -108,12 +102,7 @@ def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inli
     return new
 
 
-def _hidden(received: ReceivedMap, walls: WallEvidence) -> Bools:
-    """(m,) walls of a received map that own scans have seen through."""
-    return walls.hidden(HIDDEN_AFTER, len(received.wireframe.edges))
-
-
 def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer]:
     """A received map in the robot's own frame, and (m,) the walls that it does not show."""
-    hidden = _hidden(received, walls)
+    hidden = walls.hidden(HIDDEN_AFTER)
     return hidden, layer_of(received.wireframe, np.asarray(transform), hidden, HITS_PER_M)

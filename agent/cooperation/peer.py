@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from agent.alignment import Alignment
 from agent.alignment.by_sight import Sighting
-from agent.communication.hearing import NO_VIEWS, PeerViews, ReceivedMap
+from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial
 from agent.mapping.layers import Layer
@@ -35,7 +35,7 @@ class PeerLog:
     """Its newest map. This is the only place that keeps it."""
     map_is_news: bool = False
     """Whether this map was neither aligned nor merged yet."""
-    views: PeerViews = NO_VIEWS
+    views: PeerViews = field(default_factory=PeerViews)
     pose: Pose = (0.0, 0.0, 0.0)
     """Where it was last heard to be."""
     pose_tick: int = -1

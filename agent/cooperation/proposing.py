@@ -72,21 +72,24 @@ class Aligner:
         log.aligned_walls, log.growth, log.map_is_news = counts, RETRY_GROWTH, False
         return True
 
+    def both(self, log: PeerLog, own: Wireframe) -> tuple[PreparedMap, PreparedMap] | None:
+        """The own map and the peer's newest, made ready; None where one has too few corners to compare."""
+        assert log.map is not None
+        mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
+        return None if mine is None or theirs is None else (mine, theirs)
+
     def align(self, log: PeerLog, own: Wireframe) -> Alignment:
         """Align by the maps. A transform that puts a message out of the radio's range is impossible."""
         assert log.map is not None and log.contact is not None
         meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
         theirs = prepare(log.map.wireframe, self.config)
         said = align_prepared(self.prepared(own), theirs, self.config, self.rng, meeting)
-        if said.transform is None or self._heard_from_there(log, np.array(said.transform)):
+        if said.transform is None:
             return said
-        return replace(said, transform=None, reason="impossible")
-
-    def _heard_from_there(self, log: PeerLog, transform: Floats) -> bool:
-        """Whether all messages of this contact came from within the radio's range."""
-        theirs = apply(transform, np.array([one.theirs[:2] for one in log.encounters]))
-        mine = np.array([one.here[:2] for one in log.encounters])
-        return bool((np.hypot(*(theirs - mine).T) <= self.reach_m).all())
+        there = apply(said.transform, np.array([one.theirs[:2] for one in log.encounters]))
+        here = np.array([one.here[:2] for one in log.encounters])
+        in_reach = (np.hypot(*(there - here).T) <= self.reach_m).all()
+        return said if in_reach else replace(said, transform=None, reason="impossible")
 
     def compare(self, peer: Proposed, said: Alignment) -> None:
         """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
@@ -114,18 +117,15 @@ class Aligner:
             return None
         if found.explained - found.rival < SIGHTINGS_AHEAD or found.explained <= log.explained_by_proposal:
             return None
-        assert log.map is not None
-        mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
-        if mine is None or theirs is None:
-            return None
-        return found, align_by_sight(mine, theirs, found, self.config, LEAST_CORNERS)
+        maps = self.both(log, own)
+        return None if maps is None else (found, align_by_sight(*maps, found, self.config, LEAST_CORNERS))
 
     def walls_fit(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""
-        assert log.map is not None
-        mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
-        if mine is None or theirs is None:
+        maps = self.both(log, own)
+        if maps is None:
             return False
+        mine, theirs = maps
         fit = refine(transform[None], mine.corners, theirs.corners)
         if not len(fit.transforms) or fit.inliers[0] < LEAST_CORNERS:
             return False

@@ -5,50 +5,48 @@ given up. One pair of maps is aligned in a tick, and only where one of them has 
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, prepare
+from agent.alignment import Alignment, AlignmentConfig
 from agent.alignment.by_sight import Sighting
-from agent.communication.hearing import Hearing
+from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
-from agent.cooperation.merging import REFUSED_MAPS, contradiction, given_up, hide_seen_through, merge, update
+from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradiction, hide_seen_through, merge, update
 from agent.cooperation.peer import Figures, Merged, Met, Peer, PeerLog, Proposed, fit_error_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
-from agent.errand import ErrandEnd
 from agent.geometry.transform import compose
-from agent.mapping.layers import Layer
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.messages import Event, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
 LOOK_S = 0.6
-"""Received maps are held against a scan so often: the robot drives 0.13 m in between."""
+"""Interval at which received maps are held against a scan: the robot drives 0.13 m in the time."""
 LATE_S = 0.4
-"""An older message says no longer where the peer is: it drives 0.1 m in the time."""
+"""A place in a message older than this is no sighting: the peer drives 0.1 m in the time."""
 REFINE_S = 4.0
-"""The transform of a merged peer is refined with a newer map at most so often."""
+"""Least interval at which the transform of a merged peer is refined with a newer map."""
 STRANGER_S = 20.0
 """A peer counts as a stranger for this long after it was merged: it may not know the robot's frame yet."""
 PLACE_KNOWN_S = 60.0
-"""A teammate's place counts for the division of work so long after it was heard: it drives 13 m in the time."""
+"""A teammate silent for longer has no part in the division of work: it drives 13 m in the time."""
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
 DETOURS = 4
-"""Other places that are gone to when the place of contact has decided nothing."""
+"""Other places that the robot drives to when the place of contact has decided nothing."""
 STILL_HEARD_S = 10.0
-"""A peer heard this lately is gone to itself: it drives 2.2 m in the time."""
+"""The robot drives to the peer itself if its place is not older: the peer drives 2.2 m in the time."""
 HERE_M = 0.6
-"""There is no use in going to a place this near."""
+"""Places nearer than this show the robot nothing new."""
 IN_FRONT_M = 0.8
-"""How far before a wall the robot stands to see it."""
+"""Distance from a wall at which the robot stands to see it."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Drive:
     since: int
     """Tick of setting out to the place of contact."""
     detours: int = 0
-    """Other places that were gone to since."""
+    """Other places that the robot has driven to since."""
 
 
 class Team:
@@ -85,17 +83,10 @@ class Team:
         self.events: list[Event] = []
         """What happened in this tick."""
 
-    # what others see of it
-
     @property
     def merged(self) -> list[Merged]:
         """Peers whose maps are part of the robot's, by name."""
         return [peer for _, peer in sorted(self.peers.items()) if isinstance(peer, Merged)]
-
-    @property
-    def layers(self) -> list[Layer]:
-        """Merged maps, by name of the peer."""
-        return [peer.layer for peer in self.merged]
 
     @property
     def merged_ticks(self) -> dict[str, int]:
@@ -103,9 +94,9 @@ class Team:
         return {peer.log.name: peer.map.tick for peer in self.merged}
 
     @property
-    def shares_work_with(self) -> list[str]:
-        """Merged peers whose viewpoints are of use."""
-        return [peer.log.name for peer in self.merged] if self.config.division else []
+    def shares_work_with(self) -> list[Merged]:
+        """Merged peers with which the robot divides its work."""
+        return self.merged if self.config.division else []
 
     def teammates(self, tick: int) -> list[TeammatePose]:
         """Where peers with a transform were last heard to be, in the robot's own frame."""
@@ -136,26 +127,21 @@ class Team:
     def rivals(self, tick: int) -> Floats:
         """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it."""
         found = []
-        for peer in self.merged if self.config.division else []:
+        for peer in self.shares_work_with:
             silent_s = (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
             if silent_s <= PLACE_KNOWN_S:
                 x, y = apply(peer.transform, np.array([peer.log.pose[:2]]))[0].tolist()
                 found.append((x, y, NEARER_M + 0.5 * self.spec.max_speed_mps * silent_s))
         return np.array(found, np.float64).reshape(-1, 3)
 
-    # one tick
-
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
 
-    def hear(self, tick: int, hearing: Hearing, here: Pose, scan: CornerScan) -> None:
-        """Note what peers told, and hold proposals and merged maps against it and against the scan.
-
-        here: the robot's pose in its own frame.
-        """
+    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan) -> None:
+        """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame."""
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
-        for news in hearing.news:
+        for news in told:
             peer = self.peers.setdefault(news.peer, Met(PeerLog(news.peer)))
             log, beacon = peer.log, news.beacon
             if beacon is not None and log.pose_tick < min(beacon.tick, tick):
@@ -192,14 +178,6 @@ class Team:
         self.peers[peer.log.name] = new
         self.changed |= new.layer is not peer.layer
 
-    def _gather_views(self) -> None:
-        """Viewpoints of merged peers, without those whose map is not merged yet: it may hold what was seen there."""
-        found = [self.viewpoints[:0]]
-        for peer in self.merged if self.config.division else []:
-            views = peer.log.views
-            found.append(apply(peer.transform, views.points[views.need <= peer.map.tick]))
-        self.viewpoints = np.vstack(found)
-
     # Z = Z + align_maps(C)
 
     def align_maps(self, tick: int, own: Wireframe) -> None:
@@ -208,7 +186,10 @@ class Team:
             if self._align(tick, peer, own):
                 break
         if self.changed or self._views_changed:
-            self._gather_views()
+            self.viewpoints = np.zeros((0, 2))
+            for merged in self.shares_work_with:  # what was seen from a viewpoint is in maps as new as it needs
+                points = merged.log.views.points[merged.log.views.need <= merged.map.tick]
+                self.viewpoints = np.vstack((self.viewpoints, apply(merged.transform, points)))
 
     def _align(self, tick: int, peer: Peer, own: Wireframe) -> bool:
         """Propose a transform, weigh later maps of a proposal, or refine a merged map; false where nothing is due."""
@@ -218,7 +199,10 @@ class Team:
         if isinstance(peer, Merged):
             if not log.map_is_news or tick - peer.updated < self._ticks(REFINE_S):
                 return False
-            self._update(peer, tick, own)
+            new, figures = update(peer, tick, self.aligner.both(log, own), self.aligner.config)
+            self._replace(peer, new)
+            if new.refused >= REFUSED_MAPS:
+                self.undo(new, "its later maps contradict it", figures)
             return True
         growth = log.growth if isinstance(peer, Met) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
@@ -254,17 +238,12 @@ class Team:
         return True
 
     def propose(
-        self,
-        peer: Met,
-        transform: Pose,
-        own: Wireframe,
-        figures: Figures,
-        alignment: Alignment | None = None,
-        by_sight: bool = False,
-    ) -> Proposed:
-        """Put a transform of a peer whose map is known on trial, and add it to the queue.
+        self, peer: Met, transform: Pose, own: Wireframe, figures: Figures,
+        alignment: Alignment | None = None, by_sight: bool = False,
+    ) -> Proposed:  # fmt: skip
+        """Z = Z + proposal: put a transform of a peer whose map is known on trial.
 
-        Earlier meetings count, as an alignment by maps did not use them; one by sight has used two of them.
+        Earlier sightings count as evidence, but for the two that give the transform in an alignment by sight.
         """
         log, t, walls = peer.log, np.array(transform), WallEvidence()
         assert log.map is not None
@@ -279,10 +258,10 @@ class Team:
 
     # accept = judge(proposal)
 
-    def judge(self, tick: int, own: Wireframe, pose: Pose, ended: ErrandEnd | None) -> None:
+    def judge(self, tick: int, own: Wireframe, pose: Pose, arrived: bool | None) -> None:
         """Decide the proposals whose evidence suffices, and where to drive for the first of the others.
 
-        ended: how the drive ended in the last tick; None while it goes on or without one.
+        arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         for peer in list(self.queue):
             verdict = peer.trial.verdict
@@ -294,9 +273,9 @@ class Team:
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
         if self.queue:
-            self._set_goal(tick, self.queue[0], pose, ended)
+            self._set_goal(tick, self.queue[0], pose, arrived)
 
-    def _set_goal(self, tick: int, peer: Proposed, pose: Pose, ended: ErrandEnd | None) -> None:
+    def _set_goal(self, tick: int, peer: Proposed, pose: Pose, arrived: bool | None) -> None:
         """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""
         drive = self.drive
         if drive is None:
@@ -304,9 +283,9 @@ class Team:
             self.drive = Drive(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
         elif tick - drive.since > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
             self._reject(peer, "it took too long")
-        elif ended is ErrandEnd.FAILED and not drive.detours:
+        elif arrived is False and not drive.detours:
             self._reject(peer, "unreachable")
-        elif ended is not None:
+        elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, drive.detours)
             if place is None or drive.detours >= DETOURS:
                 self._reject(peer, "undecided")
@@ -318,16 +297,12 @@ class Team:
         unseen = peer.trial.walls.unseen()
         heard = tick - peer.log.pose_tick <= STILL_HEARD_S * self.spec.lidar.rate_hz
         if heard and (detours % 2 == 0 or not len(unseen)):
-            there: Floats = apply(peer.transform, np.array([peer.log.pose[:2]]))[0]
-            return there
-        if not len(unseen):
-            return None
+            return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
         stands = apply(peer.transform, stands)
         away = np.hypot(stands[:, 0] - pose[0], stands[:, 1] - pose[1])
-        away[away < HERE_M] = np.inf
-        nearest: Floats = stands[int(away.argmin())]
-        return nearest if np.isfinite(away.min()) else None
+        stands, away = stands[away >= HERE_M], away[away >= HERE_M]
+        return np.asarray(stands[away.argmin()]) if len(stands) else None
 
     def _leave_queue(self, peer: Proposed) -> None:
         """Z = Z - proposal."""
@@ -337,10 +312,12 @@ class Team:
 
     def _reject(self, peer: Proposed, reason: str) -> None:
         self._leave_queue(peer)
-        self.peers[peer.log.name] = given_up(peer)
+        self._forget_transform(peer)
         self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
-    # the merged map
+    def _forget_transform(self, peer: Proposed | Merged) -> None:
+        peer.log.growth = REJECTED_GROWTH
+        self.peers[peer.log.name] = Met(peer.log)
 
     def merge(self, peer: Proposed, tick: int) -> None:
         """Make the map of a peer of the queue part of the robot's: T = T + transform."""
@@ -348,17 +325,9 @@ class Team:
         self.peers[peer.log.name] = merge(peer, tick)
         self.changed = True
 
-    def _update(self, peer: Merged, tick: int, own: Wireframe) -> None:
-        """Take the newest map of a merged peer, or undo the merge after too many that contradict."""
-        theirs = prepare(peer.log.map.wireframe, self.aligner.config) if peer.log.map is not None else None
-        new, figures = update(peer, tick, self.aligner.prepared(own), theirs, self.aligner.config)
-        self._replace(peer, new)
-        if new.refused >= REFUSED_MAPS:
-            self.undo(new, "its later maps contradict it", figures)
-
     def undo(self, peer: Merged, reason: str, figures: Figures) -> None:
         """Take a peer's map out again, and forget its transform."""
-        self.peers[peer.log.name] = given_up(peer)
+        self._forget_transform(peer)
         self.changed = True
         self._say("unmerged", peer.log, reason, peer.transform, figures)
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from agent.errand import ErrandEnd
 from agent.exploration import standing
 from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_nearer_to
 from agent.exploration.config import DrivingConfig, ExplorationConfig
@@ -53,8 +52,8 @@ class Command(NamedTuple):
     events: list[Event]
     target: tuple[float, float] | None
     """Where it is going, frame of the map."""
-    ended: ErrandEnd | None = None
-    """How the errand ended in this tick; None while it is under way or there is none."""
+    arrived: bool | None = None
+    """Whether the errand that ended in this tick arrived; None while it is under way or there is none."""
 
 
 class Explorer:
@@ -78,7 +77,7 @@ class Explorer:
         self._put_back: Target | None = None
         """The target of the last tick where it is to be compared with others, or its path is no longer good."""
         self._errand: Floats | None = None
-        self._ended: ErrandEnd | None = None
+        self._errand_arrived: bool | None = None
         self._events: list[Event] = []
         self._decided_tick, self._decided_version = 0, -1
         self._news = 0
@@ -96,7 +95,7 @@ class Explorer:
     def look(self, situation: Situation) -> Scene:
         """Take in the situation. A target that is resolved, in vain or to be compared anew is under way no longer."""
         scene = self.surroundings.look(situation)
-        self._events, self._ended, self._put_back = [], None, None
+        self._events, self._errand_arrived, self._put_back = [], None, None
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
         self._take_viewpoints(scene, situation.viewpoints)
@@ -126,12 +125,12 @@ class Explorer:
         """
         if scene.errand is None:
             return None
-        if self.target is None and self._ended is None:
+        if self.target is None and self._errand_arrived is None:
             for roads in self.surroundings.ways(scene):
                 route = standing.near(scene.errand, roads)
                 if route is not None:
                     return self._pursue(scene, Task("errand", scene.errand, route.path[-1]), roads, None)
-            self._ended = ErrandEnd.FAILED
+            self._errand_arrived = False
         return self.target
 
     def frontier(self, scene: Scene) -> Target | None:
@@ -219,7 +218,7 @@ class Explorer:
         if target.task.kind == "sweep":
             self.viewpoints.keep(scene.tick, scene.here, 0.0)
         if target.task.kind == "errand":
-            self._ended = ErrandEnd.ARRIVED
+            self._errand_arrived = True
         self.states.done(target.task)
         self.target = None
 
@@ -242,7 +241,7 @@ class Explorer:
         if is_end(target.task):
             self._events.append(self.goals.abandon(target.task.place, target.task.along, reason))
         elif target.task.kind == "errand":
-            self._ended = ErrandEnd.FAILED
+            self._errand_arrived = False
         else:
             self.states.done(target.task)
 
@@ -423,7 +422,7 @@ class Explorer:
             x, y = self.target.task.stand
             place = float(x), float(y)
         complete = self.complete and self._errand is None
-        return Command(motion.speed_mps, motion.turn_rps, complete, reason, self._events, place, self._ended)
+        return Command(motion.speed_mps, motion.turn_rps, complete, reason, self._events, place, self._errand_arrived)
 
     def _tell(self, event: str, **data: object) -> None:
         self._events.append(Event(event=event, data=data))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Self
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING
 
 import zenoh
 
-from agent.config import AgentConfig
-from agent.shell.config import JoinConfig
+from agent.config import AgentConfig, JoinConfig
 from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.codec import decode, encode
@@ -78,8 +78,8 @@ def run_agent(
             welcome, changes = joined
             mind = make_mind(robot, welcome.spec, config, welcome.seed)
             # left as soon as the world is gone: Zenoh would tell the next world of the old token and hide the new one
-            with Link(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as link:
-                ended = live(mind, link, inbox, changes)
+            with declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers:
+                ended = live(mind, publishers, welcome.lockstep, inbox, changes)
             ended = ended or await_world(inbox, patience.reconnect_s)
     return ended
 
@@ -102,8 +102,10 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
         for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=ANSWER_S):
             if reply.ok is not None and inbox.world_changes == changes:
                 return decode(Welcome, reply.ok.payload.to_bytes()), changes
-            if reply.err is not None and (refused := _refused(reply.err.payload.to_bytes())):
-                raise RefusedError(f"the world does not let {robot} in: {refused.reason}")
+            if reply.err is not None:
+                with suppress(ProtocolError):  # an error of Zenoh itself, such as a time-out, is no answer
+                    refused = decode(Refused, reply.err.payload.to_bytes())
+                    raise RefusedError(f"the world does not let {robot} in: {refused.reason}")
         time.sleep(RETRY_S)
     raise LinkError(f"the world does not answer {robot} within {timeout_s:g} s: is it busy, or another program?")
 
@@ -125,56 +127,42 @@ def await_world(inbox: AgentInbox, timeout_s: float) -> str | None:
     return None
 
 
-def _refused(payload: bytes) -> Refused | None:
-    try:
-        return decode(Refused, payload)
-    except ProtocolError:  # an error of Zenoh itself, such as a time-out
-        return None
+@contextmanager
+def declared(
+    session: zenoh.Session, robot: str, lockstep: bool, inbox: AgentInbox, timeout_s: float
+) -> Iterator[dict[str, zenoh.Publisher]]:
+    """Declare a welcomed robot's subscriber, publishers and liveliness token, with which the world may begin.
 
-
-class Link:
-    """A welcomed robot's subscriber, publishers and liveliness token; the world may begin once all are declared."""
-
-    def __init__(self, session: zenoh.Session, robot: str, lockstep: bool, inbox: AgentInbox, timeout_s: float) -> None:
-        self.lockstep = lockstep
-        self._session, self._robot, self._inbox, self._timeout_s = session, robot, inbox, timeout_s
-        self._declared = ExitStack()
-        self._publishers: dict[str, zenoh.Publisher] = {}
-
-    def __enter__(self) -> Self:
-        """Declare all, the token last, when every publisher has its reader; LinkError on a time-out."""
-        block, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
-        declare = self._declared.enter_context
-        declare(self._session.declare_subscriber(keys.all_in(self._robot), at_once(self._inbox.hear)))
+    The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out.
+    """
+    congestion = zenoh.CongestionControl.BLOCK if lockstep else zenoh.CongestionControl.DROP
+    with ExitStack() as stack:
+        declare = stack.enter_context
+        declare(session.declare_subscriber(keys.all_in(robot), at_once(inbox.hear)))
+        publishers: dict[str, zenoh.Publisher] = {}
         for channel in keys.OUTPUTS:
-            self._publishers[channel] = declare(
-                self._session.declare_publisher(
-                    keys.from_robot(self._robot, channel),
-                    congestion_control=block if self.lockstep else drop,
-                    express=True,
-                )
-            )
-        wait_for_matching((self._publishers[channel] for channel in keys.NEEDED), self._timeout_s)
-        declare(self._session.liveliness().declare_token(keys.alive(self._robot)))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._declared.close()
-
-    def answer(self, step: Step) -> None:
-        """Publish a tick's messages for the radio, its telemetry, and last its action."""
-        put = {channel: publisher.put for channel, publisher in self._publishers.items()}
-        for send in step.sends:
-            put[keys.RADIO](encode(send))
-        for channel, report in ((keys.SCAN, step.scan), (keys.POSE, step.pose)):
-            if self._publishers[channel].matching_status:
-                put[channel](encode(report))
-        if step.map is not None:
-            put[keys.MAP](encode(step.map))
-        put[keys.ACT](encode(step.action))
+            key = keys.from_robot(robot, channel)
+            publishers[channel] = declare(session.declare_publisher(key, congestion_control=congestion, express=True))
+        wait_for_matching((publishers[channel] for channel in keys.NEEDED), timeout_s)
+        declare(session.liveliness().declare_token(keys.alive(robot)))
+        yield publishers
 
 
-def live(mind: Mind, link: Link, inbox: AgentInbox, changes: int) -> str | None:
+def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:
+    """Publish a tick's messages for the radio, its telemetry, and last its action."""
+    for send in step.sends:
+        publishers[keys.RADIO].put(encode(send))
+    for channel, report in ((keys.SCAN, step.scan), (keys.POSE, step.pose)):
+        if publishers[channel].matching_status:
+            publishers[channel].put(encode(report))
+    if step.map is not None:
+        publishers[keys.MAP].put(encode(step.map))
+    publishers[keys.ACT].put(encode(step.action))
+
+
+def live(
+    mind: Mind, publishers: Mapping[str, zenoh.Publisher], lockstep: bool, inbox: AgentInbox, changes: int
+) -> str | None:
     """Step once per observation until the run ends; returns why, or None where the world that was joined is gone.
 
     changes: the inbox's `world_changes` when that world let the robot in. A slow world is waited for without limit.
@@ -187,12 +175,12 @@ def live(mind: Mind, link: Link, inbox: AgentInbox, changes: int) -> str | None:
                 heard.append(decode(Heard, payload))
             case keys.OBS:
                 observation = decode(Observation, payload)
-                if link.lockstep and observation.heard != len(heard):
+                if lockstep and observation.heard != len(heard):
                     raise ProtocolError(f"{observation.heard} messages were due at tick {observation.tick}, "
                                         f"{len(heard)} came")  # fmt: skip
-                if not link.lockstep and not inbox.empty():
+                if not lockstep and not inbox.empty():
                     continue  # late: it steps on the newest scan only, with all messages heard since its last step
-                link.answer(mind.step(observation, heard))
+                answer(publishers, mind.step(observation, heard))
                 heard = []
             case keys.END:
                 return decode(End, payload).reason

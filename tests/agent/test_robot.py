@@ -115,7 +115,7 @@ def test_a_bad_message_is_refused_with_a_reason_and_changes_nothing(bad: Heard) 
     assert len(refused) == 1
     assert refused[0].data["peer"] == "r2"
     assert refused[0].data["reason"]
-    assert not mind.exchange.contacts.present and not mind.team.peers
+    assert not mind.exchange.contacts and not mind.team.peers
 
 
 def test_the_same_observations_give_the_same_step() -> None:

@@ -14,8 +14,7 @@ from typing import Any
 import psutil
 import pytest
 
-from agent.config import AgentConfig
-from agent.shell.config import JoinConfig
+from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from protocol.session import open_router
 from tests.tiny import ROOM

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agent.communication.exchange import Exchange
-from agent.communication.hearing import PeerViews
+from agent.communication.receiving import PeerViews
 from protocol.errors import ProtocolError
 from protocol.messages import MTU_BYTES, Heard, Send
 from protocol.viewpoints import CELL_M, VIEWS, AskViews, Looked, Views, decode_views
@@ -79,7 +79,7 @@ class Two:
                     for sender, send in heard
                     if sender != name
                 ]
-                assert not [event for event in robot.hear(self.tick, mine).events if event.event == "refused"]
+                assert not [event for event in robot.hear(self.tick, mine)[1] if event.event == "refused"]
                 if name == "a":
                     sends = robot.talk(self.tick, (0, 0, 0), comb(self.rooms), self.rooms, self.looked)
                 else:

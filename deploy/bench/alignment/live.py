@@ -126,7 +126,7 @@ class LiveRun:
         self.minds.setdefault(robot.robot, robot)
         t = observation.tick / robot.spec.lidar.rate_hz
         if observation.tick % round(LOOK_S * robot.spec.lidar.rate_hz) == 0:
-            for peer in robot.exchange.contacts.present:
+            for peer in robot.exchange.contacts:
                 if (robot.robot, peer) not in self.due and peer in self.minds:
                     self.see_overlap(t, robot.robot, peer)
 

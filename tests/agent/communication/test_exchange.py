@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from agent.communication.config import TalkConfig
 from agent.communication.exchange import Exchange
-from agent.communication.hearing import ReceivedMap
+from agent.communication.receiving import ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.messages import MTU_BYTES, Heard, Send
 from protocol.talk import MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
@@ -63,9 +63,9 @@ class Pair:
                     for _, sender, send in due
                     if sender != name
                 ]
-                hearing = robot.hear(self.tick, heard)
-                self.maps |= {(name, news.peer): news.map for news in hearing.news if news.map is not None}
-                for event in hearing.events:
+                told, events = robot.hear(self.tick, heard)
+                self.maps |= {(name, news.peer): news.map for news in told if news.map is not None}
+                for event in events:
                     self.events.append((self.tick, name, event.event))
                 mine = (self.map, self.state) if name == "a" else (comb(0), 0)
                 for send in robot.talk(self.tick, (1.0, 2.0, 3.0), *mine):
@@ -83,7 +83,7 @@ class Pair:
         return sum(len(send.payload) for _, _, send in self.sent if send.kind in kinds)
 
     def got(self) -> Wireframe | None:
-        there = "a" in self.robots["b"].contacts.present and ("b", "a") in self.maps
+        there = "a" in self.robots["b"].contacts and ("b", "a") in self.maps
         return self.maps["b", "a"].wireframe if there else None
 
     def agrees(self) -> bool:
@@ -261,8 +261,8 @@ def test_parts_of_an_older_map_acknowledge_nothing() -> None:
 
 def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
     hear = Pair().robots["b"]
-    hearing = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
-    assert not hearing.news and [event.event for event in hearing.events] == ["refused"]
+    news, events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
+    assert not news and [event.event for event in events] == ["refused"]
 
 
 @given(st.integers(0, 2**32 - 1), *[st.floats(-9000, 9000)] * 2, st.floats(-7, 7))
@@ -345,9 +345,9 @@ def test_a_part_that_comes_twice_counts_once() -> None:
     hear = Pair().robots["b"]
     body = bytes(MAX_BODY // 2)
     messages = [Heard(tick=1, sender="a", kind="map", payload=Part(9, 0, k, 3, body).encode()) for k in (0, 1, 1)]
-    assert [event.event for event in hear.hear(1, messages).events] == ["contact"]
+    assert [event.event for event in hear.hear(1, messages)[1]] == ["contact"]
     more = Heard(tick=2, sender="a", kind="map", payload=Part(9, 0, 2, 3, b"x").encode())
-    assert [event.event for event in hear.hear(2, [more]).events] == ["refused"]
+    assert [event.event for event in hear.hear(2, [more])[1]] == ["refused"]
 
 
 def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:

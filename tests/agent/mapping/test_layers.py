@@ -138,7 +138,7 @@ def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wiref
     pose = (2.5, 0.7, 0.0)
     for _ in range(4):
         ground.look(T, pose, scan_at(pose, ROOM))
-    hidden = ground.hidden(3, len(phantom.edges))
+    hidden = ground.hidden(3)
     assert hidden.tolist() == [False] * len(whole.edges) + [True]
     assert len(laid(walk, phantom).edges) == 11
     assert len(laid(walk, phantom, hidden=hidden).edges) == 10

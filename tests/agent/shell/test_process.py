@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from agent.config import AgentConfig
-from agent.shell.config import JoinConfig
+from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import AgentInbox, await_world, join, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
