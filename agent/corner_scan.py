@@ -62,7 +62,7 @@ class CornerScan:
     """A scan as corners and walls."""
 
     pieces: Records  # (k,) of PIECE, by rising bearing of the first beam
-    sight: Sight  # Open and blind sectors
+    sight: Sight  # open and blind sectors
     discs: Floats  # (d, 2) m, centres of what looks like teammates
 
     def wireframe(self) -> Wireframe:

@@ -34,13 +34,6 @@ class Gates(NamedTuple):
 
 
 @kernel
-def gates_at(noise: float, covariance: Floats) -> Gates:
-    """Gates for a pose of the given (3, 3) covariance."""
-    pose_sd = math.sqrt(max(covariance[0, 0], covariance[1, 1]))
-    return Gates(noise, OFFSET_GATE_M, pose_sd, math.sqrt(covariance[2, 2]))
-
-
-@kernel
 def cost(e: Record, p: Record, gates: Gates) -> float:
     """Chi-square (2 degrees of freedom) of a piece p, in the map's frame, lying on the line of wall e; inf out of gate.
 

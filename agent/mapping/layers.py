@@ -34,11 +34,10 @@ class Layer(NamedTuple):
 def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m: float) -> Layer:
     """Walls of a received map (sender's frame) but for hidden ones (m,), moved by a transform (3,)."""
     points = apply(np.asarray(transform, np.float64), wireframe.points)
-    a, b = points[wireframe.edges[:, 0]], points[wireframe.edges[:, 1]]
-    length = np.hypot(*(b - a).T)
-    kept = np.flatnonzero(~hidden & (length > MIN_WALL_M))
-    a, b, length = a[kept], b[kept], length[kept]
-    edges = wireframe.edges[kept]
+    size = np.hypot(*(points[wireframe.edges[:, 1]] - points[wireframe.edges[:, 0]]).T)
+    kept = np.flatnonzero(~hidden & (size > MIN_WALL_M))
+    edges, length = wireframe.edges[kept], size[kept]
+    a, b = points[edges[:, 0]], points[edges[:, 1]]
     out_of, into = np.full(len(points), -1), np.full(len(points), -1)
     out_of[edges[:, 0]], into[edges[:, 1]] = np.arange(len(kept)), np.arange(len(kept))
     pieces = np.zeros(len(kept), PIECE)
@@ -49,8 +48,7 @@ def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m:
     pieces["end"] = np.column_stack([-0.5 * length, 0.5 * length])
     pieces["link"] = np.column_stack([into[edges[:, 0]], out_of[edges[:, 1]]])
     labels = wireframe.labels[edges].astype(np.int64)
-    alone = (labels == Label.NOMINAL) & (pieces["link"] < 0)
-    labels[alone] = Label.OCCLUSION
+    labels[(labels == Label.NOMINAL) & (pieces["link"] < 0)] = Label.OCCLUSION  # its other wall is left away
     pieces["label"] = labels
     pieces["link"][labels != Label.NOMINAL] = -1
     return Layer(pieces, wireframe.likelihood[kept].astype(np.float64))

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.corner_scan import OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
 from agent.geometry.chains import chained
 from agent.geometry.matrix3 import lower_root, times
 from agent.kernels import kernel
-from agent.mapping.association import Gates, associate, gates_at
+from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.candidates import main_axis
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
@@ -18,7 +18,7 @@ from agent.mapping.layers import Layer, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import AXIS_SD, HEADING_TRUST, Axis, correct_pose, motion_covariance
 from agent.mapping.scan_merge import merge_scan
-from agent.mapping.views import View, scan_margin
+from agent.mapping.views import MARGIN_M, View
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import RobotSpec
@@ -61,11 +61,12 @@ def update_particles(
     """
     scores = np.zeros(len(counts))
     for p in range(len(counts)):
-        gates = gates_at(noise, covariances[p])
+        pose_sd = math.sqrt(max(covariances[p, 0, 0], covariances[p, 1, 1]))
+        gates = Gates(noise, OFFSET_GATE_M, pose_sd, math.sqrt(covariances[p, 2, 2]))
         if covariances[p, 0, 0] > 0.0:
             _correct(edges[p], counts[p], poses[p], covariances[p], raw, gates, dice[p, 0])
         pose = (poses[p, 0], poses[p, 1], poses[p, 2])
-        view = View(pose, to_map_frame(raw, pose), sight, scan_margin(noise))
+        view = View(pose, to_map_frame(raw, pose), sight, max(MARGIN_M, NOISE_SIGMAS * noise))
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)

@@ -45,9 +45,8 @@ def motion_covariance(covariance: Floats, pose: Pose, by: Pose, noise: Floats) -
     dx, dy = c * by[0] - s * by[1], s * by[0] + c * by[1]
     out = covariance.copy()
     # the heading's error swings the step: J C J' with J = 1 + (-dy, dx)' on the heading's column
-    for i in range(3):
-        out[0, i] -= dy * covariance[2, i]
-        out[1, i] += dx * covariance[2, i]
+    out[0] -= dy * covariance[2]
+    out[1] += dx * covariance[2]
     for i in range(3):
         out[i, 0] -= dy * out[i, 2]
         out[i, 1] += dx * out[i, 2]

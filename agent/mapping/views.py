@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, to_map_frame
+from agent.corner_scan import CornerScan, Sight, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import length, tip_at
@@ -17,7 +17,7 @@ GRAZING = math.sin(math.radians(8.0))
 STEP_M = 0.08
 """Distance of the samples at which a wall is compared with a scan: half the thickness of a usual wall."""
 MARGIN_M = 0.035
-"""A wall this near to what was seen is what was seen: 3.5 standard deviations of the default lidar."""
+"""A mapped wall this near to what was seen is what was seen, at least: 3.5 sd of the default lidar's ranges."""
 END_SKIP_M = 0.05
 """The ends of a wall are not compared with a scan over this length: their place is known to about a beam."""
 
@@ -25,7 +25,7 @@ END_SKIP_M = 0.05
 class View(NamedTuple):
     """One scan in the frame of the map, for kernels."""
 
-    pose: Pose  # Of the robot: m, m, rad
+    pose: Pose  # of the robot: m, m, rad
     pieces: Records  # (k,) of PIECE, lines in the map's frame
     sight: Sight
     margin: float  # m, distance from a piece within which a place counts as on it
@@ -42,12 +42,6 @@ class Samples(NamedTuple):
 def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:
     """A scan from a pose, held against walls that are known to this precision in metres."""
     return View(pose, to_map_frame(scan.pieces, pose), scan.sight, margin_m)
-
-
-@kernel
-def scan_margin(noise: float) -> float:
-    """Margin of a view for walls that own scans have mapped; noise: m, standard deviation of a range."""
-    return max(MARGIN_M, NOISE_SIGMAS * noise)
 
 
 @kernel

@@ -20,8 +20,7 @@ STRAY_SIGMAS = 10.0
 EDGE_OF_RANGE_SIGMAS = 1.5
 """A wall predicted this near to the lidar's range, in standard deviations, may give no return though it is there."""
 MAX_SLACK_M = 0.1
-"""A corner may lie this far outside the hits of its walls at most. The direction of three hits is so uncertain that it
-would excuse any place on the other wall's line."""
+"""A corner lies at most this far outside its walls' hits: the directions of few hits would excuse any place."""
 
 
 class Beams(NamedTuple):
@@ -33,7 +32,7 @@ class Beams(NamedTuple):
     step: float  # rad, from each to the next
     noise: float  # m, standard deviation of a range
     range_max: float  # m, beyond which nothing comes back
-    silence: int  # Silent beams in a row that show that a wall is not there: more than dropouts explain
+    silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
 
 
 @kernel
@@ -66,9 +65,8 @@ def pieces_of(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
 @kernel
 def _split_at_gaps(turn: Beams, cuts: Ints) -> Ints:
     """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them."""
-    m = len(turn.used)
+    m, count = len(turn.used), 0
     out = np.empty((m + 1, 2), np.int64)
-    count = 0
     for k in range(len(cuts)):
         begin = cuts[k, 0]
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
@@ -91,17 +89,14 @@ def _join_across_strays(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Ints, Fl
 
     A stray is noise: what stands out farther is a post or the edge of a thin wall, at whose corners the pieces may end.
     """
-    out = np.empty_like(cuts)
-    total = np.empty((len(cuts), 6))
-    count = 0
+    out, total, count = np.empty_like(cuts), np.empty((len(cuts), 6)), 0
     for k in range(len(cuts)):
         own = sums[cuts[k, 1]] - sums[cuts[k, 0]]
         if count:
-            last = count - 1
-            joint = total[last] + own
-            cost = fit(total[last])[2] + fit(own)[2] + LINE_COST
-            if fit(joint)[2] < cost and _only_strays(turn, out[last, 1], cuts[k, 0], joint):
-                out[last, 1], total[last] = cuts[k, 1], joint
+            joint = total[count - 1] + own
+            cost = fit(total[count - 1])[2] + fit(own)[2] + LINE_COST
+            if fit(joint)[2] < cost and _only_strays(turn, out[count - 1, 1], cuts[k, 0], joint):
+                out[count - 1, 1], total[count - 1] = cuts[k, 1], joint
                 continue
         out[count], total[count] = cuts[k], own
         count += 1

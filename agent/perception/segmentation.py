@@ -77,11 +77,9 @@ def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
     Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
     """
     n = last - first
-    cost = np.empty(n + 1)
+    cost = np.zeros(n + 1)
     start = np.full(n + 1, -1)  # of the piece that ends before each beam; -1 for strays
-    cost[0] = 0.0
-    live = np.empty(n + 1, np.int64)
-    n_live = 0
+    live, n_live = np.empty(n + 1, np.int64), 0
     for j in range(1, n + 1):
         best, best_start = cost[j - 1] + STRAY_COST, -1
         live[n_live] = j - 1
@@ -95,8 +93,7 @@ def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
             if j - i < MIN_HITS or cost[i] + chi2 < best + LINE_COST:
                 live[kept] = i
                 kept += 1
-        n_live = kept
-        cost[j], start[j] = best, best_start
+        n_live, cost[j], start[j] = kept, best, best_start
     out = np.empty((n, 2), np.int64)
     k, j = 0, n
     while j > 0:
