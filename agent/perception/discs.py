@@ -42,10 +42,10 @@ class Disc(NamedTuple):
 class Fit(NamedTuple):
     """How well the beams inside a disc end on it."""
 
-    beams: int  # all of them
-    on: int  # those that end on it
-    squares: float  # m2, sum of the squared residuals of the latter
-    first: int  # the first and the last of the latter, which may exceed a turn
+    beams: int  # beams well inside the disc
+    on: int  # those of them that end on it
+    squares: float  # m2, sum of the squared residuals of these
+    first: int  # the first and the last of these; they may lie outside of a turn
     last: int
 
 
