@@ -41,9 +41,7 @@ class Robot:
 
     def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None:
         """Be `robot`; the pose at the first tick is the origin of its frame."""
-        self.robot = robot
-        self.spec = spec
-        self.config = config
+        self.robot, self.spec, self.config = robot, spec, config
         self.perception = Perception(config.perception, spec)
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
@@ -73,7 +71,10 @@ class Robot:
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose
         self.perception.remember(tick, pose, scan, len(heard) > 0)
-        own_changed = self._read_own()
+        own = self.filter.wireframe()
+        own_changed = not _alike(own, self.own)
+        if own_changed:
+            self.own = own
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
             self.team.hear(tick, news, pose, scan)
@@ -118,14 +119,6 @@ class Robot:
             PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
         )
-
-    def _read_own(self) -> bool:
-        """Take the filter's best map; true where it differs from the last one."""
-        new = self.filter.wireframe()
-        if _alike(new, self.own):
-            return False
-        self.own = new
-        return True
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""

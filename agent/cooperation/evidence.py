@@ -85,8 +85,7 @@ class WallEvidence:
 
     def unseen(self) -> Floats:
         """(n, 4) fresh pieces that no scan has said anything of."""
-        left: Floats = self.pieces[self.fresh & (self.on == 0) & (self.through == 0)]
-        return left
+        return np.asarray(self.pieces[self.fresh & (self.on == 0) & (self.through == 0)])
 
 
 def pieces_of(wireframe: Wireframe) -> tuple[Floats, Ints]:
@@ -119,8 +118,7 @@ def _keys(pieces: Floats) -> Ints:
     """(k,) cell of 10 cm and quarter of the direction, by which a piece is found again in a newer map."""
     x, y = (np.round(pieces[:, k] / PIECE_M).astype(np.int64) + (1 << 20) for k in (0, 1))
     quarter = np.round(np.arctan2(pieces[:, 3], pieces[:, 2]) / (math.pi / 2)).astype(np.int64) % 4
-    keys: Ints = (x << 24) + (y << 2) + quarter
-    return keys
+    return np.asarray((x << 24) + (y << 2) + quarter)
 
 
 @kernel

@@ -97,9 +97,7 @@ def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inli
     if not len(found.transforms) or found.inliers[0] < min_inliers:
         return transform
     new: Floats = found.transforms[0]
-    if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)):
-        return transform
-    return new
+    return transform if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)) else new
 
 
 def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer]:

@@ -94,9 +94,10 @@ class Aligner:
     def compare(self, peer: Proposed, said: Alignment) -> None:
         """Weigh an alignment of later maps of a peer on trial, and take its refined transform and the later map."""
         assert peer.log.map is not None
-        limits = DISTINCT_M, DISTINCT_RAD
         centre = peer.log.map.wireframe.points.mean(0)
-        same = said.best is not None and not apart(np.array(said.best), peer.transform, centre, *limits)
+        same = said.best is not None and not apart(
+            np.array(said.best), peer.transform, centre, DISTINCT_M, DISTINCT_RAD
+        )
         against = said.reason in ("conflict", "impossible")
         if said.transform is not None or (against and same):
             peer.trial.align_again(same and not against)
