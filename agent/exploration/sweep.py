@@ -102,6 +102,15 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond:
     return out
 
 
+@kernel
+def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
+    """Matrix (k, n): which of points (n, 2) is seen from which of eyes (k, 2)."""
+    out = np.empty((eyes.shape[0], points.shape[0]), np.bool_)
+    for e in range(eyes.shape[0]):
+        out[e] = _in_view(points, eyes[e : e + 1], walls, radius)
+    return out
+
+
 def _cover(views: Bools, keep: bool) -> list[int]:
     """Rows that together cover what the matrix (k, n) covers, the one that adds most first, while that is enough.
 
@@ -193,7 +202,7 @@ class Sweep:
         points = points[roads.reached(points)]
         if not len(points):
             return []
-        views = np.array([_in_view(unseen, eye[None], roads.walls, self.radius) for eye in points])
+        views = _views(unseen, points, roads.walls, self.radius)
         kept = begun is not None and bool((points[0] == begun).all())
         return [
             Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=kept and k == 0)

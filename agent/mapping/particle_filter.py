@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
 from agent.geometry.chains import chained
@@ -19,7 +20,7 @@ from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import AXIS_SD, HEADING_TRUST, Axis, correct_pose, motion_covariance
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.views import MARGIN_M, View
-from protocol.arrays import Floats, Ints, Records
+from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
@@ -189,27 +190,39 @@ class WireframeFilter:
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
-        return _published(self._walls())
+        return Wireframe(*_published(self._walls()))
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        return _published(merged(self._walls(), layers, Gates(self._noise, offset_m, 0.0, 0.0)))
+        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m, 0.0, 0.0))))
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""
         return self.edges[self.best, : self.counts[self.best]]
 
 
-def _published(edges: Records) -> Wireframe:
-    """Walls that enough scans have hit, as a wireframe; walls that share a corner share a vertex."""
-    shown = (edges["alive"] == WALL) & (edges["seen"] >= PUBLISH_AFTER)
-    place = np.where(shown, np.cumsum(shown) - 1, -1)
-    walls = edges[shown]
-    linked = walls["link"] >= 0
-    partner = np.where(linked, place[walls["link"]], -1)
-    labels = np.where(linked & (partner < 0), OCCLUSION, walls["label"])  # the partner is not shown yet
-    tips, following = np.ascontiguousarray(walls["tip"]), np.ascontiguousarray(partner[:, 1])
-    likelihood = np.clip((walls["seen"] + np.float64(1.0)) / (walls["due"] + np.float64(2.0)), 0.0, 1.0)
-    return Wireframe(
-        *chained(tips, labels.astype(np.uint8), following), likelihood.astype(np.float32), walls["own"] == 1
-    )
+@kernel
+def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
+    """The arrays of that wireframe, in the order of its fields."""
+    place = np.full(len(edges), -1)
+    m = 0
+    for k in range(len(edges)):
+        if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
+            place[k] = m
+            m += 1
+    tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)
+    likelihood, own = np.empty(m, np.float32), np.empty(m, np.bool_)
+    for k in range(len(edges)):
+        w = place[k]
+        if w < 0:
+            continue
+        e = edges[k]
+        for side in range(2):
+            tips[w, side, 0], tips[w, side, 1] = e.tip[side, 0], e.tip[side, 1]
+            lonely = e.link[side] >= 0 and place[e.link[side]] < 0  # its partner is not shown yet
+            labels[w, side] = OCCLUSION if lonely else e.label[side]
+        following[w] = place[e.link[1]] if e.link[1] >= 0 else -1
+        likelihood[w] = min(max((e.seen + 1.0) / (e.due + 2.0), 0.0), 1.0)
+        own[w] = e.own == 1
+    points, names, chains = chained(tips, labels, following)
+    return points, names, chains, likelihood, own

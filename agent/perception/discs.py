@@ -102,8 +102,8 @@ def _span(turn: Turn, disc: Disc) -> tuple[int, int]:
 
 @kernel
 def _from_centre(turn: Turn, k: int, cb: float, sb: float) -> tuple[float, float]:
-    """Cosine and sine of the angle from a bearing (cosine cb, sine sb) to beam k."""
-    x, y = turn.rays[k % len(turn.rays), 0], turn.rays[k % len(turn.rays), 1]
+    """Cosine and sine of the angle from a bearing (cosine cb, sine sb) to beam k of the turn."""
+    x, y = turn.rays[k, 0], turn.rays[k, 1]
     return x * cb + y * sb, y * cb - x * sb
 
 
@@ -113,7 +113,7 @@ def _off(turn: Turn, k: int, distance: float, c: float, s: float) -> float:
     side, radius = distance * s, turn.radius
     if c < 0 or abs(side) >= radius:
         return -math.inf
-    return turn.ranges[k % len(turn.ranges)] - distance * c + math.sqrt(radius * radius - side * side)
+    return turn.ranges[k] - distance * c + math.sqrt(radius * radius - side * side)
 
 
 @kernel
@@ -123,8 +123,9 @@ def _fit_of(turn: Turn, disc: Disc) -> Fit:
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     on, squares, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        c, s = _from_centre(turn, k, cb, sb)
-        off = _off(turn, k, disc.distance, c, s)
+        beam = k % len(turn.ranges)
+        c, s = _from_centre(turn, beam, cb, sb)
+        off = _off(turn, beam, disc.distance, c, s)
         if abs(off) < turn.near:
             on += 1
             squares += off * off
@@ -147,8 +148,9 @@ def _better(turn: Turn, disc: Disc) -> Disc:
     cb, sb = math.cos(bearing), math.sin(bearing)
     low, high = _span(turn, disc)
     for k in range(low, high + 1):
-        c, s = _from_centre(turn, k, cb, sb)
-        off = _off(turn, k, distance, c, s)
+        beam = k % len(turn.ranges)
+        c, s = _from_centre(turn, beam, cb, sb)
+        off = _off(turn, beam, distance, c, s)
         if abs(off) <= turn.near:
             side = distance * s
             root = math.sqrt(radius * radius - side * side)
@@ -169,9 +171,10 @@ def _is_line(turn: Turn, disc: Disc, fitted: Fit) -> bool:
     run, angle, m = np.empty(fitted.last - fitted.first + 1), np.empty(fitted.last - fitted.first + 1), 0
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(fitted.first, fitted.last + 1):
-        c, s = _from_centre(turn, k, cb, sb)
-        if abs(_off(turn, k, disc.distance, c, s)) < turn.near:
-            run[m], angle[m] = turn.ranges[k % len(turn.ranges)], k * turn.step
+        beam = k % len(turn.ranges)
+        c, s = _from_centre(turn, beam, cb, sb)
+        if abs(_off(turn, beam, disc.distance, c, s)) < turn.near:
+            run[m], angle[m] = turn.ranges[beam], k * turn.step
             m += 1
     return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], turn.noise)[m])[2] < fitted.squares / turn.noise**2
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, range_noise
 from agent.geometry.clearance import distances_to_walls
+from agent.kernels import kernel
 from agent.perception.config import Method, PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
@@ -37,16 +38,21 @@ class Perception:
     def __init__(self, config: PerceptionConfig, spec: RobotSpec) -> None:
         self._method, self._spec = config.method, spec
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
+        self._map = Wireframe()
+        self._walls = np.zeros((0, 4))
+        """(m, 4) walls of that map in which no teammate stands, metres."""
 
     def see(self, observation: Observation, predicted: Pose, own: Wireframe) -> CornerScan:
         """Corner scan of an observation. predicted: the robot's pose in the frame of its own map, before correction."""
-        walls = own.segments()
+        if own is not self._map:
+            walls = own.segments()
+            self._map, self._walls = own, walls[lengths(walls) >= WALL_M]
         scan = perceive(
             observation.scan(),
             self._spec,
             self._method,
             expected=self._seen_discs.expected(observation.odometry),
-            known=seen_from(predicted, walls[lengths(walls) >= WALL_M].reshape(-1, 2)).reshape(-1, 4),
+            known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
         )
         self._seen_discs.add(observation.odometry, scan.discs)
@@ -99,11 +105,28 @@ def perceive(
     return CornerScan(pieces, Sight(free, blind, lidar.range_max_m - NOISE_SIGMAS * noise, math.pi / n), discs)
 
 
+@kernel
 def _sectors(marked: Bools, least: int) -> Floats:
     """(s, 2) rad: runs of at least so many marked beams of a full turn."""
-    if marked.all():
-        return np.array([[0.0, 2 * math.pi]])
-    start = int(np.argmin(marked))
-    steps = np.flatnonzero(np.diff(np.append(np.roll(marked, -start), False)))
-    runs = np.ascontiguousarray(start + steps.reshape(-1, 2) + (1, 0))
-    return runs[runs[:, 1] - runs[:, 0] >= least - 1] * (2 * math.pi / len(marked))
+    n = len(marked)
+    step = 2 * math.pi / n
+    out = np.empty((n, 2))
+    count = 0
+    start = -1
+    for k in range(n):
+        if not marked[k]:
+            start = k
+            break
+    if start < 0:
+        out[0, 0], out[0, 1] = 0.0, 2 * math.pi
+        return out[:1].copy()
+    run = 0
+    for k in range(start, start + n + 1):
+        if marked[k % n]:
+            run += 1
+            continue
+        if run >= least:
+            out[count, 0], out[count, 1] = (k - run) * step, (k - 1) * step
+            count += 1
+        run = 0
+    return out[:count].copy()
