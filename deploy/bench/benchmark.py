@@ -16,8 +16,7 @@ from rich.console import Console
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
 
-WIDTH = 150
-"""Characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost."""
+WIDTH = 150  # characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost
 
 
 @dataclass(frozen=True)

@@ -24,27 +24,20 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 ROOT = Path(__file__).parents[2]
-PACKAGES = ("agent", "world", "protocol")
-"""The sources that every figure depends on."""
+PACKAGES = ("agent", "world", "protocol")  # the sources that every figure depends on
 
-Figures = dict[str, Any]
-"""What a case measured: JSON values."""
+Figures = dict[str, Any]  # what a case measured: JSON values
 
 
 @dataclass(frozen=True)
 class Case:
     """One measurement."""
 
-    name: str
-    """Path-like and unique in its benchmark, such as plain/maze-15/0; also where its figures are kept."""
-    measure: Callable[..., Figures]
-    """A function at the top of a module: other processes must find it."""
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    """JSON values."""
-    alone: bool = False
-    """Whether nothing may run beside it, because its figures are times."""
-    ignores: str = ""
-    """How the paths of sources begin that its figures do not depend on; empty: they depend on all."""
+    name: str  # Path-like and unique in its benchmark, such as plain/maze-15/0; also where its figures are kept
+    measure: Callable[..., Figures]  # a function at the top of a module: other processes must find it
+    arguments: Mapping[str, Any] = field(default_factory=dict)  # JSON values
+    alone: bool = False  # whether nothing may run beside it, because its figures are times
+    ignores: str = ""  # how the paths of sources begin that its figures do not depend on; empty: they depend on all
 
     @property
     def key(self) -> str:
@@ -74,8 +67,7 @@ class Outcome(NamedTuple):
     """What became of all cases of a benchmark, by name."""
 
     figures: dict[str, Figures]
-    failed: dict[str, str]
-    """Why a case has no figures."""
+    failed: dict[str, str]  # why a case has no figures
 
 
 @cache

@@ -8,8 +8,7 @@ import numpy as np
 from agent.geometry.transform import compose, distance, inverse
 from protocol.arrays import Floats
 
-RIGHT_M, RIGHT_DEG = 0.25, 5.0
-"""Farther off than either is wrong (the scorer's)."""
+RIGHT_M, RIGHT_DEG = 0.25, 5.0  # farther off than either is wrong (the scorer's)
 Poses = Sequence[float] | Floats
 
 

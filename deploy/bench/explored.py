@@ -24,12 +24,10 @@ from protocol.wireframe import Label
 from world.config import WorldConfig
 from world.episode import Episode
 
-Fields = Mapping[str, Any]
-"""Fields of a configuration, as in a file."""
+Fields = Mapping[str, Any]  # fields of a configuration, as in a file
 Enough = Callable[[Episode], bool]
 """Asked after every tick of a run; true ends it there, because what it is for is known."""
-Watch = Callable[[Robot, Observation, Step], None]
-"""Called with every step of every robot."""
+Watch = Callable[[Robot, Observation, Step], None]  # called with every step of every robot
 
 
 class Stopwatch:
@@ -72,8 +70,7 @@ class Explored(NamedTuple):
     robots: dict[str, Robot]
     summary: dict[str, Any]
     driven: Driven
-    events: list[tuple[float, str, Event]]
-    """Simulated seconds, robot and event, in order."""
+    events: list[tuple[float, str, Event]]  # simulated seconds, robot and event, in order
 
     def truth(self, robot: str = "r1") -> Truth:
         """What the robot could have mapped."""

@@ -13,12 +13,10 @@ from protocol.messages import RobotSpec
 from world.episode import generator
 from world.worldfile import BUNDLED, load, to_yaml
 
-SHARED = ROOT.parent / "shared" / "worlds"
-"""Layouts made by others, which are not part of the project."""
+SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
 PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]
 """Those of them without furniture."""
-FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]
-"""Those with furniture."""
+FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]  # those with furniture
 KEEP = Path(gettempdir()) / "wireswarm-bench"
 """Folder of files that are too large for the repository or intermediate; made again where they are missing."""
 

@@ -11,8 +11,7 @@ from deploy.bench.explored import Stopwatch, explore, launched, read_json
 from deploy.bench.tables import Outcomes, Row, Table, whole
 from protocol.messages import Observation
 
-WARM = 25
-"""Steps before the clock counts: kernels are compiled or loaded in them."""
+WARM = 25  # steps before the clock counts: kernels are compiled or loaded in them
 
 
 def load() -> float:

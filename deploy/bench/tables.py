@@ -13,14 +13,10 @@ from rich.text import Text
 
 from deploy.bench.cases import Figures
 
-Outcomes = Mapping[str, Figures]
-"""Figures of all cases by name."""
-Runs = Sequence[Figures]
-"""Figures of the cases that make one row."""
-Row = dict[str, Any]
-"""Value by column key."""
-Reduce = Callable[[Runs, str], Any]
-"""Makes one value of the figure of that key of some runs."""
+Outcomes = Mapping[str, Figures]  # figures of all cases by name
+Runs = Sequence[Figures]  # figures of the cases that make one row
+Row = dict[str, Any]  # value by column key
+Reduce = Callable[[Runs, str], Any]  # makes one value of the figure of that key of some runs
 
 
 def only(runs: Runs, key: str) -> Any:
@@ -76,10 +72,8 @@ class Column:
 
     key: str
     head: str
-    of: Reduce = only
-    """Makes the value, where rows are groups of cases."""
-    sign: str = ""
-    """What a value must be of the bound: >= or <=; empty without a bar."""
+    of: Reduce = only  # makes the value, where rows are groups of cases
+    sign: str = ""  # what a value must be of the bound: >= or <=; empty without a bar
     bound: float = 0.0
 
     def misses(self, value: object) -> bool:
@@ -187,12 +181,9 @@ class Table:
     """A pattern of case names (see `grouped`), each group of which is a row; or a function that makes the rows.
 
     A row that holds "judged": False need not meet the bars; that key does not come into the table."""
-    heads: str | Sequence[Column]
-    """The columns, or their words (see `columns`)."""
-    total: str = ""
-    """First value of a last row over all groups; none without."""
-    judged: Callable[[Row], bool] = lambda row: True
-    """Which rows must meet the bars."""
+    heads: str | Sequence[Column]  # the columns, or their words (see `columns`)
+    total: str = ""  # first value of a last row over all groups; none without
+    judged: Callable[[Row], bool] = lambda row: True  # which rows must meet the bars
     note: str | Callable[[Outcomes], str] = ""
 
     @property

@@ -1,6 +1,5 @@
 """Our own score of a map: by hand on small maps, and against the independent scorer."""
 
-import importlib.util
 import json
 import math
 from pathlib import Path
@@ -12,11 +11,11 @@ import pytest
 from deploy.metrics import score, score_walls, truth_of
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
+from tests.conftest import SHARED
 from world import worldfile
 from world.recorder import map_fields
 from world.worldfile import World
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 RADIUS, REACH = 0.105, 3.5
 
 ROOM = {"boxes": [[0, 1.1, 0, 4.4, 0.2], [0, -1.1, 0, 4.4, 0.2], [2.1, 0, 0, 0.2, 2.4], [-2.1, 0, 0, 0.2, 2.4]]}
@@ -84,18 +83,6 @@ def test_nothing_mapped_is_no_crash(room: World) -> None:
     assert got == (0.0, 0.0, None, 1.0, 0.0, None, None)
     with pytest.raises(worldfile.WorldFileError, match="no free space"):
         truth_of(room, (2.1, 0), RADIUS, REACH)
-
-
-@pytest.fixture(scope="module")
-def scorer() -> ModuleType:
-    path = SHARED / "score" / "score_run.py"
-    if not path.exists():
-        pytest.skip("the scorer lies beside the repository, in shared/")
-    spec = importlib.util.spec_from_file_location("score_run", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("name", ["maze-15", "symmetric", *map(str, (SHARED / "worlds").glob("drlnav_*.yaml"))])

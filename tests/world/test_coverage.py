@@ -1,7 +1,5 @@
 """Visible wall as the independent scorer defines it, and what beams cover of it."""
 
-import importlib.util
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -9,29 +7,17 @@ import pytest
 from shapely.geometry import Point
 
 from protocol.messages import LidarSpec
+from tests.conftest import SHARED
 from world import worldfile
 from world.coverage import Coverage, visible_wall
 from world.lidar import Lidar
 from world.worldfile import World
 
-SHARED = Path(__file__).resolve().parents[3] / "shared"
 RADIUS, REACH = 0.105, 3.5
 
 
 def layouts() -> list[str]:
     return worldfile.bundled() + sorted(str(path) for path in (SHARED / "worlds").glob("*.yaml"))
-
-
-@pytest.fixture(scope="module")
-def scorer() -> ModuleType:
-    path = SHARED / "score" / "score_run.py"
-    if not path.exists():
-        pytest.skip("the scorer lies beside the repository, in shared/")
-    spec = importlib.util.spec_from_file_location("score_run", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.mark.parametrize("name", layouts())

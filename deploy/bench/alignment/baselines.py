@@ -17,14 +17,10 @@ from agent.kernels import kernel
 from deploy.bench.alignment.congruent_sets import matched_clouds
 from protocol.arrays import Floats
 
-MIN_INLIERS = 12
-"""Corners that must match."""
-STARTS = 24
-"""Evenly spread turns from which closest points begin; they turn by up to 10 degrees by themselves."""
-GATE_M = 1.5
-"""Corners farther apart are no pair, as the maps overlap only in part."""
-ROUNDS = 40
-"""Iterations of closest points at most."""
+MIN_INLIERS = 12  # corners that must match
+STARTS = 24  # evenly spread turns from which closest points begin; they turn by up to 10 degrees by themselves
+GATE_M = 1.5  # corners farther apart are no pair, as the maps overlap only in part
+ROUNDS = 40  # iterations of closest points at most
 
 
 def by_congruent_sets(

@@ -22,18 +22,12 @@ from protocol.geometry import wrapped
 
 BASE_RADIUS_M = 5.0
 """The four points lie within this of the first, as the paper has it. Wider sets seldom lie in the overlap whole."""
-BASE_SIDE_M = 0.5
-"""No two of the four points are nearer than this, as a short side turns far with little noise."""
-BASES = 150
-"""Sets of four points that are looked for: the iteration budget."""
-DRAWS_PER_BASE = 50
-"""Four points are drawn at most so often for one base; clouds on a line have none."""
-SAME_M = 0.06
-"""Lengths and crossings that differ by less are the same: 3 sigma of two corners."""
-SAME_RAD = math.radians(5.0)
-"""The same for the angle of the diagonals."""
-MAX_SETS = 400
-"""Congruent sets looked at for one base."""
+BASE_SIDE_M = 0.5  # no two of the four points are nearer than this, as a short side turns far with little noise
+BASES = 150  # sets of four points that are looked for: the iteration budget
+DRAWS_PER_BASE = 50  # four points are drawn at most so often for one base; clouds on a line have none
+SAME_M = 0.06  # lengths and crossings that differ by less are the same: 3 sigma of two corners
+SAME_RAD = math.radians(5.0)  # the same for the angle of the diagonals
+MAX_SETS = 400  # congruent sets looked at for one base
 
 
 def matched_clouds(source: Floats, target: Floats, rng: np.random.Generator) -> Floats:
@@ -102,14 +96,12 @@ def _crossed(points: Floats, four: Ints) -> Ints:
 class Cells(NamedTuple):
     """Points by square cells."""
 
-    x: float
-    """Of the lower left corner, metres."""
+    x: float  # of the lower left corner, metres
     y: float
     columns: int
     rows: int
     size_m: float
-    begins: Ints
-    """(columns * rows + 1,) where the points of a cell, column by column, begin in `members`."""
+    begins: Ints  # (columns * rows + 1,) where the points of a cell, column by column, begin in `members`
     members: Ints
 
 

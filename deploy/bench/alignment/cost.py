@@ -14,8 +14,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.tables import Table, columns
 
 VERTICES = 150
-NOISE_M = 0.005
-"""Of the corners; that of the filter's maps."""
+NOISE_M = 0.005  # of the corners; that of the filter's maps
 MAZE = "generated-18x18-9"
 REPEATS = 15
 

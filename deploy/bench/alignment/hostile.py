@@ -26,10 +26,8 @@ from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 
 KINDS = ("random", "mirrored", "elsewhere", "shifted", "not finite", "dangling", "huge", "off its map")
-EACH = 25
-"""Maps of each kind: 200 in all."""
-PERIOD_TICKS = 5
-"""A hostile peer speaks once a second."""
+EACH = 25  # maps of each kind: 200 in all
+PERIOD_TICKS = 5  # a hostile peer speaks once a second
 
 
 def cases(quick: bool) -> list[Case]:

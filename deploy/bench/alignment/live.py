@@ -27,24 +27,16 @@ from world.episode import Episode
 from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
-SEEDS = 20
-"""Runs of each bundled world: 100 in all."""
-PAIRED_SEEDS = 10
-"""Runs of maze-15 with and without what is compared (the issue's)."""
-TEAM_SEEDS = 5
-"""The same for teams of 2 and 5 robots, which have no bar."""
-LIMIT_S = 600.0
-"""Simulated seconds of a run. All robots have seen all walls before, though some still sweep."""
-UNSHARED_S = 1200.0
-"""The same where robots do not share: alone in maze-15 they need 500 to 750 s."""
-LOOK_S = 10.0
-"""Simulated time between two looks at what maps have in common."""
+SEEDS = 20  # runs of each bundled world: 100 in all
+PAIRED_SEEDS = 10  # runs of maze-15 with and without what is compared (the issue's)
+TEAM_SEEDS = 5  # the same for teams of 2 and 5 robots, which have no bar
+LIMIT_S = 600.0  # simulated seconds of a run. All robots have seen all walls before, though some still sweep
+UNSHARED_S = 1200.0  # the same where robots do not share: alone in maze-15 they need 500 to 750 s
+LOOK_S = 10.0  # simulated time between two looks at what maps have in common
 OVERLAP = 0.3
-JOINT_S = 120.0
-"""Pairs in contact with this overlap and this time left should be merged by the end (the issue's)."""
+JOINT_S = 120.0  # pairs in contact with this overlap and this time left should be merged by the end (the issue's)
 DEFAULT_RANGE_M = 4.0
-RANGES = (1.0, 2.0, DEFAULT_RANGE_M, 8.0, 1000.0)
-"""Radio ranges in metres; the last one is more than any building."""
+RANGES = (1.0, 2.0, DEFAULT_RANGE_M, 8.0, 1000.0)  # radio ranges in metres; the last one is more than any building
 RANGE_SEEDS = 3
 EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 
@@ -118,8 +110,7 @@ class LiveRun:
         self.world = world
         self.starts = starts
         self.minds: dict[str, Robot] = {}
-        self.due: dict[tuple[str, str], float] = {}
-        """Since when a pair has been in contact with enough overlap."""
+        self.due: dict[tuple[str, str], float] = {}  # since when a pair has been in contact with enough overlap
 
     def __call__(self, robot: Robot, observation: Observation, step: Step) -> None:
         """See one step of one robot."""

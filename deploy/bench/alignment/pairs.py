@@ -15,16 +15,11 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.wireframe import Wireframe
 
-MIN_CORNERS = 16
-"""True corners that both maps have, in the main tables (the issue's)."""
-SMALL_CORNERS = 8
-"""True corners that both maps have at least, in the table of small maps."""
-RANGE_M = 4.0
-"""Default radio range."""
-BODIES_M = 0.25
-"""The centres of two robots are at least this far apart."""
-NOTHING = 0.01
-"""Overlap below which maps share nothing: a piece of wall or two."""
+MIN_CORNERS = 16  # true corners that both maps have, in the main tables (the issue's)
+SMALL_CORNERS = 8  # true corners that both maps have at least, in the table of small maps
+RANGE_M = 4.0  # default radio range
+BODIES_M = 0.25  # the centres of two robots are at least this far apart
+NOTHING = 0.01  # overlap below which maps share nothing: a piece of wall or two
 BINS = ((0.0, NOTHING), (NOTHING, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8, 1.01))
 """Least and most overlap of each row of the tables; maps of the first row share nothing."""
 
@@ -33,20 +28,15 @@ BINS = ((0.0, NOTHING), (NOTHING, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8
 class Pair:
     """Two maps, the second moved by a random pose, and the truth between them."""
 
-    world: str
-    """Name of the world, or of both where the maps are of different buildings."""
+    world: str  # name of the world, or of both where the maps are of different buildings
     mine: Wireframe
     theirs: Wireframe
     my_pose: Pose
     their_pose: Pose
-    truth: Floats | None
-    """(3,) their frame in mine; None in different buildings."""
-    overlap: float
-    """True wall in both over that of the smaller (contracts.md)."""
-    contact: bool
-    """Whether the robots are within radio range where they stand."""
-    corners: int
-    """True corners of the smaller map."""
+    truth: Floats | None  # (3,) their frame in mine; None in different buildings
+    overlap: float  # true wall in both over that of the smaller (contracts.md)
+    contact: bool  # whether the robots are within radio range where they stand
+    corners: int  # true corners of the smaller map
 
     def right(self, found: Pose) -> bool:
         """Whether a transform counts as right, by its error at the middle of their walls."""

@@ -22,16 +22,11 @@ from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wirefr
 from world.maze import generate
 from world.worldfile import load
 
-LOOK_S = 2.0
-"""Simulated time between two looks at the growing map."""
-GROWTH = 4
-"""Corners by which a map must have grown before it is kept again."""
-NEAR_M = 0.05
-"""A true wall within this of a mapped one is in the map (contracts.md)."""
-CORNER_M = 0.10
-"""A mapped vertex within this of a true corner is that corner (the scorer's)."""
-LIMIT_S = 480.0
-"""Simulated seconds: maps are partial for most of them, and later ones differ little."""
+LOOK_S = 2.0  # simulated time between two looks at the growing map
+GROWTH = 4  # corners by which a map must have grown before it is kept again
+NEAR_M = 0.05  # a true wall within this of a mapped one is in the map (contracts.md)
+CORNER_M = 0.10  # a mapped vertex within this of a true corner is that corner (the scorer's)
+LIMIT_S = 480.0  # simulated seconds: maps are partial for most of them, and later ones differ little
 
 BUNDLED = {"maze-15": 5, "office": 4, "apartment": 3, "hall": 3, "symmetric": 8}
 """Recordings of each; symmetric must give 300 pairs."""
@@ -52,24 +47,18 @@ MAZES = {"generated-10x10-1": 3, "generated-14x12-2": 4, "generated-12x12-3": 3,
 class Snapshot(NamedTuple):
     """One moment of a robot: what it would say to a peer, and what of the truth is in it."""
 
-    pose: Pose
-    """Robot in its own frame."""
-    wireframe: Wireframe
-    """Its map, in its own frame."""
-    mapped: Bools
-    """(p,) which pieces of the visible true wall are in the map."""
-    corners: int
-    """True corners that are in the map."""
+    pose: Pose  # robot in its own frame
+    wireframe: Wireframe  # its map, in its own frame
+    mapped: Bools  # (p,) which pieces of the visible true wall are in the map
+    corners: int  # true corners that are in the map
 
 
 class Recording(NamedTuple):
     """One robot's snapshots in one world, in order of time."""
 
     world: str
-    frame: Pose
-    """The robot's own frame in the world."""
-    lengths: Floats
-    """(p,) metres of each piece of the visible true wall; alike for all recordings of a world."""
+    frame: Pose  # the robot's own frame in the world
+    lengths: Floats  # (p,) metres of each piece of the visible true wall; alike for all recordings of a world
     snapshots: list[Snapshot]
 
 

@@ -19,17 +19,12 @@ from deploy.bench.tables import Outcomes, Row, Table, runs_of
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
-HIGH = 0.4
-"""Overlap from which the issue asks for right proposals."""
-Accepts = Callable[[Row], bool]
-"""Whether a method's word on a pair counts as a proposal."""
+HIGH = 0.4  # overlap from which the issue asks for right proposals
+Accepts = Callable[[Row], bool]  # whether a method's word on a pair counts as a proposal
 
-PER_BIN = 20
-"""Pairs of one overlap in one world."""
-PER_BIN_SYMMETRIC = 60
-"""The issue asks for 300 of `symmetric`; six overlaps."""
-STRANGERS = 300
-"""The issue asks for 300 without overlap."""
+PER_BIN = 20  # pairs of one overlap in one world
+PER_BIN_SYMMETRIC = 60  # the issue asks for 300 of `symmetric`; six overlaps
+STRANGERS = 300  # the issue asks for 300 without overlap
 
 
 def cases(quick: bool) -> list[Case]:
@@ -154,8 +149,7 @@ def _shares(said: Sequence[Row], accepts: Accepts) -> Row:
     return row
 
 
-PARTS = "pairs; right; right_95: 95 %; wrong; wrong_95: 95 %; none"
-"""Columns of `_shares`."""
+PARTS = "pairs; right; right_95: 95 %; wrong; wrong_95: 95 %; none"  # columns of `_shares`
 
 
 def pairs_in(figures: Outcomes, which: str) -> list[Row]:

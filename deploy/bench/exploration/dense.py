@@ -37,23 +37,17 @@ CELL_M = 0.05
 ROOMY_M, TIGHT_M = 0.2, 0.15
 """Cells nearer than this to an occupied one are not driven through: our paths' two clearances and half a cell. The
 tight one counts where there is no roomy way. Nearer cells are no frontiers either, as in explore_lite's costmap."""
-LEAST_CELLS = 4
-"""Smaller groups are no frontiers: slivers between beams; a doorway of 0.5 m shows four cells."""
-GIVEN_UP_M = 0.6
-"""Of a frontier that is given up, cells this near to the one driven to are no frontier any more."""
-LEAVE_M = 0.3
-"""A robot that stands where it may not drive crosses cells up to this far to leave."""
+LEAST_CELLS = 4  # smaller groups are no frontiers: slivers between beams; a doorway of 0.5 m shows four cells
+GIVEN_UP_M = 0.6  # of a frontier that is given up, cells this near to the one driven to are no frontier any more
+LEAVE_M = 0.3  # a robot that stands where it may not drive crosses cells up to this far to leave
 REPLAN_TICKS = 5
-PATIENCE_TICKS = 25
-"""A frontier is given up when the robot came no nearer to it and saw nothing new for so long."""
+PATIENCE_TICKS = 25  # a frontier is given up when the robot came no nearer to it and saw nothing new for so long
 FAR_TICKS = 600
 """It is also given up without anything new for two minutes, 26 m of path, as two goals may come nearer in turns."""
-NEWS_CELLS = 10
-"""As many cells that became known are something new."""
+NEWS_CELLS = 10  # as many cells that became known are something new
 BLIND_M = 0.2
 """Silent beams beside a return nearer than this are too near to a wall, not free: the lidar is blind below 0.12 m."""
-MOST_RATIO = 1.1
-"""Bar of our path to 99 % of the wall over the dense robot's."""
+MOST_RATIO = 1.1  # bar of our path to 99 % of the wall over the dense robot's
 
 
 @kernel

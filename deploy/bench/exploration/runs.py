@@ -11,10 +11,8 @@ from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, row_of,
 
 BUNDLED = ["apartment", "hall", "maze-15", "office", "symmetric"]
 SEEDS = 5
-LIMIT_S = 4000.0
-"""Simulated seconds after which a run counts as not finished: twice what the largest layout takes."""
-MAZE_15_S = 600.0
-"""Median time to complete in maze-15."""
+LIMIT_S = 4000.0  # simulated seconds after which a run counts as not finished: twice what the largest layout takes
+MAZE_15_S = 600.0  # median time to complete in maze-15
 STATE_WORLDS = ["hall", "maze-15"]
 """For default states: one with pillars that stand free and are out of range from the walls, and one without."""
 STATE_SEEDS = 3

@@ -18,8 +18,7 @@ CORRIDOR = [
     *[[5.0, 1.5], [2.0, 1.5], [2.0, 0.3], [-2.0, 0.3], [-2.0, 1.5], [-5.0, 1.5], [-5.0, -1.5]],
 ]
 """Two rooms of 3 m x 3 m joined by a corridor of 4 m x 0.6 m."""
-TEAMS, MEETINGS = 5, 10
-"""Runs of each."""
+TEAMS, MEETINGS = 5, 10  # runs of each
 
 
 def corridor(seed: int) -> dict[str, Any]:

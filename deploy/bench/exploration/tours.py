@@ -37,16 +37,11 @@ from protocol.wireframe import Wireframe
 from world.coverage import visible_wall
 from world.worldfile import World, load
 
-LATTICE_M = 0.1
-"""Cells whose half diagonal, 7 cm, is less than the body's radius."""
-OFF_M = 1e-3
-"""A place on a wall is looked at from this far off it; ways keep this from walls."""
-BEND_M = 0.01
-"""Most by which a leg is too long because it bends around corners at OFF_M; three bends cost less."""
-APART_M = 0.7
-"""Least distance between the places that are tried; those seen from the least area come first."""
-MOST = 25
-"""Places that are tried."""
+LATTICE_M = 0.1  # cells whose half diagonal, 7 cm, is less than the body's radius
+OFF_M = 1e-3  # a place on a wall is looked at from this far off it; ways keep this from walls
+BEND_M = 0.01  # most by which a leg is too long because it bends around corners at OFF_M; three bends cost less
+APART_M = 0.7  # least distance between the places that are tried; those seen from the least area come first
+MOST = 25  # places that are tried
 RAYS = 180
 
 

@@ -17,8 +17,7 @@ from deploy.metrics import Truth, score
 from protocol.wireframe import Wireframe
 
 NOISE_M = 0.03
-EVERY_TICKS = 50
-"""Between two judgements of the map: 10 simulated seconds."""
+EVERY_TICKS = 50  # between two judgements of the map: 10 simulated seconds
 
 
 def double_walls() -> dict[str, Any]:

@@ -11,8 +11,7 @@ from deploy.bench.speed import WARM, load
 from deploy.bench.tables import Outcomes, Row, Table, by_label, whole
 
 PARTICLES = (1, 5, 10, 30, 100)
-BIN_VERTICES = 25
-"""Updates are grouped by the size of the map, in bins of so many vertices."""
+BIN_VERTICES = 25  # updates are grouped by the size of the map, in bins of so many vertices
 
 
 def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures:

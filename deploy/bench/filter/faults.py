@@ -16,50 +16,33 @@ from deploy.metrics import CORNER_NEAR_M, NEAR_M, Truth, distance_to
 from protocol.arrays import Bools, Floats, Records
 from protocol.wireframe import Label, Wireframe
 
-AWAY_M = 0.12
-"""A false wall is judged only where it is farther than this from any true wall of about its direction."""
-SAMPLE_M = 0.04
-"""Between the samples at which a place is judged: less than the shortest wall that a filter keeps."""
-FALSE_WALL_M = (0.8, 3.0)
-"""Length of a false wall: from the width of a corridor to less than the lidar's range."""
-WALL_M = (0.5, 2.5)
-"""Length of a wall that goes missing: the whole of it can be in view."""
-CORNER_WALL_M = (0.7, 3.5)
-"""Length of the walls of a corner that moves: longer than the shift."""
-CORNER_JUDGED_M = 1.0
-"""Most that is judged of either wall of a corner."""
-SHIFT_M = 0.5
-"""How far a corner moves."""
+AWAY_M = 0.12  # a false wall is judged only where it is farther than this from any true wall of about its direction
+SAMPLE_M = 0.04  # between the samples at which a place is judged: less than the shortest wall that a filter keeps
+FALSE_WALL_M = (0.8, 3.0)  # length of a false wall: from the width of a corridor to less than the lidar's range
+WALL_M = (0.5, 2.5)  # length of a wall that goes missing: the whole of it can be in view
+CORNER_WALL_M = (0.7, 3.5)  # length of the walls of a corner that moves: longer than the shift
+CORNER_JUDGED_M = 1.0  # most that is judged of either wall of a corner
+SHIFT_M = 0.5  # how far a corner moves
 GAP_M = (0.2, 0.5)
 """Width of a false gap: less than a door, more than the filter bridges when it links a scan to its walls."""
-GAP_BESIDE_M = 0.3
-"""Wall left on each side of a gap."""
-OFF_M = 5e-3
-"""Points that must be seen lie this far off their wall, in free space."""
-JUDGED_SHARE = 0.8
-"""Middle part of a wall that is judged: its ends may hide behind its neighbours."""
-HITS = 60.0
-"""Beams on a false wall; true walls have some hundred in mid-run."""
-SEEN = 20.0
-"""Scans that hit a false wall: no wall is on probation after so many."""
-STRENGTH = 5.0
-"""Times that an invented end was confirmed."""
+GAP_BESIDE_M = 0.3  # wall left on each side of a gap
+OFF_M = 5e-3  # points that must be seen lie this far off their wall, in free space
+JUDGED_SHARE = 0.8  # middle part of a wall that is judged: its ends may hide behind its neighbours
+HITS = 60.0  # beams on a false wall; true walls have some hundred in mid-run
+SEEN = 20.0  # scans that hit a false wall: no wall is on probation after so many
+STRENGTH = 5.0  # times that an invented end was confirmed
 
 
 @dataclass(frozen=True)
 class Fault:
     """A place, what is done to the walls of a particle there, and how the map is judged."""
 
-    place: Floats
-    """(2,) its middle, in free space."""
-    normal: Floats | None
-    """(2,) towards the side from which it is seen; None from all."""
-    samples: Floats
-    """(s, 2) points in free space beside all that is judged."""
+    place: Floats  # (2,) its middle, in free space
+    normal: Floats | None  # (2,) towards the side from which it is seen; None from all
+    samples: Floats  # (s, 2) points in free space beside all that is judged
     inject: Callable[[Records, int], int | None]
     """Spoil one particle's records (count in use) and return the new count; None where it has no such wall."""
-    gone: Callable[[Wireframe], bool]
-    """Whether the map agrees with the truth at the place."""
+    gone: Callable[[Wireframe], bool]  # whether the map agrees with the truth at the place
 
 
 def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:

@@ -17,8 +17,7 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, relative
 from protocol.messages import Observation, RobotSpec
 
-HERE: Pose = (0.0, 0.0, 0.0)
-"""Pose of the frame of a recording's truth, for a score: it is the robot's own."""
+HERE: Pose = (0.0, 0.0, 0.0)  # pose of the frame of a recording's truth, for a score: it is the robot's own
 
 
 class ScanRecording(NamedTuple):
@@ -26,12 +25,9 @@ class ScanRecording(NamedTuple):
 
     spec: RobotSpec
     seed: int
-    ranges: Floats
-    """(t, beams), inf where nothing came back."""
-    poses: list[Pose]
-    """True, and what the odometry says."""
-    scans: list[CornerScan]
-    """The ranges, perceived by default settings."""
+    ranges: Floats  # (t, beams), inf where nothing came back
+    poses: list[Pose]  # True, and what the odometry says
+    scans: list[CornerScan]  # the ranges, perceived by default settings
     truth: Truth
 
     def new_filter(self, particles: int | None = None) -> WireframeFilter:

@@ -10,10 +10,8 @@ from deploy.bench.tables import Row, Table, columns
 BUNDLED = ["apartment", "maze-15", "office", "symmetric"]
 NOISY_RANGES = {"lidar": {"noise_m": 0.03, "dropout": 0.02}}
 NOISY_ODOMETRY = {"odometry": {"noisy": True}}
-LIMIT_S = 3600.0
-"""Simulated seconds: no layout takes one robot longer, and one that turns in circles is cut off here."""
-LOST_S = 1500.0
-"""As LIMIT_S with noisy odometry: without correction a map never closes."""
+LIMIT_S = 3600.0  # simulated seconds: no layout takes one robot longer, and one that turns in circles is cut off here
+LOST_S = 1500.0  # as LIMIT_S with noisy odometry: without correction a map never closes
 
 
 def cases(quick: bool) -> list[Case]:

@@ -20,8 +20,7 @@ from deploy.occupancy_grid import CELLS_PER_BYTE, OccupancyGrid, two_bits
 from protocol.walls import directions
 from protocol.wireframe import encode_wireframe
 
-FINEST_M = 0.005
-"""Cells are not made smaller: half the range noise."""
+FINEST_M = 0.005  # cells are not made smaller: half the range noise
 
 
 def measure_storage(world: str, limit_s: float) -> Figures:

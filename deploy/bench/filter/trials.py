@@ -23,14 +23,10 @@ from protocol.arrays import Bools, Floats
 from world.coverage import GRAZING_RAD
 
 SCOPES = ("all", "half with the best", "half without the best")
-WITHIN = 50
-"""Scans that see the place, within which a fault must go."""
-STAYS = 10
-"""Scans that see the place for which the map must stay right."""
-SOON = 300
-"""Scans in which the place must first be seen: one simulated minute, so that trials are not all waiting."""
-DRAWS = 4000
-"""Places drawn for one trial before it is given up."""
+WITHIN = 50  # scans that see the place, within which a fault must go
+STAYS = 10  # scans that see the place for which the map must stay right
+SOON = 300  # scans in which the place must first be seen: one simulated minute, so that trials are not all waiting
+DRAWS = 4000  # places drawn for one trial before it is given up
 
 
 def measure_faults(world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float) -> Figures:

@@ -10,8 +10,7 @@ from protocol.map_codec import decode_map, encode_map
 from protocol.messages import Observation
 from protocol.wireframe import Wireframe
 
-EVERY_TICKS = 50
-"""Partial maps are taken every 10 s."""
+EVERY_TICKS = 50  # partial maps are taken every 10 s
 
 
 def cases(quick: bool) -> list[Case]:
