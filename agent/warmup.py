@@ -16,7 +16,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.alignment import align_prepared, prepare
+from agent.alignment.align import align_prepared
+from agent.alignment.prepared import prepare
 from agent.config import AgentConfig
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation

@@ -91,7 +91,7 @@ def run(
     settings = _settings(context)
     directory = run_directory(out, settings.world, settings.seed)
     with Display(settings.world, str(settings.radio), quiet) as display:
-        result = launch(settings, directory, command_line=sys.argv, show=display.show)
+        result = launch(settings, directory, show=display.show)
     for error in result.errors:
         _say(error)
     if result.status == Status.USAGE:  # nothing was run
@@ -137,10 +137,12 @@ def world_(
     set_: Set = None,
 ) -> None:
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
+    from deploy import manifest
     from deploy.launcher import run_directory
     from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
     from world.inbox import WorldInbox
     from world.server import serve
+    from world.worldfile import load
 
     settings = _settings(context)
     names = [*settings.robot_ids, VIEWER]
@@ -148,6 +150,8 @@ def world_(
         write_secrets(secrets, new_secrets(names[:-1]))
     known = None if secrets is None else read_secrets(secrets, names)
     directory = run_directory(out, settings.world, settings.seed)
+    begun = manifest.begun(settings, load(settings.world))
+    del begun["config"]["agent"]  # each robot has its own
     inbox = WorldInbox()
     _stop_on_signals(inbox.stop)
 
@@ -155,8 +159,10 @@ def world_(
         print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
 
     ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
+    status = ENDINGS.get(ended, Status.INTERRUPTED)
+    manifest.write(directory, begun, ended, exit_status=status)
     print(f"ended: {ended}; {directory}")
-    raise typer.Exit(ENDINGS.get(ended, Status.INTERRUPTED))
+    raise typer.Exit(status)
 
 
 @app.command()

@@ -8,6 +8,7 @@ from typing import Any
 from agent.config import AgentConfig
 from agent.robot import Robot
 from agent.shell.mind import MakeMind
+from deploy import manifest
 from world.config import WorldConfig
 from world.episode import Episode
 from world.tick import Outputs
@@ -26,6 +27,8 @@ def run(
     """
     begin = time.perf_counter()
     episode = Episode(config, out)
+    begun = manifest.begun(config, episode.world)
+    begun["config"]["agent"] = agent_config.model_dump(mode="json")
     try:
         minds = {}
         for robot in episode.robots:
@@ -42,4 +45,6 @@ def run(
     finally:
         episode.wall_s = time.perf_counter() - begin
         episode.close()
+        if out is not None:
+            manifest.write(out, begun, episode.ended)
     return episode.summary()

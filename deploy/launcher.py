@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import itertools
-import json
 import multiprocessing as mp
 import signal
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from datetime import UTC, datetime
-from importlib.metadata import version
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from deploy import manifest
 from deploy.config import ConfigError, RunConfig
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, agent_process, world_process
 from deploy.status import ENDINGS, Status
@@ -74,7 +72,6 @@ def launch(
     config: RunConfig,
     out: Path,
     *,
-    command_line: list[str],
     show: Callable[[Progress], None] = lambda progress: None,
     make_mind: MakeMind | None = None,
 ) -> Result:
@@ -82,20 +79,11 @@ def launch(
 
     Raises WorldFileError for a world that cannot be loaded, before anything is started.
     """
-    manifest = {
-        "version": version("wireswarm"),
-        "command_line": command_line,
-        "config": config.model_dump(mode="json"),
-        "seed": config.seed,
-        "world_hash": load(config.world).hash,
-        "start": _now(),
-    }
+    begun = manifest.begun(config, load(config.world))
     out.mkdir(parents=True, exist_ok=True)
     result = Children(config, out, show, make_mind).follow()
-    manifest |= {"end": _now(), "ended": result.ended, "exit_status": result.status}
-    if result.errors:
-        manifest["errors"] = result.errors
-    (out / "manifest.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    errors = {"errors": result.errors} if result.errors else {}
+    manifest.write(out, begun, result.ended, exit_status=result.status, **errors)
     return result
 
 
@@ -222,7 +210,3 @@ class Children:
             return Status.FAILURE
         fine = {"complete"} if self._config.until == "complete" else {"complete", "exploring"}
         return Status.OK if fine.issuperset(self._progress.clock.status.values()) else Status.INCOMPLETE
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")

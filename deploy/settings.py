@@ -1,14 +1,11 @@
 """The public settings with default, unit and reason, as their models in the code hold them."""
 
-import ast
 import inspect
 import json
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cache
-from itertools import pairwise
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
@@ -18,22 +15,16 @@ from pydantic import BaseModel
 from deploy.config import RunConfig
 
 UNITS = {
-    "bytes_per_s": "B/s",
-    "mps": "m/s",
-    "rps": "rad/s",
-    "bytes": "B",
-    "deg": "degrees",
-    "rad": "rad",
-    "kg": "kg",
-    "hz": "Hz",
-    "db": "dB",
-    "m": "m",
-    "s": "s",
-}
+    "bytes_per_s": "B/s", "mps": "m/s", "rps": "rad/s", "bytes": "B", "deg": "degrees", "hz": "Hz", "db": "dB",
+    "m": "m", "s": "s",
+}  # fmt: skip
 """Unit by the end of a setting's name; longer ends stand before shorter ones."""
 
 PLAIN = {bool: ("true", "false"), int: ("number",), float: ("number",), str: ("text",), NoneType: ("null",)}
 """What a setting of a plain type takes."""
+
+DERIVED = ("spec.radio_range_m", "spec.radio_mtu_bytes")
+"""No settings, though fields of their model: the world tells robots the radio's limits in their spec."""
 
 
 @dataclass(frozen=True)
@@ -68,22 +59,26 @@ def settings(model: BaseModel | None = None, prefix: str = "") -> Iterator[Setti
     """All settings of a model (None: of RunConfig) and of the models within it, in the order of the code."""
     model = model or RunConfig()
     for name, field in type(model).model_fields.items():
-        default = getattr(model, name, None)
+        key, default = f"{prefix}{name}", getattr(model, name, None)
         if isinstance(default, BaseModel):
-            yield from settings(default, f"{prefix}{name}.")
-            continue
-        reason = _docstrings(type(model)).get(name, "")
-        unit = next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
-        parts = list(_parts(field.annotation))
-        yield Setting(f"{prefix}{name}", default, not hasattr(model, name), unit, _choices(parts), reason)
-        for element in parts:
-            if not (isinstance(element, type) and issubclass(element, BaseModel)):
-                continue
-            (tag,) = get_args(element.model_fields["kind"].annotation)
-            about = " ".join((inspect.getdoc(element) or "").split())
-            yield Setting(f"{prefix}{name}[{tag}].kind", tag, False, "", "", about)
-            below = settings(element.model_construct(), f"{prefix}{name}[{tag}].")
-            yield from (one for one in below if not one.key.endswith("].kind"))
+            yield from settings(default, f"{key}.")
+        elif key not in DERIVED:
+            reason = " ".join((field.description or "").split())
+            unit = next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
+            parts = list(_parts(field.annotation))
+            yield Setting(key, default, not hasattr(model, name), unit, _choices(parts), reason)
+            for element in parts:
+                if isinstance(element, type) and issubclass(element, BaseModel):
+                    yield from _settings_of_element(element, key)
+
+
+def _settings_of_element(element: type[BaseModel], key: str) -> Iterator[Setting]:
+    """The kind of an element of the list `key` with what it is about, and the element's other settings."""
+    (kind,) = get_args(element.model_fields["kind"].annotation)
+    about = " ".join((inspect.getdoc(element) or "").split())
+    yield Setting(f"{key}[{kind}].kind", kind, False, "", "", about)
+    below = settings(element.model_construct(), f"{key}[{kind}].")
+    yield from (one for one in below if not one.key.endswith("].kind"))
 
 
 def to_text() -> str:
@@ -121,12 +116,10 @@ def to_json() -> str:
     return json.dumps([asdict(one) for one in settings()], indent=1)
 
 
-def _choices(parts: Iterable[Any]) -> str:
+def _choices(parts: list[Any]) -> str:
     """Words and kinds of value that a setting takes, where it takes words, truth values or null."""
-    found: list[str] = []
-    for part in parts:
-        found += map(str, get_args(part)) if get_origin(part) is Literal else PLAIN.get(part, ())
-    words = list(dict.fromkeys(found))
+    found = [get_args(part) if get_origin(part) is Literal else PLAIN.get(part, ()) for part in parts]
+    words = list(dict.fromkeys(str(word) for some in found for word in some))
     return "" if words in (["number"], ["text"]) else " | ".join(words)
 
 
@@ -136,18 +129,3 @@ def _parts(annotation: Any) -> Iterator[Any]:
     if get_origin(annotation) is not Literal:
         for part in get_args(annotation):
             yield from _parts(part)
-
-
-@cache
-def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """The docstring below each field, in one line, also of fields that a parent model holds."""
-    found = {}
-    for kind in reversed(model.__mro__):
-        if issubclass(kind, BaseModel) and kind is not BaseModel:
-            (tree,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
-            assert isinstance(tree, ast.ClassDef)
-            for above, below in pairwise(tree.body):
-                match above, below:
-                    case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
-                        found[name] = " ".join(text.split())
-    return found

@@ -90,7 +90,7 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class LidarSpec(Message):
+class LidarSpec(Message, use_attribute_docstrings=True):
     """A scanning lidar; the default is the LDS-01 of a TurtleBot3 Burger, by its data sheet."""
 
     beams: Annotated[int, Field(ge=8, le=4096)] = 360
@@ -107,7 +107,7 @@ class LidarSpec(Message):
     """Probability that a beam returns nothing."""
 
 
-class OdometrySpec(Message):
+class OdometrySpec(Message, use_attribute_docstrings=True):
     """Dead reckoning: exact by default (paper III), or with errors that add up (ours)."""
 
     noisy: bool = False
@@ -120,7 +120,7 @@ class OdometrySpec(Message):
     """Radians of heading error, per square root of a radian turned."""
 
 
-class RobotSpec(Message):
+class RobotSpec(Message, use_attribute_docstrings=True):
     """A differential-drive robot; the default is the TurtleBot3 Burger."""
 
     radius_m: Annotated[Finite, Field(gt=0, le=5)] = 0.105

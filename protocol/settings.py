@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 class Config(BaseModel):
     """Settings that cannot change. Unknown keys are refused, so that a typing error in a file is found."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]

@@ -20,6 +20,6 @@ def show(progress: Progress) -> None:
 if __name__ == "__main__":
     folder, mind = Path(sys.argv[1]), getattr(wanderer, sys.argv[2])
     config = tiny_config(folder, **json.loads(sys.argv[3]))
-    result = launch(config, folder / "out", command_line=sys.argv, show=show, make_mind=mind)
+    result = launch(config, folder / "out", show=show, make_mind=mind)
     print(json.dumps({"status": result.status, "ended": result.ended, "errors": result.errors}), flush=True)
     sys.exit(result.status)

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
-from agent.alignment.align import pose_of
+from agent.alignment.align import Alignment, pose_of
 from agent.alignment.candidates import COARSE_M, CONFLICT_WEIGHT, DISTINCT_M, DISTINCT_RAD, refine
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.prepared import PreparedMap
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel

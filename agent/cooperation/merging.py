@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment import AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
 from agent.alignment.candidates import COARSE_M, refine
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Merged, Proposed

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from agent.alignment import Alignment
+from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence

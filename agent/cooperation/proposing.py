@@ -5,11 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, Meeting, PreparedMap, align_prepared, prepare
 from agent.alignment.agreement import agreement
+from agent.alignment.align import Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
-from agent.alignment.meeting import RANGE_SLACK_M
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.meeting import RANGE_SLACK_M, Meeting
+from agent.alignment.prepared import PreparedMap, prepare
 from agent.cooperation.peer import PeerLog, Proposed, fit_error_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.geometry.clearance import distances_to_walls

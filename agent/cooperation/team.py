@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig
+from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
+from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces

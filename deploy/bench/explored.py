@@ -162,7 +162,7 @@ def launched(settings: Fields, make_mind: Callable[..., Any] | None = None) -> I
     """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        result = launch(RunConfig.model_validate(dict(settings)), out, command_line=[], make_mind=make_mind)
+        result = launch(RunConfig.model_validate(dict(settings)), out, make_mind=make_mind)
         if result.errors:
             raise RuntimeError("; ".join(result.errors))
         yield out, result.ended

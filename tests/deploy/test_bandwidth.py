@@ -58,7 +58,6 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunConfig,
             episode.kill("r3", "test")
 
     inprocess.run(config, config.agent, out, kill, kept)
-    (out / "manifest.json").write_text(json.dumps({"config": config.model_dump(mode="json")}))
     return out, config, seen
 
 

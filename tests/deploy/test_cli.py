@@ -47,6 +47,21 @@ def test_version_and_help(wireswarm: Command) -> None:
     assert wireswarm("agent", "--id", "r1")[0] == 2
 
 
+@pytest.mark.parametrize("command", ["--help", "worlds", "config"])
+def test_what_only_prints_compiles_no_kernels(command: str) -> None:
+    code = f"""
+import sys
+from deploy.cli import main
+sys.argv = ["wireswarm", {command!r}]
+try:
+    main()
+finally:
+    assert not {{"numba", "llvmlite"}} & set(sys.modules)
+"""
+    done = subprocess.run([sys.executable, "-c", code], cwd=REPO, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -139,6 +154,8 @@ def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:
     assert world.stdout.read() == "ended: interrupted; out\n"
     world.stdout.close()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["robots"]["r1"]["ended"] == "interrupted"
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert (manifest["ended"], manifest["exit_status"], "agent" in manifest["config"]) == ("interrupted", 130, False)
 
 
 def test_the_compose_file_runs_commands_that_exist(wireswarm: Command) -> None:

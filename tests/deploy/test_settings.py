@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pydantic import BaseModel
 
-from deploy.config import RunConfig, load
-from deploy.settings import settings, to_json, to_text, to_yaml
+from deploy.config import ConfigError, RunConfig, load
+from deploy.settings import DERIVED, settings, to_json, to_text, to_yaml
 from world.radio_config import Bernoulli
 
 
@@ -23,10 +24,17 @@ def leaves(tree: dict[str, Any], prefix: str = "") -> Iterator[str]:
 
 def test_the_list_holds_every_setting_of_the_code() -> None:
     keys = [one.key for one in settings()]
-    assert [key for key in keys if "[" not in key] == list(leaves(dict(RunConfig())))
+    assert [key for key in keys if "[" not in key] == [key for key in leaves(dict(RunConfig())) if key not in DERIVED]
     assert len(keys) == len(set(keys))
     for field in Bernoulli.model_fields:
         assert f"radio.models[bernoulli].{field}" in keys
+
+
+def test_what_is_not_listed_cannot_be_set() -> None:
+    assert set(DERIVED) < set(leaves(dict(RunConfig())))
+    for key in DERIVED:
+        with pytest.raises(ConfigError, match="set these"):
+            load(None, {key: 100})
 
 
 def test_every_setting_has_a_docstring_below_it() -> None:

@@ -152,7 +152,7 @@ def test_no_secret_is_written_by_a_run(tmp_path: Path, monkeypatch: pytest.Monke
 
     known = new_secrets(["r1", "r2", "r3"])
     monkeypatch.setattr(launcher, "new_secrets", lambda robots: known)
-    result = launcher.launch(tiny_config(tmp_path, until=5.0), tmp_path / "run", command_line=[], make_mind=Wanderer)
+    result = launcher.launch(tiny_config(tmp_path, until=5.0), tmp_path / "run", make_mind=Wanderer)
     assert (result.ended, result.errors) == ("time", [])
     files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
     assert files and not any(secret.encode() in data for data in files for secret in known.values())

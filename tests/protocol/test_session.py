@@ -29,7 +29,7 @@ def test_a_connection_is_known_by_its_far_end() -> None:
 
 def test_payload_and_overhead_explain_the_wire_to_a_hundredth(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, until=60.0)
-    launch(config, tmp_path / "run", command_line=[], make_mind=Wanderer)
+    launch(config, tmp_path / "run", make_mind=Wanderer)
     wire = json.loads((tmp_path / "run" / "bandwidth.json").read_text())["wire"]
     assert list(wire) == ["r1", "r2", "r3"]
     for robot in wire.values():

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment import Alignment, AlignmentConfig, PreparedMap
 from agent.alignment.agreement import agreement
-from agent.alignment.align import Method, by_features, described
+from agent.alignment.align import Alignment, Method, by_features, described
 from agent.alignment.candidates import Candidates, refine
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.prepared import PreparedMap
 from agent.geometry.transform import fit, move
 from agent.kernels import kernel
 from deploy.bench.alignment.congruent_sets import matched_clouds

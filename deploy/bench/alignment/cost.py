@@ -6,7 +6,9 @@ from statistics import median
 
 import numpy as np
 
-from agent.alignment import AlignmentConfig, align_prepared, prepare
+from agent.alignment.align import align_prepared
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.prepared import prepare
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map

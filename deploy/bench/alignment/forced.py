@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from agent.alignment import prepare
 from agent.alignment.align import pose_of
 from agent.alignment.candidates import ranked
+from agent.alignment.prepared import prepare
 from agent.cooperation.peer import Merged, Met, Proposed
 from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step

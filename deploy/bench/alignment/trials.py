@@ -9,7 +9,10 @@ from statistics import median
 
 import numpy as np
 
-from agent.alignment import AlignmentConfig, Meeting, align_prepared, prepare
+from agent.alignment.align import align_prepared
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.meeting import Meeting
+from agent.alignment.prepared import prepare
 from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agent.alignment import Alignment, AlignmentConfig, Meeting, align_prepared, prepare
 from agent.alignment.agreement import agreement, index_walls
-from agent.alignment.align import Method, by_features
+from agent.alignment.align import Alignment, Method, align_prepared, by_features
+from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
-from agent.alignment.meeting import place_of
+from agent.alignment.meeting import Meeting, place_of
+from agent.alignment.prepared import prepare
 from agent.geometry.transform import distance, inverse
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe

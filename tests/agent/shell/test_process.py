@@ -70,15 +70,17 @@ def events(out: Path) -> list[dict[str, Any]]:
 def test_processes_write_the_same_bytes_as_one_process_without_zenoh(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, until="complete", seed=3)
     inprocess.run(config, config.agent, tmp_path / "one", make_mind=Wanderer)
-    result = launch(config, tmp_path / "many", command_line=[], make_mind=Wanderer)
+    result = launch(config, tmp_path / "many", make_mind=Wanderer)
     assert (result.status, result.ended, result.errors) == (0, "complete", [])
     alone = digests(tmp_path / "one")
     assert alone == digests(tmp_path / "many")
     assert {"maps/r1.json", "events.jsonl", "trajectories/r3.tum", "radio.csv"} <= alone.keys()
     assert len(events(tmp_path / "one")) >= 50  # they heard each other
-    manifest = json.loads((tmp_path / "many" / "manifest.json").read_text())
-    assert {"version", "command_line", "config", "seed", "world_hash", "start", "end", "ended"} <= manifest.keys()
-    assert RunConfig.model_validate(manifest["config"]) == config
+    one, many = (json.loads((tmp_path / name / "manifest.json").read_text()) for name in ("one", "many"))
+    assert {"version", "command_line", "config", "seed", "world_hash", "start", "end", "ended"} <= many.keys()
+    assert RunConfig.model_validate(many["config"]) == config
+    clock = {"start", "end", "exit_status"}
+    assert {key: one[key] for key in one.keys() - clock} == {key: many[key] for key in many.keys() - clock}
 
 
 def test_two_runs_at_once(tmp_path: Path) -> None:
@@ -248,7 +250,7 @@ def test_the_agent_imports_neither_physics_nor_pictures() -> None:
 def test_the_real_robot_in_processes_writes_the_same_bytes_as_in_one(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, robots=2, until=6.0)
     inprocess.run(config, config.agent, tmp_path / "one")
-    result = launch(config, tmp_path / "many", command_line=[])
+    result = launch(config, tmp_path / "many")
     assert (result.status, result.errors) == (0, [])
     alone = digests(tmp_path / "one")
     assert alone == digests(tmp_path / "many")
