@@ -6,8 +6,6 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,19 +17,15 @@ from deploy.status import ENDINGS, Status
 if TYPE_CHECKING:
     from deploy.bandwidth.representations import Measurement
     from deploy.config import RunConfig
+    from protocol.inbox import Inbox
 
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")  # small arrays: threads would only wait for each other
+for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")  # small arrays: threads would only wait for each other
 
 EXTRAS = {"pymunk": "world", "matplotlib": "deploy", "PIL": "deploy", "psutil": "deploy", "rich": "deploy"}
 """Which extra brings a package that the base install may lack."""
 
-app = typer.Typer(
-    help="Small robots map a building together as wireframes: trust, but verify.",
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 bench = typer.Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
 
@@ -152,8 +146,7 @@ def world_(
     directory = run_directory(out, settings.world, settings.seed)
     begun = manifest.begun(settings, load(settings.world))
     del begun["config"]["agent"]  # each robot has its own
-    inbox = WorldInbox()
-    _stop_on_signals(inbox.stop)
+    _stop_on_signals(inbox := WorldInbox())
 
     def listening(endpoint: str) -> None:
         print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
@@ -243,8 +236,7 @@ def agent(
 
     settings = _settings(context)
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
-    inbox = AgentInbox()
-    _stop_on_signals(inbox.stop)
+    _stop_on_signals(inbox := AgentInbox())
     ended = run_agent(id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox)
     print(f"{id_}: {ended}")
     raise typer.Exit(ENDINGS.get(ended, Status.FAILURE))
@@ -273,18 +265,18 @@ def _settings(context: typer.Context) -> RunConfig:
     from world.worldfile import load as load_world
 
     given = context.params
-    flags = {FLAGS[name]: value for name, value in given.items() if name in FLAGS}
+    flags = {setting: given[name] for name, setting in FLAGS.items() if name in given}
     settings = load(given["config"], flags, given["set_"] or ())
     if "world" in given:
         load_world(settings.world)
     return settings
 
 
-def _stop_on_signals(stop: Callable[[], None]) -> None:
+def _stop_on_signals(inbox: Inbox) -> None:
     """End at the next tick on Ctrl-C or SIGTERM; at once on a second."""
 
     def handler(number: int, frame: object) -> None:
-        stop()
+        inbox.stop()
         signal.signal(number, signal.SIG_DFL)
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -295,16 +287,15 @@ def _say(sentence: str) -> None:
     print(f"wireswarm: {sentence}", file=sys.stderr)
 
 
-@contextmanager
-def _one_sentence() -> Iterator[None]:
-    """Turn what a user can act on into one sentence and an exit status."""
+def main() -> None:
+    """Entry point of `wireswarm`: what a user can act on becomes one sentence and an exit status."""
     from deploy.bandwidth.books import NoRunError
     from deploy.config import ConfigError
     from protocol.errors import LinkError, ProtocolError, RefusedError
     from world.worldfile import WorldFileError
 
     try:
-        yield
+        app()
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
@@ -319,9 +310,3 @@ def _one_sentence() -> Iterator[None]:
         sys.exit(Status.FAILURE)
     except KeyboardInterrupt:
         sys.exit(Status.INTERRUPTED)
-
-
-def main() -> None:
-    """Entry point of `wireswarm`."""
-    with _one_sentence():
-        app()

@@ -29,8 +29,7 @@ PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely", "agent.s
 """Imported once, by the server from which all children are forked: a robot takes 7 MiB instead of 27, and 30 robots
 are up in 0.2 s (measured)."""
 
-LEAVE_S = 5.0
-"""Children that have not ended this long after the run are killed."""
+LEAVE_S = 5.0  # children that have not ended this long after the run are killed
 
 
 class Result(NamedTuple):
@@ -59,12 +58,11 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Path:
             raise ConfigError(f"--out {asked}: something is there already; name an empty or a new directory")
         asked.mkdir(parents=True, exist_ok=True)
         return asked
-    out = stem = Path("runs") / f"{Path(world).stem}-{seed}"
-    for count in itertools.count(2):
+    for count in itertools.count(1):
+        out = Path("runs", f"{Path(world).stem}-{seed}" + (f"-{count}" if count > 1 else ""))
         with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
             out.mkdir(parents=True)
             break
-        out = stem.with_name(f"{stem.name}-{count}")
     return out
 
 
@@ -99,13 +97,11 @@ class Children:
         self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
         """Drawn for this run. They reach the children by their pipes, and are written nowhere else."""
         self._children: list[Child] = []
-        self._talking: dict[Any, Child] = {}
-        """Children whose pipe is open, by our end of it."""
+        self._talking: dict[Any, Child] = {}  # children whose pipe is open, by our end of it
         self._progress: Progress | None = None
         self._ended: str | None = None
         self._errors: list[str] = []
-        self._last_words: set[str] = set()
-        """Names of children that said how they ended."""
+        self._last_words: set[str] = set()  # names of children that said how they ended
         self._refused = self._interrupted = self._never_began = False
         self._context.set_forkserver_preload(PRELOAD)
         ctrl_c = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children inherit it: Ctrl-C is ours

@@ -9,14 +9,13 @@ from typing import Any, Self
 from rich.console import Console, Group
 from rich.live import Live
 from rich.progress_bar import ProgressBar
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from deploy.pairs import fates
 from protocol.messages import Progress
 
-LINE_S = 10.0
-"""Time between two lines of progress where the output is no terminal, such as a log file."""
+LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
 
 
 class Display:
@@ -47,7 +46,7 @@ class Display:
         if self._began is None:
             self._began = now
             self._say(f"radio: {self._radio}")
-        speed = clock.t / (now - self._began) if now > self._began else 0.0
+        speed = clock.t / max(now - self._began, 1e-9)
         alive = sum(status != "dead" for status in clock.status.values())
         title = (
             f"{self._world}: {alive} of {len(clock.status)} robots, tick {clock.tick}, {clock.t:.1f} s simulated, "
@@ -99,7 +98,7 @@ def _print_pairs(out: Path, console: Console) -> None:
     try:
         pairs = fates(out)
     except (OSError, ValueError, KeyError):
-        return
+        pairs = []
     if not pairs:
         return
     counted = ("contacts", "attempts", "proposed")
@@ -112,10 +111,8 @@ def _print_pairs(out: Path, console: Console) -> None:
 
 
 def _table(headings: Sequence[str], numbers: Container[str]) -> Table:
-    table = Table(box=None, pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="right" if heading in numbers else "left")
-    return table
+    columns = (Column(heading, justify="right" if heading in numbers else "left") for heading in headings)
+    return Table(*columns, box=None, pad_edge=False)
 
 
 def _late(ticks: int) -> str:

@@ -20,29 +20,17 @@ from protocol.wireframe import Label, Wireframe
 from world.coverage import visible_wall
 from world.worldfile import World
 
-NEAR_M = 0.05
-"""A wall is mapped, and a mapped wall is true, within this distance: half the thickness of a usual wall."""
+NEAR_M = 0.05  # a wall is mapped, and a mapped wall is true, within this distance: half the thickness of a usual wall
 
 ALIKE_DEG = 15.0
 """Walls whose directions differ by less are alike; others are not compared. A corner turns by more."""
 
-SAMPLE_M = 0.02
-"""Distance between samples of a mapped wall."""
-
-CELL_M = 0.10
-"""One sample counts per cell of this size and direction, so that repeating a wall gains nothing."""
-
-FAR_M = 0.30
-"""A wall's distance counts in the root mean square up to this."""
-
-CORNER_NEAR_M = 0.10
-"""A vertex this near to a true corner is that corner."""
-
-CORNER_FLAT_M = 0.006
-"""An outline that bends by less is straight."""
-
-CORNER_SEEN_M = 0.03
-"""A corner is visible where visible wall ends this near to it."""
+SAMPLE_M = 0.02  # distance between samples of a mapped wall
+CELL_M = 0.10  # one sample counts per cell of this size and direction, so that repeating a wall gains nothing
+FAR_M = 0.30  # a wall's distance counts in the root mean square up to this
+CORNER_NEAR_M = 0.10  # a vertex this near to a true corner is that corner
+CORNER_FLAT_M = 0.006  # an outline that bends by less is straight
+CORNER_SEEN_M = 0.03  # a corner is visible where visible wall ends this near to it
 
 _ALIKE_COS = math.cos(math.radians(ALIKE_DEG))
 
@@ -50,20 +38,13 @@ _ALIKE_COS = math.cos(math.radians(ALIKE_DEG))
 class Score(NamedTuple):
     """The score of one map; None where there is nothing to judge."""
 
-    wall_recall: float
-    """Share of the visible true wall with a mapped wall near it and alike."""
-    wall_precision: float
-    """Share of the mapped wall with a true wall near it and alike."""
-    wall_rmse_m: float | None
-    """Root mean square distance of the mapped wall to the nearest true one alike."""
-    repeated: float
-    """Mapped length over its distinct length; much over 1 means walls mapped several times."""
-    corner_recall: float | None
-    """Share of the visible true corners with a nominal vertex near."""
-    corner_precision: float | None
-    """Share of the nominal vertices with a true corner near."""
-    corner_rmse_m: float | None
-    """Root mean square distance over the pairs of corner_precision."""
+    wall_recall: float  # share of the visible true wall with a mapped wall near it and alike
+    wall_precision: float  # share of the mapped wall with a true wall near it and alike
+    wall_rmse_m: float | None  # root mean square distance of the mapped wall to the nearest true one alike
+    repeated: float  # mapped length over its distinct length; much over 1 means walls mapped several times
+    corner_recall: float | None  # share of the visible true corners with a nominal vertex near
+    corner_precision: float | None  # share of the nominal vertices with a true corner near
+    corner_rmse_m: float | None  # root mean square distance over the pairs of corner_precision
 
 
 class WallScore(NamedTuple):
@@ -79,18 +60,12 @@ class WallScore(NamedTuple):
 class Truth:
     """The outline around one region of a world, and what of it a robot in it can see. World frame, metres."""
 
-    outline: Floats
-    """(n, 4) x1, y1, x2, y2: the walls that bound the region's free space."""
-    corners: Floats
-    """(c, 2) where the outline turns."""
-    seen_points: Floats
-    """(p, 2) middles of the pieces of visible wall."""
-    seen_directions: Floats
-    """(p, 2) their unit directions."""
-    seen_lengths: Floats
-    """(p,) their lengths."""
-    seen_corners: Floats
-    """(k, 2) corners at the end of visible wall."""
+    outline: Floats  # (n, 4) x1, y1, x2, y2: the walls that bound the region's free space
+    corners: Floats  # (c, 2) where the outline turns
+    seen_points: Floats  # (p, 2) middles of the pieces of visible wall
+    seen_directions: Floats  # (p, 2) their unit directions
+    seen_lengths: Floats  # (p,) their lengths
+    seen_corners: Floats  # (k, 2) corners at the end of visible wall
 
 
 def truth_of(world: World, start: tuple[float, float], radius_m: float, reach_m: float) -> Truth:

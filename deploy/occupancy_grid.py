@@ -11,16 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agent.kernels import kernel
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints
 
-HIT, MISS = 0.85, -0.4
-"""Log-odds of one scan: OctoMap's defaults, probabilities 0.7 and 0.4."""
-LOW, HIGH = -2.0, 3.5
-"""Clamp: OctoMap's defaults, probabilities 0.12 and 0.97."""
-CELLS_PER_BYTE = 4
-"""Two bits hold a cell's state."""
-States = NDArray[np.uint8]
-"""Of cells: 0 unknown, 1 free, 2 occupied."""
+HIT, MISS = 0.85, -0.4  # log-odds of one scan: OctoMap's defaults, probabilities 0.7 and 0.4
+LOW, HIGH = -2.0, 3.5  # clamp: OctoMap's defaults, probabilities 0.12 and 0.97
+CELLS_PER_BYTE = 4  # two bits hold a cell's state
+Point = tuple[float, float]
+States = NDArray[np.uint8]  # of cells: 0 unknown, 1 free, 2 occupied
 
 
 def two_bits(states: States) -> bytes:
@@ -44,8 +41,8 @@ class OccupancyGrid:
 
     def add(self, ranges: Floats, poses: Floats) -> Self:
         """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known. Returns the grid."""
-        where = self.corner[0], self.corner[1], self.cell_m
-        _integrate(self.log_odds, self._marks, self._scans, ranges, poses, self._range_max_m, *where)
+        place = self._range_max_m, self.corner, self.cell_m
+        _integrate(self.log_odds, self._marks, self._scans, ranges, poses, *place)
         self._scans += len(poses)
         return self
 
@@ -61,21 +58,13 @@ class OccupancyGrid:
 
 @kernel
 def _integrate(
-    log_odds: Floats,
-    mark: NDArray[np.int64],
-    first: int,
-    ranges: Floats,
-    poses: Floats,
-    range_max: float,
-    x0: float,
-    y0: float,
-    cell: float,
+    log_odds: Floats, mark: Ints, first: int, ranges: Floats, poses: Floats, reach: float, corner: Point, cell: float
 ) -> None:
     """Add all scans, of which the first is scan `first`.
 
     mark: the last scan t to touch a cell, 2 t + 1 where it crossed it, 2 t + 2 where it ended there.
     """
-    nx, ny = log_odds.shape
+    (x0, y0), (nx, ny) = corner, log_odds.shape
     beams = ranges.shape[1]
     for t in range(first, first + len(poses)):
         x, y, theta = poses[t - first]
@@ -92,7 +81,7 @@ def _integrate(
         for b in range(beams):
             angle = theta + 2 * math.pi * b / beams
             c, s = math.cos(angle), math.sin(angle)
-            r = 0.0 if math.isnan(ranges[t - first, b]) else min(ranges[t - first, b], range_max)
+            r = 0.0 if math.isnan(ranges[t - first, b]) else min(ranges[t - first, b], reach)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)
             step_i, step_j = (1 if c > 0 else -1), (1 if s > 0 else -1)
             # range at which the beam leaves the cell, and how much farther each next cell is

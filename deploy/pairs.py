@@ -12,15 +12,11 @@ class PairFate:
     robot: str
     peer: str
     contacts: int = 0
-    attempts: int = 0
-    """Alignments that came to no proposal."""
+    attempts: int = 0  # alignments that came to no proposal
     proposed: int = 0
-    merged_at: float | None = None
-    """Simulated seconds of the acceptance that holds at the end; None without one."""
-    transform: list[float] | None = None
-    """The peer's frame in the robot's own, of that acceptance."""
-    last: str = "contact"
-    """The last event, and its reason."""
+    merged_at: float | None = None  # simulated seconds of the acceptance that holds at the end; None without one
+    transform: list[float] | None = None  # the peer's frame in the robot's own, of that acceptance
+    last: str = "contact"  # the last event, and its reason
 
 
 def fates(out: Path) -> list[PairFate]:

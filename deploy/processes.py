@@ -21,8 +21,7 @@ from protocol.inbox import Inbox
 if TYPE_CHECKING:
     from agent.shell.mind import MakeMind
 
-GRACE_S = 3.0
-"""A child has this long to end by itself once its launcher is dead; all are to be gone after 5 s."""
+GRACE_S = 3.0  # a child has this long to end by itself once its launcher is dead; all are to be gone after 5 s
 
 # First item of what a child sends to its launcher; the second is a value.
 LISTENING, PROGRESS, ENDED, REFUSED, FAILED = "listening", "progress", "ended", "refused", "failed"

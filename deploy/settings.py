@@ -33,15 +33,11 @@ class Setting:
 
     key: str
     """Dotted, as `--set` takes it; `radio.models[bernoulli].loss` is a field of an element of the list radio.models."""
-    default: Any
-    """As in a file; None also where `required`."""
-    required: bool
-    """Whether an element of a list must give it."""
+    default: Any  # as in a file; None also where `required`
+    required: bool  # whether an element of a list must give it
     unit: str
-    choices: str
-    """What it takes, such as "complete | number"; empty where the default shows it."""
-    reason: str
-    """The docstring below the field."""
+    choices: str  # what it takes, such as "complete | number"; empty where the default shows it
+    reason: str  # the docstring below the field
 
     @property
     def value(self) -> str:

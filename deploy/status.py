@@ -6,14 +6,10 @@ from enum import IntEnum
 class Status(IntEnum):
     """What a command returns to the shell that called it."""
 
-    OK = 0
-    """Ended as asked, with every robot."""
-    FAILURE = 1
-    """Anything else went wrong."""
-    USAGE = 2
-    """An option, a file or a setting is wrong, or the world does not let the robot in."""
-    INCOMPLETE = 3
-    """Ended, but a robot died or never completed."""
+    OK = 0  # ended as asked, with every robot
+    FAILURE = 1  # anything else went wrong
+    USAGE = 2  # an option, a file or a setting is wrong, or the world does not let the robot in
+    INCOMPLETE = 3  # ended, but a robot died or never completed
     INTERRUPTED = 130
 
 

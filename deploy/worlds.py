@@ -9,8 +9,7 @@ import shapely
 
 from world.worldfile import World, bundled, load
 
-BRAILLE = 0x2800
-"""The empty character of the block of Unicode whose characters are 2 x 4 dots."""
+BRAILLE = 0x2800  # the empty character of the block of Unicode whose characters are 2 x 4 dots
 
 DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 """Bit of each dot of a character, rows from the top."""
@@ -23,12 +22,9 @@ class WorldSize:
     name: str
     width_m: float
     height_m: float
-    walls: int
-    """Straight pieces of the outline."""
-    wall_m: float
-    """Length of the outline."""
-    free_m2: float
-    """Area within the walls; of a world that nothing encloses, all up to 1 m around it."""
+    walls: int  # straight pieces of the outline
+    wall_m: float  # length of the outline
+    free_m2: float  # area within the walls; of a world that nothing encloses, all up to 1 m around it
     spawns: int
 
 

@@ -3,11 +3,8 @@
 from importlib.util import find_spec
 from pathlib import Path
 
-PACKAGES = ("protocol", "agent", "world", "deploy")
-"""Our packages beside `wireswarm`."""
-
-HOME = Path(__file__).resolve().parents[1]
-"""The folder that holds our packages: a checkout or site-packages."""
+PACKAGES = ("protocol", "agent", "world", "deploy")  # our packages beside `wireswarm`
+HOME = Path(__file__).resolve().parents[1]  # the folder that holds our packages: a checkout or site-packages
 
 
 class ForeignPackageError(ImportError):

@@ -24,10 +24,8 @@ from world.worldfile import load
 class Seen:
     """What one robot saw, tick by tick, while it lived, and would have seen from where it stood at the end."""
 
-    poses: Floats
-    """(t, 3) true poses in the robot's own frame: metres, radians."""
-    ranges: NDArray[np.float32]
-    """(t, beams) metres, inf where nothing came back."""
+    poses: Floats  # (t, 3) true poses in the robot's own frame: metres, radians
+    ranges: NDArray[np.float32]  # (t, beams) metres, inf where nothing came back
 
 
 def config_of(run: Path) -> WorldConfig:

@@ -28,10 +28,8 @@ from protocol.viewpoints import VIEWS
 from protocol.wireframe import LABELS, Wireframe
 from world.config import WorldConfig
 
-CELL_M = 0.05
-"""Of the grids, in the robot's own frame."""
-POINT_BYTES = 8
-"""Two float32: a point per occupied cell."""
+CELL_M = 0.05  # of the grids, in the robot's own frame
+POINT_BYTES = 8  # two float32: a point per occupied cell
 FORMS = {
     "delta": "what was sent: changes, headers, acknowledgements, what was sent again",
     "full": "the whole map anew, coded as ours",
@@ -62,13 +60,10 @@ class Measurement:
     """The map traffic of a run in all forms."""
 
     updates: list[Update]
-    sent: list[tuple[float, str, int]]
-    """Simulated seconds, robot and bytes of each message that is part of `delta`."""
+    sent: list[tuple[float, str, int]]  # simulated seconds, robot and bytes of each message that is part of `delta`
     beacon_bytes: int
-    viewpoint_bytes: int
-    """Questions and answers of where robots have looked from."""
-    explored_m2: dict[str, float]
-    """Free area that each robot's grid has at its end."""
+    viewpoint_bytes: int  # questions and answers of where robots have looked from
+    explored_m2: dict[str, float]  # free area that each robot's grid has at its end
 
     def totals(self) -> dict[str, int]:
         """Bytes by form."""
@@ -132,8 +127,7 @@ class _Forms:
         self._seen = seen
         self._talk = config.agent.radio if isinstance(config, RunConfig) else TalkConfig()
         self._grid = OccupancyGrid((*low.tolist(), *high.tolist()), CELL_M, reach)
-        self._next = 0
-        """Tick of the first scan that is not in the grid."""
+        self._next = 0  # tick of the first scan that is not in the grid
         self._told: dict[str, tuple[int, States]] = {}
         """Per peer the tick after its last update, and the grid as it was."""
 

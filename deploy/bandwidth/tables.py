@@ -5,12 +5,11 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 from deploy.bandwidth.representations import FORMS, Measurement
 
-MANY_LINKS = 12
-"""More links than that are in the JSON only."""
+MANY_LINKS = 12  # more links than that are in the JSON only
 
 
 def document(run: Path, books: dict[str, Any], measurement: Measurement) -> dict[str, Any]:
@@ -34,10 +33,9 @@ def print_tables(figures: dict[str, Any]) -> None:
 
 
 def _table(title: str, *heads: str) -> Table:
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for head in heads:
-        table.add_column(head, justify="left" if head in ("robot", "from", "to", "kind", "form", "is") else "right")
-    return table
+    words = ("robot", "from", "to", "kind", "form", "is")
+    columns = (Column(head, justify="left" if head in words else "right") for head in heads)
+    return Table(*columns, title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
 
 
 def _counts(tally: dict[str, int] | None) -> str:

@@ -19,8 +19,7 @@ HERE = Path(__file__).parent
 MAX_EVENTS = 500
 """Rows of the events table: the first and the last events. events.jsonl has all."""
 
-ROUTINE = "frontier"
-"""The event left out of the table, because one comes with every new goal."""
+ROUTINE = "frontier"  # the event left out of the table, because one comes with every new goal
 
 ROBOT_COLUMNS = (
     ("coverage", "coverage", share),

@@ -26,11 +26,8 @@ from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import polygons_of
 
-MAX_SINGLE = 24
-"""Maps of single robots that are drawn; nobody looks at more."""
-
-TITLE_IN = 0.8
-"""Height of title and subtitle."""
+MAX_SINGLE = 24  # maps of single robots that are drawn; nobody looks at more
+TITLE_IN = 0.8  # height of title and subtitle
 
 SETTINGS: Any = {
     "text.parse_math": False,  # names come from files

@@ -20,14 +20,12 @@ from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import polygons_of
 
-MARGIN_M = 0.3
-"""Room around the world."""
+MARGIN_M = 0.3  # room around the world
 
 MAX_FRAMES = 150
 """Positions of the slider. Of a long run every second or third snapshot is shown."""
 
-MARKS = ("walls", "nominal", "occlusion", "frontier")
-"""The paths that make a map."""
+MARKS = ("walls", "nominal", "occlusion", "frontier")  # the paths that make a map
 
 
 def overview(run: Run) -> str:

@@ -24,8 +24,7 @@ def colour(index: int) -> str:
 STROKE_PX = 2.2
 """Width of a map's walls in the overview, and distance between the maps of two robots that lie side by side."""
 
-BAND_PX = 9.0
-"""Largest width of all maps side by side: with many robots, lines get thinner."""
+BAND_PX = 9.0  # largest width of all maps side by side: with many robots, lines get thinner
 
 
 def stroke(robots: int) -> float:

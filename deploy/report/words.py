@@ -5,8 +5,7 @@ from typing import Any
 
 from deploy.report.rundir import Run
 
-NONE = "—"
-"""Stands for a missing value."""
+NONE = "—"  # stands for a missing value
 
 
 def headline(run: Run) -> str:
