@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import shapely
 
+from protocol.walls import lengths
 from world.worldfile import World, bundled, load
 
 BRAILLE = 0x2800  # the empty character of the block of Unicode whose characters are 2 x 4 dots
@@ -31,11 +32,11 @@ class WorldSize:
 def size_of(world: World) -> WorldSize:
     """Sizes of a world."""
     x0, y0, x1, y1 = world.solid.bounds
-    inside = [part.area for part in world.free if part.within(shapely.box(x0, y0, x1, y1))]
-    lengths = np.linalg.norm(world.segments[:, 2:] - world.segments[:, :2], axis=1)
-    free = sum(inside or [part.area for part in world.free])
-    wide, high, wall_m, free_m2 = (round(float(value), 2) for value in (x1 - x0, y1 - y0, lengths.sum(), free))
-    return WorldSize(world.name, wide, high, len(lengths), wall_m, free_m2, len(world.spawns))
+    inside = [part for part in world.free if part.within(shapely.box(x0, y0, x1, y1))]
+    free = sum(part.area for part in inside or world.free)
+    sizes = (round(float(value), 2) for value in (x1 - x0, y1 - y0, lengths(world.segments).sum(), free))
+    wide, high, wall_m, free_m2 = sizes
+    return WorldSize(world.name, wide, high, len(world.segments), wall_m, free_m2, len(world.spawns))
 
 
 def drawing(world: World, columns: int = 40) -> str:
@@ -53,14 +54,12 @@ def drawing(world: World, columns: int = 40) -> str:
 
 def to_text() -> str:
     """All bundled worlds with their drawings."""
-    blocks = []
-    for world in map(load, bundled()):
-        size = size_of(world)
-        blocks.append(
-            f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "
-            f"{size.free_m2:.0f} m2 free\n{drawing(world)}"
-        )
-    return "\n\n".join(blocks)
+    worlds = [load(name) for name in bundled()]
+    return "\n\n".join(
+        f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "
+        f"{size.free_m2:.0f} m2 free\n{drawing(world)}"
+        for size, world in zip(map(size_of, worlds), worlds, strict=True)
+    )
 
 
 def to_json() -> str:

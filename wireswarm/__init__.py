@@ -24,15 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ForeignPackageError", "Label", "Map", "Run", "load", "run", "worlds"]
 
-_HOMES = {
-    "Label": "protocol.wireframe",
-    "Map": "deploy.report.rundir",
-    "Run": "deploy.report.rundir",
-    "load": "wireswarm.runs",
-    "run": "wireswarm.runs",
-    "worlds": "wireswarm.runs",
-}
-"""The module of each name that is imported at its first use."""
+_HOMES = {"Label": "protocol.wireframe"} | dict.fromkeys(("Map", "Run"), "deploy.report.rundir")
+_HOMES |= dict.fromkeys(("load", "run", "worlds"), "wireswarm.runs")  # modules that are imported at their first use
 
 try:
     check_packages()

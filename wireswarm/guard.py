@@ -18,13 +18,9 @@ def check_packages() -> None:
         places = [] if spec is None else [*(spec.submodule_search_locations or ()), spec.origin]
         found = [Path(place).resolve() for place in places if place]
         if not found:
-            raise ForeignPackageError(
-                f"its package `{name}` is missing from {HOME}: install wireswarm again", name=name, path=str(HOME)
-            )
+            raise ForeignPackageError(f"its package `{name}` is missing from {HOME}: install wireswarm again")
         if found[0] != HOME / name:
             raise ForeignPackageError(
                 f"another package `{name}` at {found[0]} hides wireswarm's own at {HOME / name}: rename it, leave its "
-                "folder or take it off PYTHONPATH, or install wireswarm into an environment of its own",
-                name=name,
-                path=str(found[0]),
+                "folder or take it off PYTHONPATH, or install wireswarm into an environment of its own"
             )

@@ -45,16 +45,4 @@ def run(
         return read_run(directory)
 
 
-def load(directory: str | Path) -> Run:
-    """What a run directory holds; `notes` of the result name the files that are missing or broken.
-
-    Raises NotADirectoryError where there is no such directory.
-    """
-    if not Path(directory).is_dir():
-        raise NotADirectoryError(f"{directory} is no run directory")
-    return read_run(Path(directory))
-
-
-def worlds() -> list[str]:
-    """Names of the bundled worlds."""
-    return bundled()
+load, worlds = read_run, bundled

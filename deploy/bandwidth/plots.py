@@ -1,7 +1,5 @@
 """bandwidth.png: bytes over time, per square metre explored, and against the quality of the maps."""
 
-import csv
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +8,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from deploy.bandwidth.representations import NAMES, Measurement
+from deploy.report.rundir import read_metrics
 from deploy.report.style import colour
 from protocol.arrays import Floats
+from world.recorder import TEAM
 
 
 def draw(run: Path, measurement: Measurement) -> Path:
@@ -39,13 +39,11 @@ def _over_time(axes: Axes, measurement: Measurement) -> None:
 
 def _per_area(axes: Axes, measurement: Measurement) -> None:
     totals, area = measurement.totals(), sum(measurement.explored_m2.values())
-    names = [name for name in NAMES if totals[name]]
+    names = sorted((name for name in NAMES if totals[name]), key=totals.__getitem__, reverse=True)
     if not (area and names):
         return
-    names.sort(key=totals.__getitem__, reverse=True)
-    bars = axes.barh(
-        names, [totals[name] / area for name in names], color=["C0" if n == "delta" else "0.7" for n in names]
-    )
+    colours = ["C0" if name == "delta" else "0.7" for name in names]
+    bars = axes.barh(names, [totals[name] / area for name in names], color=colours)
     axes.bar_label(bars, fmt="{:,.2f}", fontsize=8, padding=2)
     axes.set(xscale="log", xlabel="bytes per square metre explored", title="Cost of each form")
     axes.set_xlim(right=8 * max(totals.values()) / area)  # room for the figures
@@ -73,10 +71,7 @@ def _sent(measurement: Measurement, name: str, only: str | None = None) -> Float
 
 def _coverage(file: Path) -> tuple[Floats, Floats]:
     """Simulated seconds, and the mean of the robots' coverages."""
-    shares: defaultdict[float, list[float]] = defaultdict(list)
-    with file.open(encoding="utf-8", newline="") as lines:
-        for row in csv.DictReader(lines):
-            if row["robot"] != "team":
-                shares[float(row["t"])].append(float(row["coverage"]))
-    times = sorted(shares)
-    return np.array(times), np.array([np.mean(shares[t]) for t in times])
+    robots = [series for name, series in read_metrics(file).items() if name != TEAM]
+    times, row = np.unique(np.concatenate([series.t for series in robots]), return_inverse=True)
+    shares = np.concatenate([series.columns["coverage"] for series in robots])
+    return times, np.bincount(row, shares) / np.bincount(row)

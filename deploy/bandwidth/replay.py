@@ -31,8 +31,7 @@ class Seen:
 def config_of(run: Path) -> WorldConfig:
     """The configuration of a run directory. Raises NoRunError."""
     try:
-        manifest = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
-        return RunConfig.model_validate(manifest["config"])
+        return RunConfig.model_validate(json.loads((run / "manifest.json").read_text(encoding="utf-8"))["config"])
     except (OSError, ValueError, LookupError, TypeError):
         raise NoRunError(f"{run} is no finished run: it has no manifest.json with its configuration") from None
 
@@ -47,22 +46,19 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     except (OSError, ValueError, LookupError) as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     lidar = Lidar(world.segments, config.spec.lidar, one_sided=True)
-    robots = list(tracks)
     ticks = {robot: min(len(track), ends.get(robot, len(track))) for robot, track in tracks.items()}
-    noise = {robot: generator(config.seed, "lidar", robot) for robot in robots}
-    scans = {robot: np.empty((ticks[robot], config.spec.lidar.beams), np.float32) for robot in robots}
-    radius = np.full((len(robots), 1), config.spec.radius_m)
+    noise = {robot: generator(config.seed, "lidar", robot) for robot in tracks}
+    scans = {robot: np.empty((count, config.spec.lidar.beams), np.float32) for robot, count in ticks.items()}
+    radius = np.full((len(tracks), 1), config.spec.radius_m)
     for tick in range(max(ticks.values())):  # as world.episode looks
-        live = [robot for robot in robots if tick < ticks[robot]]
-        places = np.array([tracks[robot][min(tick, len(tracks[robot]) - 1), :2] for robot in robots])
-        poses = np.array([tracks[robot][tick] for robot in live])
-        true = lidar.cast(poses, np.hstack([places, radius]))
+        live = [robot for robot in tracks if tick < ticks[robot]]
+        places = np.array([track[min(tick, len(track) - 1), :2] for track in tracks.values()])
+        true = lidar.cast(np.array([tracks[robot][tick] for robot in live]), np.hstack([places, radius]))
         for robot, ranges in zip(live, lidar.measured(true, [noise[robot] for robot in live]), strict=True):
             scans[robot][tick] = ranges
     found = {}
-    for robot in robots:
-        x, y, theta = frames[robot]
-        own = [relative((x, y, theta), (a, b, c)) for a, b, c in tracks[robot][: ticks[robot]].tolist()]
+    for robot, count in ticks.items():
+        own = [relative(frames[robot], pose) for pose in tracks[robot][:count].tolist()]
         found[robot] = Seen(np.array(own).reshape(-1, 3), scans[robot])
     return found
 

@@ -12,8 +12,6 @@ def write_report(run_dir: Path) -> Path:
 
     Files that are missing or broken are named in the page. Raises NotADirectoryError where there is none.
     """
-    if not run_dir.is_dir():
-        raise NotADirectoryError(f"{run_dir} is no run directory")
     run = read_run(run_dir)
     write_picture(run, run_dir / "report.png")
     write_page(run, run_dir / "report.html")

@@ -14,11 +14,7 @@ from deploy.report.picture import MAX_SINGLE, curves_svg
 from deploy.report.rundir import Run
 from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
 
-HERE = Path(__file__).parent
-
-MAX_EVENTS = 500
-"""Rows of the events table: the first and the last events. events.jsonl has all."""
-
+MAX_EVENTS = 500  # rows of the events table: the first and the last events; events.jsonl has all
 ROUTINE = "frontier"  # the event left out of the table, because one comes with every new goal
 
 ROBOT_COLUMNS = (
@@ -35,71 +31,31 @@ ROBOT_COLUMNS = (
     ("step, median", "step_ms_median", partial(number, digits=2, unit="ms")),
 )
 
-PAGE = Template("""<!doctype html>
-<html lang="en">
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<title>$title</title>
-<style>
-$css</style>
-<h1>$title</h1>
-<p class="about">$about</p>
-$notes
-<section class="top">
-<div>
-$plan
-<div class="controls" id="replay" hidden>
-<button id="play" aria-label="Play or pause">▶</button>
-<input id="slider" type="range" min="0" value="0" aria-label="Simulated time">
-<output id="time"></output>
-</div>
-<p class="caption" id="caption"></p>
-<div class="controls">$switches</div>
-<p class="legend">$legend</p>
-<p class="legend">Ring: where a robot started; disc: where it is.
-Where maps agree, their walls are drawn side by side, into the free space.</p>
-</div>
-<div class="curves">
-$curves
-</div>
-</section>
-$sections
-<script id="frames" type="application/json">$frames</script>
-<script>
-$js</script>
-</html>
-""")
-
 
 def write_page(run: Run, file: Path) -> None:
     """Write report.html."""
-    title = escape(headline(run))
-    file.write_text(
-        PAGE.substitute(
-            title=title,
-            about=escape(subtitle(run)),
-            css=(HERE / "page.css").read_text("utf-8"),
-            js=(HERE / "page.js").read_text("utf-8"),
-            notes=_notes(run),
-            plan=plan.overview(run),
-            switches=_switches(run),
-            legend=_legend(),
-            curves="\n".join(curves_svg(run)),
-            sections="\n".join((_singles(run), _robots(run), _radio(run), _events(run), _configuration(run))),
-            frames=_embedded(plan.frames(run)),
-        ),
-        "utf-8",
+    html, css, js = ((Path(__file__).parent / f"page.{kind}").read_text("utf-8") for kind in ("html", "css", "js"))
+    page = Template(html).substitute(
+        css=css,
+        js=js,
+        title=escape(headline(run)),
+        about=escape(subtitle(run)),
+        notes=_notes(run),
+        plan=plan.overview(run),
+        switches=_switches(run),
+        legend=_legend(),
+        curves="\n".join(curves_svg(run)),
+        sections="\n".join(section(run) for section in (_singles, _robots, _radio, _events, _configuration)),
+        frames=_embedded(plan.frames(run)),
     )
+    file.write_text(page, "utf-8")
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: str = "") -> str:
-    """An HTML table of plain texts.
-
-    The first `words` columns are words, the others numbers; `last` is the class of the last row.
-    """
+    """An HTML table of plain texts: `words` columns of words, then numbers; `last` is the class of the last row."""
 
     def cells(tag: str, row: Sequence[str]) -> str:
-        kinds = ["" if k < words else ' class="number"' for k in range(len(head))]
+        kinds = [""] * words + [' class="number"'] * (len(head) - words)
         return "".join(f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, row, strict=True))
 
     body = [f"<tr>{cells('td', row)}</tr>" for row in rows]
@@ -129,18 +85,16 @@ def _switches(run: Run) -> str:
 
 
 def _legend() -> str:
-    meanings = (
-        ('<circle cx="6" cy="6" r="4.5"/>', "nominal: a corner, both walls seen"),
-        ('<path d="M6 1l5 9H1z"/>', "occlusion: the wall turns away here"),
-        ('<path d="M2 2h8v8H2z"/>', "frontier: the wall goes on unseen"),
-    )
+    meanings = {
+        '<circle cx="6" cy="6" r="4.5"/>': "nominal: a corner, both walls seen",
+        '<path d="M6 1l5 9H1z"/>': "occlusion: the wall turns away here",
+        '<path d="M2 2h8v8H2z"/>': "frontier: the wall goes on unseen",
+    }
     svg = f'<svg width="12" height="12" fill="{style.FAINT}" aria-hidden="true">'
-    return "".join(f"<span>{svg}{shape}</svg> {meaning}</span>" for shape, meaning in meanings)
+    return "".join(f"<span>{svg}{shape}</svg> {meaning}</span>" for shape, meaning in meanings.items())
 
 
 def _singles(run: Run) -> str:
-    if not run.robots:
-        return ""
     figures = []
     for k, robot in enumerate(run.robots[:MAX_SINGLE]):
         about = f"{len(run.maps[robot].edges)} walls" if robot in run.maps else "no map"
@@ -151,7 +105,7 @@ def _singles(run: Run) -> str:
         )
     more = len(run.robots) - MAX_SINGLE
     rest = f"<p>{more} more robots are not drawn.</p>" if more > 0 else ""
-    return f'<h2>The map of each robot</h2>\n<div class="singles">{"".join(figures)}</div>{rest}'
+    return f'<h2>The map of each robot</h2>\n<div class="singles">{"".join(figures)}</div>{rest}' if figures else ""
 
 
 def _robots(run: Run) -> str:
@@ -163,8 +117,7 @@ def _robots(run: Run) -> str:
     for robot in run.robots:
         figures = _mapping(robots.get(robot))
         rows.append([robot, str(figures.get("ended", NONE)), *(show(figures.get(key)) for _, key, show in columns)])
-    team = _mapping(run.summary.get("team"))
-    if team:
+    if team := _mapping(run.summary.get("team")):
         rows.append(["team", "", *(show(team[key]) if key in team else "" for _, key, show in columns)])
     about = "Overlap, the sum of the robots' own coverages minus 1"
     overlap = f"<p>{about}: {number(team['overlap'], 2)}.</p>" if "overlap" in team else ""
@@ -179,15 +132,11 @@ def _radio(run: Run) -> str:
         parts = [_mapping(_mapping(books).get(part)) for part in ("offered", "delivered", "dropped")]
         for kind in sorted(set().union(*parts)):
             *tallies, reasons = (_mapping(part.get(kind)) for part in parts)
+            sizes = [text for tally in tallies for text in (number(tally.get("messages"), 0), size(tally.get("bytes")))]
             lost = [f"{number(_mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
-            row = [robot, kind]
-            for tally in tallies:
-                row += [number(tally.get("messages"), 0), size(tally.get("bytes"))]
-            rows.append([*row, ", ".join(lost) or NONE])
-    if not rows:
-        return ""
+            rows.append([robot, kind, *sizes, ", ".join(lost) or NONE])
     head = ["robot", "kind", "messages sent", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
-    return f"<h2>Radio</h2>\n{table(head, rows, words=2)}"
+    return f"<h2>Radio</h2>\n{table(head, rows, words=2)}" if rows else ""
 
 
 def _events(run: Run) -> str:
@@ -195,20 +144,17 @@ def _events(run: Run) -> str:
         return ""
     counts = Counter(event["event"] for event in run.events)
     about = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-    listed = [event for event in run.events if event["event"] != ROUTINE]
-    cut, half = "", MAX_EVENTS // 2
+    about += f". Not listed: {ROUTINE}." if ROUTINE in counts else "."
+    listed, half = [event for event in run.events if event["event"] != ROUTINE], MAX_EVENTS // 2
     if len(listed) > MAX_EVENTS:
-        cut = f" The first and the last {half} are listed."
+        about += f" The first and the last {half} are listed."
         listed = listed[:half] + listed[-half:]
-    rows = [[number(event["t"]), event["robot"], event["event"], _details(event)] for event in listed]
-    listing = table(["t (s)", "robot", "event", "about"], rows, words=4)
-    left_out = f" Not listed: {ROUTINE}." if ROUTINE in counts else ""
-    return f"<h2>Events</h2>\n<p>{escape(about)}.{left_out}{cut}</p>\n{listing}"
-
-
-def _details(event: dict[str, Any]) -> str:
     columns = ("t", "tick", "robot", "event")
-    return ", ".join(f"{key} {_short(value)}" for key, value in event.items() if key not in columns)
+    rows = []
+    for event in listed:
+        details = ", ".join(f"{key} {_short(value)}" for key, value in event.items() if key not in columns)
+        rows.append([number(event["t"]), event["robot"], event["event"], details])
+    return f"<h2>Events</h2>\n<p>{escape(about)}</p>\n{table(['t (s)', 'robot', 'event', 'about'], rows, words=4)}"
 
 
 def _short(value: Any) -> str:

@@ -21,7 +21,7 @@ from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from deploy.report import style
 from deploy.report.rundir import Map, Run, Series
-from deploy.report.words import headline, subtitle
+from deploy.report.words import headline, share, subtitle
 from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import polygons_of
@@ -93,7 +93,7 @@ def curves_svg(run: Run) -> list[str]:
 def draw_overview(axes: Axes, run: Run) -> None:
     """All maps over the true world, with paths and starts."""
     colours = {robot: style.colour(k) for k, robot in enumerate(run.robots)}
-    placed = [robot for robot in run.robots if robot in run.frames]
+    placed = run.placed
     draw_world(axes, run)
     for robot in placed:
         draw_path(axes, run, robot, colours[robot])
@@ -115,26 +115,24 @@ def draw_overview(axes: Axes, run: Run) -> None:
 def draw_single(axes: Axes, run: Run, robot: str) -> None:
     """One robot's map: over the truth where its frame is known, else in its own frame."""
     colour = style.colour(run.robots.index(robot))
-    frame = run.frames.get(robot)
+    frame, about = run.frames.get(robot), "no map"
     if frame is not None:
         draw_world(axes, run)
         draw_path(axes, run, robot, colour)
     if robot in run.maps:
         draw_map(axes, run.maps[robot].moved(frame), colour, 1.4, 2.8)
+        about = f"{len(run.maps[robot].edges)} walls"
     if frame is not None:
         draw_start(axes, run, robot, colour)
     finish_plan(axes)
-    about = "no map" if robot not in run.maps else f"{len(run.maps[robot].edges)} walls"
     coverage = run.metrics[robot].at("coverage", math.inf) if robot in run.metrics else None
-    covered = "" if coverage is None else f", {100 * coverage:.1f} % covered"
+    covered = "" if coverage is None else f", {share(coverage)} covered"
     axes.set_title(f"{robot}: {about}{covered}", color=colour, size=10, weight="bold")
 
 
 def draw_world(axes: Axes, run: Run) -> None:
     """The true solids in grey."""
-    if run.world is None:
-        return
-    for polygon in polygons_of(run.world.solid):
+    for polygon in polygons_of(run.world.solid) if run.world else ():
         rings = [Outline(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors)]
         outline = Outline.make_compound_path(*rings)
         axes.add_patch(PathPatch(outline, fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1))
@@ -202,13 +200,10 @@ def draw_bytes(axes: Axes, run: Run) -> None:
 
 def _curves(axes: Axes, run: Run, column: str) -> list[tuple[int, str, Series]]:
     """Draw a column of metrics.csv for each robot that has it; returns their numbers, names and series."""
-    drawn = []
-    for k, robot in enumerate(run.robots):
-        if robot in run.metrics and column in run.metrics[robot].columns:
-            drawn.append((k, robot, run.metrics[robot]))
-            axes.plot(
-                run.metrics[robot].t, run.metrics[robot].columns[column], color=style.colour(k), lw=1.5, label=robot
-            )
+    series = [(k, robot, run.metrics[robot]) for k, robot in enumerate(run.robots) if robot in run.metrics]
+    drawn = [one for one in series if column in one[2].columns]
+    for k, robot, one in drawn:
+        axes.plot(one.t, one.columns[column], color=style.colour(k), lw=1.5, label=robot)
     return drawn
 
 

@@ -21,35 +21,30 @@ from world.recorder import TEAM
 from world.worldfile import polygons_of
 
 MARGIN_M = 0.3  # room around the world
-
-MAX_FRAMES = 150
-"""Positions of the slider. Of a long run every second or third snapshot is shown."""
-
+MAX_FRAMES = 150  # positions of the slider; of a long run every second or third snapshot is shown
+SMALLER = 2.2  # times that the map of one robot is drawn smaller than the overview
 MARKS = ("walls", "nominal", "occlusion", "frontier")  # the paths that make a map
 
 
 def overview(run: Run) -> str:
     """All final maps over the true world, drawn side by side where they agree."""
-    robots = [robot for robot in run.robots if robot in run.frames]
-    unit, stroke = _unit(run), style.stroke(len(robots))
-    layers = []
-    for k, robot in enumerate(robots):
+    unit, stroke = _unit(run), style.stroke(len(run.placed))
+    flipped, upright = _world(run), ""
+    for k, robot in enumerate(run.placed):
         drawn = _strings(run.maps.get(robot), run.frames[robot], unit, k * stroke * unit)
-        trail, place = _trail(run.paths.get(robot)), _place(run, robot, math.inf)
-        layers.append(_layer(run, robot, drawn, trail, stroke, place))
-    starts = [_start(run, robot, unit) for robot in robots]
-    return _svg(run, "".join((_world(run), *layers)), "".join(starts), "plan", "All maps over the true world")
+        flipped += _layer(run, robot, drawn, _trail(run.paths.get(robot)), stroke, _place(run, robot, math.inf))
+        upright += _start(run, robot, unit)
+    return _svg(run, flipped, upright, "plan", "All maps over the true world")
 
 
 def single(run: Run, robot: str) -> str:
     """One robot's final map: over the true world where its frame is known, else in its own frame."""
-    frame = run.frames.get(robot)
-    unit = _unit(run) * 2.2
+    frame, unit, label = run.frames.get(robot), _unit(run) * SMALLER, f"Map of {robot}"
     drawn = _strings(run.maps.get(robot), frame, unit)
-    layer = _layer(run, robot, drawn, "" if frame is None else _trail(run.paths.get(robot)), 2.0)
     if frame is None:
-        return _svg(run, layer, "", "single", f"Map of {robot}", run.maps.get(robot))
-    return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", f"Map of {robot}")
+        return _svg(run, _layer(run, robot, drawn, "", 2.0), "", "single", label, run.maps.get(robot))
+    layer = _layer(run, robot, drawn, _trail(run.paths.get(robot)), 2.0)
+    return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", label)
 
 
 def frames(run: Run) -> dict[str, Any]:
@@ -58,18 +53,16 @@ def frames(run: Run) -> dict[str, Any]:
     A map is a list of path strings as in MARKS, or 0 where it has not changed since the time before. A trail is the
     path driven since the time before.
     """
-    robots = [robot for robot in run.robots if robot in run.frames]
-    times = sorted({t for robot in robots for t, _ in run.snapshots.get(robot, ())})
+    times = sorted({t for robot in run.placed for t, _ in run.snapshots.get(robot, ())})
     if not times:
         return {}
     times = times[:: math.ceil(len(times) / MAX_FRAMES)]
     if run.duration > times[-1]:
         times.append(run.duration)
-    unit, stroke = _unit(run), style.stroke(len(robots))
+    unit, stroke = _unit(run), style.stroke(len(run.placed))
     shown = {}
-    for k, robot in enumerate(robots):
-        maps = _maps_at(run, robot, times, unit, k * stroke * unit)
-        places = [_place(run, robot, t) for t in times]
+    for k, robot in enumerate(run.placed):
+        maps, places = _maps_at(run, robot, times, unit, k * stroke * unit), [_place(run, robot, t) for t in times]
         shown[robot] = {"maps": maps, "trails": _trails_at(run, robot, times), "places": places}
     return {"times": times, "captions": [_caption(run, t) for t in times], "robots": shown}
 
@@ -106,9 +99,8 @@ def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: fl
     """The four path strings of a map in the frame of the drawing, walls moved aside into the free space."""
     if wireframe is None:
         return [""] * len(MARKS)
-    moved = wireframe.moved(frame).inset(aside)
+    moved, r = wireframe.moved(frame).inset(aside), 4.5 * unit
     walls = moved.vertices[moved.edges].reshape(-1, 4)
-    r = 4.5 * unit
     dots, triangles, squares = (moved.vertices[moved.labels == label] for label in Label)
     return [
         "".join(f"M{x1:.3f} {y1:.3f}L{x2:.3f} {y2:.3f}" for x1, y1, x2, y2 in walls),
@@ -146,11 +138,10 @@ def _place(run: Run, robot: str, t: float) -> str:
 
 
 def _world(run: Run) -> str:
-    if run.world is None:
-        return ""
-    rings = [ring.coords[:-1] for part in polygons_of(run.world.solid) for ring in (part.exterior, *part.interiors)]
-    drawn = ("M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in ring) + "z" for ring in rings)
-    return f'<path class="solid" d="{"".join(drawn)}"/>'
+    parts = polygons_of(run.world.solid) if run.world else ()
+    rings = [ring.coords[:-1] for part in parts for ring in (part.exterior, *part.interiors)]
+    drawn = "".join("M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in ring) + "z" for ring in rings)
+    return f'<path class="solid" d="{drawn}"/>' if run.world else ""
 
 
 def _start(run: Run, robot: str, unit: float) -> str:
@@ -169,7 +160,7 @@ def _start(run: Run, robot: str, unit: float) -> str:
 
 def _svg(run: Run, flipped: str, upright: str, kind: str, label: str, around: Map | None = None) -> str:
     x0, y0, x1, y1 = _bounds(run, around)
-    unit = _unit(run) * (1.0 if kind == "plan" else 2.2)
+    unit = _unit(run) * (1.0 if kind == "plan" else SMALLER)
     return (
         f'<svg class="{kind}" role="img" aria-label="{escape(label)}" style="--unit:{unit:.5f}px" '
         f'viewBox="{x0:.3f} {-y1:.3f} {x1 - x0:.3f} {y1 - y0:.3f}" xmlns="http://www.w3.org/2000/svg">'

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -112,6 +113,11 @@ class Run:
         return sorted(names, key=lambda name: (len(name), name))
 
     @property
+    def placed(self) -> list[str]:
+        """The robots whose frame in the world is known."""
+        return [robot for robot in self.robots if robot in self.frames]
+
+    @property
     def duration(self) -> float:
         """Simulated seconds: the last time that any file gives."""
         times = [series.t[-1] for series in self.metrics.values()]
@@ -130,27 +136,28 @@ class Run:
         from deploy.report.picture import draw_overview, draw_single
 
         drawn: Axes = axes or pyplot.subplots(figsize=(8, 8), layout="constrained")[1]
-        if robot is None:
-            draw_overview(drawn, self)
-        else:
-            draw_single(drawn, self, robot)
+        draw_overview(drawn, self) if robot is None else draw_single(drawn, self, robot)
         return drawn
 
 
-def read_run(path: Path) -> Run:
-    """Read a run directory. Nothing in it makes this fail; missing and broken files become notes."""
+def read_run(directory: str | Path) -> Run:
+    """What a run directory holds; `notes` of the result name the files that are missing or broken.
+
+    Raises NotADirectoryError where there is no such directory.
+    """
+    path = Path(directory)
+    if not path.is_dir():
+        raise NotADirectoryError(f"{path} is no run directory")
     run = Run(path)
 
     def part(name: str, read: Callable[[Path], T], otherwise: T) -> T:
-        file = path / name
-        if not file.exists():
-            run.notes.append(f"{name} is missing")
-            return otherwise
         try:
-            return read(file)
+            if (file := path / name).exists():
+                return read(file)
+            run.notes.append(f"{name} is missing")
         except _BROKEN as error:
             run.notes.append(f"{name} cannot be read: {(str(error) or repr(error)).splitlines()[0]}")
-            return otherwise
+        return otherwise
 
     def each(folder: str, suffix: str, read: Callable[[Path], T | None]) -> dict[str, T]:
         files = [file for file in sorted((path / folder).glob(f"*{suffix}")) if file.name.count(".") == 1]
@@ -163,19 +170,20 @@ def read_run(path: Path) -> Run:
     run.summary = part("summary.json", _object, {})
     run.bandwidth = part("bandwidth.json", _object, {})
     run.world = part("world.yaml", load, None)
-    truth = part("truth.json", _truth, None)
-    if truth is not None:
-        run.frames, run.radius = truth
+    run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
     run.maps = each("maps", ".json", lambda file: _map(_object(file)))
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
     run.paths = each("trajectories", ".tum", _trajectory)
-    run.metrics = part("metrics.csv", _metrics, {})
+    run.metrics = part("metrics.csv", read_metrics, {})
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run)), [])
     return run
 
 
 def _object(file: Path) -> dict[str, Any]:
-    value = json.loads(file.read_text("utf-8"))
+    return _as_object(json.loads(file.read_text("utf-8")))
+
+
+def _as_object(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("it holds no JSON object")
     return value
@@ -183,12 +191,10 @@ def _object(file: Path) -> dict[str, Any]:
 
 def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
-    lines = file.read_text("utf-8").splitlines()
-    made = []
+    lines, objects = file.read_text("utf-8").splitlines(), []
     for line in lines:
         with suppress(ValueError):
-            made.append(json.loads(line))
-    objects = [value for value in made if isinstance(value, dict)]
+            objects.append(_as_object(json.loads(line)))
     if bad := len(lines) - len(objects):
         run.notes.append(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
     return objects
@@ -228,15 +234,15 @@ def _trajectory(file: Path) -> Floats | None:
     return _array(rows, (-1, 3)) if rows else None
 
 
-def _metrics(file: Path) -> dict[str, Series]:
+def read_metrics(file: Path) -> dict[str, Series]:
+    """metrics.csv by robot and for the team. Raises OSError, ValueError or LookupError."""
+    by_robot: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
     with file.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
-    by_robot: dict[str, list[dict[str, str]]] = {}
-    for row in rows:
-        by_robot.setdefault(row["robot"], []).append(row)
-    names = [name for name in (rows[0] if rows else ()) if name not in ("t", "tick", "robot")]
+        for row in csv.DictReader(stream):
+            by_robot[row["robot"]].append(row)
     made = {}
     for robot, own in by_robot.items():
+        names = [name for name in own[0] if name not in ("t", "tick", "robot")]
         columns = {name: np.array([float(row[name] or math.nan) for row in own]) for name in names}
         made[robot] = Series(np.array([float(row["t"]) for row in own]), columns)
     return made
