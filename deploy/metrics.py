@@ -84,7 +84,7 @@ def _truth(world: World, region: int, radius_m: float, reach_m: float) -> Truth:
     corners = np.vstack([np.zeros((0, 2)), *(_corners(ring) for ring in rings)])
     wall = visible_wall(world, region, radius_m, reach_m)
     ends, lengths = wall.ends[wall.visible], wall.lengths[wall.visible]
-    seen = _nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < CORNER_SEEN_M
+    seen = nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < CORNER_SEEN_M
     return Truth(
         outline=outline,
         corners=corners,
@@ -108,8 +108,8 @@ def score(wireframe: Wireframe, frame: Pose, truth: Truth) -> Score:
     """Score of a map whose frame has this pose (x, y, theta) in the world."""
     points = apply(frame, wireframe.points)
     nominal = points[wireframe.labels == Label.NOMINAL]
-    off = _nearest_point(nominal, truth.corners)
-    found = _nearest_point(truth.seen_corners, nominal)
+    off = nearest_point(nominal, truth.corners)
+    found = nearest_point(truth.seen_corners, nominal)
     return Score(
         *score_walls(points[wireframe.edges].reshape(-1, 4), truth),
         corner_recall=float((found < CORNER_NEAR_M).mean()) if len(found) else None,
@@ -172,6 +172,6 @@ def distance_to(points: Floats, ways: Floats, segments: Floats) -> Floats:
     return out
 
 
-def _nearest_point(points: Floats, others: Floats) -> Floats:
+def nearest_point(points: Floats, others: Floats) -> Floats:
     """(n,) distance of each point to the nearest of the others; inf without others."""
     return np.asarray(np.linalg.norm(points[:, None] - others[None], axis=2).min(1, initial=np.inf), np.float64)

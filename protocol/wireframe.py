@@ -3,6 +3,7 @@
 import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,12 @@ class Wireframe:
     def segments(self) -> NDArray[np.float64]:
         """Walls as (m, 4) x1, y1, x2, y2 in metres."""
         return np.asarray(self.points[self.edges].reshape(-1, 4), np.float64)
+
+
+def certain(points: NDArray[np.float64], edges: NDArray[np.signedinteger[Any]]) -> Wireframe:
+    """A map of true corners (n, 2) and of walls (m, 2) between them that its robot has seen itself."""
+    n, m = len(points), len(edges)
+    return Wireframe(points, np.zeros(n, np.uint8), edges.astype(np.int32), np.ones(m, np.float32), np.ones(m, bool))
 
 
 def _check_count(n: int, m: int) -> None:

@@ -25,8 +25,6 @@ from world.config import WorldConfig
 from world.episode import Episode
 
 Fields = Mapping[str, Any]  # fields of a configuration, as in a file
-Enough = Callable[[Episode], bool]
-"""Asked after every tick of a run; true ends it there, because what it is for is known."""
 Watch = Callable[[Robot, Observation, Step], None]  # called with every step of every robot
 
 
@@ -109,6 +107,10 @@ class Explored(NamedTuple):
         }
 
 
+Enough = Callable[[Explored], bool]
+"""Asked after every tick of a run that has no summary yet; true ends it, because what it is for is known."""
+
+
 def explore(
     world: Fields, agent: Fields, watch: Watch | None = None, out: Path | None = None, enough: Enough | None = None
 ) -> Explored:
@@ -118,7 +120,7 @@ def explore(
     """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
     robots: dict[str, Robot] = {}
-    episodes: list[Episode] = []
+    runs: list[Explored] = []
     driven = Driven()
     events: list[tuple[float, str, Event]] = []
 
@@ -136,13 +138,13 @@ def explore(
         return robots[name]
 
     def keep(episode: Episode) -> None:
-        episodes[:] = [episode]
         driven(episode)
-        if enough is not None and episode.ended is None and enough(episode):
+        runs[:] = [Explored(episode, robots, {}, driven, events)]
+        if enough is not None and episode.ended is None and enough(runs[0]):
             episode.ended = "time"
 
     summary = inprocess.run(config, AgentConfig.model_validate(agent), out, keep, make)
-    return Explored(episodes[0], robots, summary, driven, events)
+    return runs[0]._replace(summary=summary)
 
 
 def measure_run(

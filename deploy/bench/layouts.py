@@ -2,15 +2,19 @@
 
 import hashlib
 import os
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
 
+import numpy as np
+
 from deploy.bench.cases import ROOT
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 from world.episode import generator
+from world.maze import generate
 from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
@@ -22,7 +26,12 @@ KEEP = Path(gettempdir()) / "wireswarm-bench"
 
 
 def path_of(name: str) -> str:
-    """File of a layout's name; a file's own path stays as it is. Raises FileNotFoundError where it is absent."""
+    """File of a layout's name: a file's own path, a world's name, or generated-WIDTHxHEIGHT-SEED, a maze that is made.
+
+    Raises FileNotFoundError where it is absent.
+    """
+    if made := re.fullmatch(r"generated-(\d+)x(\d+)-(\d+)", name):
+        return written(generate(float(made[1]), float(made[2]), np.random.default_rng(int(made[3]))))
     for path in (Path(name), BUNDLED / f"{name}.yaml", SHARED / f"{name}.yaml"):
         if path.is_file():
             return str(path)

@@ -66,30 +66,23 @@ def closest_points(source: Floats, target: Floats) -> Floats:
     """(k, 3) where the source points (n, 2) settle on the targets (m, 2) from each turn; both centres lie together."""
     out = np.empty((STARTS, 3))
     here, there = np.empty(source.shape), np.empty(source.shape)
-    sx, sy = source[:, 0].mean(), source[:, 1].mean()
-    tx, ty = target[:, 0].mean(), target[:, 1].mean()
     for k in range(STARTS):
-        turn = k * (2.0 * math.pi / STARTS)
-        c, s = math.cos(turn), math.sin(turn)
-        t = np.array([tx - c * sx + s * sy, ty - s * sx - c * sy, turn])
+        t = np.array([0.0, 0.0, k * (2.0 * math.pi / STARTS)])
+        x, y = move(t, source[:, 0].mean(), source[:, 1].mean())
+        t[0], t[1] = target[:, 0].mean() - x, target[:, 1].mean() - y
         for _ in range(ROUNDS):
             count = 0
-            for j in range(source.shape[0]):
+            for j in range(len(source)):
                 x, y = move(t, source[j, 0], source[j, 1])
-                best, nearest = GATE_M * GATE_M, -1
-                for i in range(target.shape[0]):
-                    d2 = (target[i, 0] - x) ** 2 + (target[i, 1] - y) ** 2
-                    if d2 < best:
-                        best, nearest = d2, i
-                if nearest >= 0:
+                away2 = (target[:, 0] - x) ** 2 + (target[:, 1] - y) ** 2
+                nearest = away2.argmin()
+                if away2[nearest] < GATE_M * GATE_M:
                     here[count], there[count] = source[j], target[nearest]
                     count += 1
             if count < 2:
                 break
-            new = fit(here, there, count)
-            still = abs(new[0] - t[0]) + abs(new[1] - t[1]) + abs(new[2] - t[2]) < 1e-6
-            t = new
-            if still:
+            last, t = t, fit(here, there, count)
+            if np.abs(t - last).sum() < 1e-6:
                 break
         out[k] = t
     return out

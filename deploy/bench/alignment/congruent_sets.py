@@ -9,13 +9,11 @@ are drawn until their diagonals cross; the angle's sign rules out mirrored sets;
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from agent.alignment.candidates import FINE_M
-from agent.geometry.cells import by_cell
-from agent.geometry.transform import fit
+from agent.geometry.transform import fit, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import wrapped
@@ -32,25 +30,21 @@ MAX_SETS = 400  # congruent sets looked at for one base
 
 def matched_clouds(source: Floats, target: Floats, rng: np.random.Generator) -> Floats:
     """(k, 3) transforms of the source points (n, 2) onto the targets (m, 2), most matched points first."""
-    bases = draw_bases(source, rng)
-    if not len(bases) or len(target) < 4:
+    if len(target) < 4:
         return np.zeros((0, 3))
     one, two = np.nonzero(~np.eye(len(target), dtype=np.bool_))
-    span = target[two] - target[one]
-    length = np.hypot(span[:, 0], span[:, 1])
-    near = np.flatnonzero(length <= 2.0 * BASE_RADIUS_M + SAME_M)
-    order = near[np.argsort(length[near], kind="stable")]
-    found, matched = _congruent(source, target, bases, np.column_stack([one[order], two[order]]), length[order])
+    length = np.hypot(*(target[two] - target[one]).T)
+    order = np.argsort(length, kind="stable")
+    pairs = np.column_stack([one, two])[order]
+    found, matched = _congruent(source, target, draw_bases(source, rng), pairs, length[order])
     return found[np.argsort(-matched, kind="stable")]
 
 
 def draw_bases(points: Floats, rng: np.random.Generator) -> Ints:
     """(b, 4) vertices a, b, c, d within a radius, a-b crossing c-d; at most as many as the budget."""
-    bases: list[list[int]] = []
-    if len(points) < 4:
-        return np.zeros((0, 4), np.int64)
+    bases: list[Ints] = []
     for _ in range(BASES):
-        for _ in range(DRAWS_PER_BASE):
+        for _ in range(DRAWS_PER_BASE if len(points) else 0):
             first = int(rng.integers(len(points)))
             away = np.hypot(points[:, 0] - points[first, 0], points[:, 1] - points[first, 1])
             near = np.flatnonzero((away <= BASE_RADIUS_M) & (away > BASE_SIDE_M))
@@ -58,8 +52,8 @@ def draw_bases(points: Floats, rng: np.random.Generator) -> Ints:
                 continue
             others = rng.choice(near, 3, replace=False)
             base = _crossed(points, np.array([first, *others]))
-            if base[0] >= 0:
-                bases.append(base.tolist())
+            if len(base):
+                bases.append(base)
                 break
     return np.array(bases, np.int64).reshape(-1, 4)
 
@@ -77,75 +71,30 @@ def _crossing(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[float, float]
 
 @kernel
 def _crossed(points: Floats, four: Ints) -> Ints:
-    """The four vertices paired so that their diagonals cross and no side is short; -1 first where there is none."""
-    out = np.full(4, -1)
+    """The four vertices paired so that their diagonals cross and no side is short; none where that cannot be."""
     for i in range(4):
         for j in range(i):
-            dx, dy = points[four[i], 0] - points[four[j], 0], points[four[i], 1] - points[four[j], 1]
-            if dx**2 + dy**2 < BASE_SIDE_M**2:
-                return out
-    for k in range(1, 4):
-        c, d = 1 + k % 3, 1 + (k + 1) % 3
-        u, v = _crossing(points[four[0]], points[four[k]], points[four[c]], points[four[d]])
+            side = points[four[i]] - points[four[j]]
+            if side[0] ** 2 + side[1] ** 2 < BASE_SIDE_M**2:
+                return four[:0]
+    for order in ((0, 1, 2, 3), (0, 2, 3, 1), (0, 3, 1, 2)):
+        paired: Ints = four[np.array(order)]
+        u, v = _crossing(points[paired[0]], points[paired[1]], points[paired[2]], points[paired[3]])
         if 0.0 < u < 1.0 and 0.0 < v < 1.0:
-            out[0], out[1], out[2], out[3] = four[0], four[k], four[c], four[d]
-            return out
-    return out
-
-
-class Cells(NamedTuple):
-    """Points by square cells."""
-
-    x: float  # of the lower left corner, metres
-    y: float
-    columns: int
-    rows: int
-    size_m: float
-    begins: Ints  # (columns * rows + 1,) where the points of a cell, column by column, begin in `members`
-    members: Ints
+            return paired
+    return four[:0]
 
 
 @kernel
-def _cells_of(points: Floats, cell: float) -> Cells:
-    """Points (n, 2) by cells of at least this size, metres."""
-    x0, y0 = points[:, 0].min(), points[:, 1].min()
-    x1, y1 = points[:, 0].max(), points[:, 1].max()
-    size = max(cell, max(x1 - x0, y1 - y0) / 500.0)
-    columns, rows = int((x1 - x0) // size) + 1, int((y1 - y0) // size) + 1
-    where = np.empty(points.shape[0], np.int64)
-    for k in range(points.shape[0]):
-        where[k] = int((points[k, 0] - x0) // size) * rows + int((points[k, 1] - y0) // size)
-    begins, members = by_cell(where, columns * rows)
-    return Cells(x0, y0, columns, rows, size, begins, members)
-
-
-@kernel
-def _columns(cells: Cells, x: float) -> tuple[int, int]:
-    """The columns to search near x: its own and those beside it, from the first to before the second."""
-    i = math.floor((x - cells.x) / cells.size_m)
-    return max(i - 1, 0), min(i + 2, cells.columns)
-
-
-@kernel
-def _strip(cells: Cells, column: int, y: float) -> Ints:
-    """Points of a column in the row of y and those beside it."""
-    j, first = math.floor((y - cells.y) / cells.size_m), column * cells.rows
-    low, high = min(max(j - 1, 0), cells.rows), max(min(j + 2, cells.rows), 0)
-    return cells.members[cells.begins[first + low] : cells.begins[first + high]]
-
-
-@kernel
-def _matched(source: Floats, target: Floats, t: Floats, cells: Cells) -> int:
-    """Source points that t brings within the fine gate of a target; cells: those of the targets."""
-    c, s = math.cos(t[2]), math.sin(t[2])
+def _matched(source: Floats, target: Floats, t: Floats) -> int:
+    """Source points that t brings within the fine gate of a target."""
     count = 0
-    for k in range(source.shape[0]):
-        x, y = t[0] + c * source[k, 0] - s * source[k, 1], t[1] + s * source[k, 0] + c * source[k, 1]
-        near = False
-        for column in range(*_columns(cells, x)):
-            for n in _strip(cells, column, y):
-                near |= (target[n, 0] - x) ** 2 + (target[n, 1] - y) ** 2 < FINE_M * FINE_M
-        count += near
+    for k in range(len(source)):
+        x, y = move(t, source[k, 0], source[k, 1])
+        for n in range(len(target)):
+            if (target[n, 0] - x) ** 2 + (target[n, 1] - y) ** 2 < FINE_M * FINE_M:
+                count += 1
+                break
     return count
 
 
@@ -155,42 +104,39 @@ def _congruent(source: Floats, target: Floats, bases: Ints, pairs: Ints, lengths
 
     pairs (p, 2): ordered pairs of targets by length; lengths (p,) theirs.
     """
-    cells = _cells_of(target, FINE_M)
-    found, matched = np.empty((bases.shape[0] * MAX_SETS, 3)), np.empty(bases.shape[0] * MAX_SETS, np.int64)
+    found, matched = np.empty((len(bases) * MAX_SETS, 3)), np.empty(len(bases) * MAX_SETS, np.int64)
     total = 0
-    four, there = np.empty((4, 2)), np.empty((4, 2))
-    for k in range(bases.shape[0]):
-        for n in range(4):
-            four[n] = source[bases[k, n]]
+    there = np.empty((4, 2))
+    for base in bases:
+        four = source[base]
         u, v = _crossing(four[0], four[1], four[2], four[3])
-        (ax, ay), (cx, cy) = four[1] - four[0], four[3] - four[2]
-        one, two = math.hypot(ax, ay), math.hypot(cx, cy)
-        angle = math.atan2(ax * cy - ay * cx, ax * cx + ay * cy)
-        i0, i1 = np.searchsorted(lengths, one - SAME_M), np.searchsorted(lengths, one + SAME_M)
-        j0, j1 = np.searchsorted(lengths, two - SAME_M), np.searchsorted(lengths, two + SAME_M)
-        if i1 == i0 or j1 == j0:
-            continue
+        one, two = four[1] - four[0], four[3] - four[2]
+        angle = _turn(one, two)
+        i0, i1 = _of_length(lengths, math.hypot(one[0], one[1]))
+        j0, j1 = _of_length(lengths, math.hypot(two[0], two[1]))
         from_, to = target[pairs[i0:i1, 0]], target[pairs[i0:i1, 1]]
         crossings = from_ + u * (to - from_)
-        near = _cells_of(crossings, SAME_M)
-        sets = 0
-        for j in range(j0, j1):
-            p, q = pairs[j]
-            dx, dy = target[q, 0] - target[p, 0], target[q, 1] - target[p, 1]
-            x, y = target[p, 0] + v * dx, target[p, 1] + v * dy
-            for column in range(*_columns(near, x)):
-                for i in _strip(near, column, y):
-                    away2 = (crossings[i, 0] - x) ** 2 + (crossings[i, 1] - y) ** 2
-                    if away2 > SAME_M * SAME_M or sets >= MAX_SETS:
-                        continue
-                    r, s = pairs[i0 + i]
-                    bx, by = target[s, 0] - target[r, 0], target[s, 1] - target[r, 1]
-                    found_angle = math.atan2(bx * dy - by * dx, bx * dx + by * dy)
-                    if abs(wrapped(found_angle - angle)) > SAME_RAD:
-                        continue
-                    there[0], there[1], there[2], there[3] = target[r], target[s], target[p], target[q]
+        most = total + MAX_SETS
+        for p, q in pairs[j0:j1]:
+            x, y = target[p] + v * (target[q] - target[p])
+            for i in range(i1 - i0):
+                if (crossings[i, 0] - x) ** 2 + (crossings[i, 1] - y) ** 2 > SAME_M * SAME_M or total == most:
+                    continue
+                if abs(wrapped(_turn(to[i] - from_[i], target[q] - target[p]) - angle)) <= SAME_RAD:
+                    there[0], there[1], there[2], there[3] = from_[i], to[i], target[p], target[q]
                     found[total] = fit(four, there, 4)
-                    matched[total] = _matched(source, target, found[total], cells)
+                    matched[total] = _matched(source, target, found[total])
                     total += 1
-                    sets += 1
     return found[:total], matched[:total]
+
+
+@kernel
+def _of_length(lengths: Floats, length: float) -> tuple[int, int]:
+    """First and behind the last of the rising lengths that are the same as one."""
+    return int(np.searchsorted(lengths, length - SAME_M)), int(np.searchsorted(lengths, length + SAME_M))
+
+
+@kernel
+def _turn(one: Floats, two: Floats) -> float:
+    """Angle from a direction to another."""
+    return math.atan2(one[0] * two[1] - one[1] * two[0], one[0] * two[0] + one[1] * two[1])

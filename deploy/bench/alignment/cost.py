@@ -14,6 +14,7 @@ from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.tables import Table, columns
+from protocol.wireframe import certain
 
 VERTICES = 150
 NOISE_M = 0.005  # of the corners; that of the filter's maps
@@ -30,12 +31,7 @@ def measure(method: str, repeats: int) -> Figures:
     """Milliseconds of each of some alignments, making both maps ready included."""
     rng = np.random.default_rng(0)
     whole = whole_map(MAZE)
-    keep = whole.edges[(whole.edges < VERTICES).all(1)]
-    n, m = VERTICES, len(keep)
-    part = replace(
-        whole, points=whole.points[:n], labels=whole.labels[:n], edges=keep, likelihood=whole.likelihood[:m],
-        own=whole.own[:m],
-    )  # fmt: skip
+    part = certain(whole.points[:VERTICES], whole.edges[(whole.edges < VERTICES).all(1)])
     config = AlignmentConfig()
     times = []
     for _ in range(repeats + 1):
@@ -45,7 +41,7 @@ def measure(method: str, repeats: int) -> Figures:
         maps = prepare(noisy[0], config), prepare(theirs, config)
         align_prepared(*maps, config, rng, method=METHODS[method])
         times.append((time.perf_counter() - begin) * 1e3)
-    return {"ms": times[1:], "vertices": n}  # the first one compiles
+    return {"ms": times[1:], "vertices": VERTICES}  # the first one compiles
 
 
 COLUMNS = columns(

@@ -10,15 +10,13 @@ from agent.alignment.align import pose_of
 from agent.alignment.candidates import ranked
 from agent.alignment.prepared import prepare
 from agent.cooperation.peer import Merged, Met, Proposed
-from agent.geometry.transform import compose, inverse
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.errors import errors, right, true_transform
+from deploy.bench.errors import errors, right
 from deploy.bench.explored import explore
 from deploy.bench.layouts import drawn_starts, path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, runs_of
-from protocol.arrays import Floats
-from protocol.geometry import apply
+from protocol.geometry import Pose, compose, relative
 from protocol.messages import Observation
 from protocol.wireframe import Wireframe
 from world.worldfile import load
@@ -63,10 +61,10 @@ class ForcedRun:
     """A run of three robots whose proposals are all forced, and nearly all of them wrong."""
 
     def __init__(self, world: str, seed: int, limit_s: float, evidence: Mapping[str, Any] | None = None) -> None:
-        place = load(path_of(world))
-        self.frames = {f"r{k + 1}": start for k, start in enumerate(drawn_starts(world, 3, seed))}
-        low, high = place.segments.reshape(-1, 2).min(0), place.segments.reshape(-1, 2).max(0)
-        self.centre = 0.5 * (low + high)
+        starts = drawn_starts(world, 3, seed)
+        self.frames = {f"r{k + 1}": pose_of(start) for k, start in enumerate(starts)}
+        x0, y0, x1, y1 = load(path_of(world)).solid.bounds
+        self.centre = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         self.rng = np.random.default_rng(seed)
         self.forced: list[dict[str, Any]] = []
         self._open: dict[tuple[str, str], dict[str, Any]] = {}
@@ -99,38 +97,34 @@ class ForcedRun:
 
     def _force(self, robot: Robot, peer: Met, theirs: Wireframe, tick: int) -> None:
         kind, name = KINDS[len(self.forced) % len(KINDS)], peer.log.name
-        robot.team.propose(peer, pose_of(self._wrong(kind, robot, peer, theirs)), robot.own, {"forced": True})
+        robot.team.propose(peer, self._wrong(kind, robot, peer, theirs), robot.own, {"forced": True})
         peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
         self._open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
-    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe) -> Floats:
-        """(3,) a transform of that kind that is wrong."""
-        mine = self.frames[robot.robot]
-        truth = true_transform(mine, self.frames[peer.log.name])
-        if kind == "twin":
-            half = np.array([*(2.0 * self.centre), math.pi])  # the half turn about the building's centre
-            step = np.array([self.rng.choice([-4.0, 4.0]), 0.0, 0.0])  # or the next room of `symmetric`
-            world = half if self.rng.random() < 0.5 else step
-            return compose(compose(compose(inverse(mine), world), mine), truth)
+    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe) -> Pose:
+        """A transform of that kind that is wrong."""
+        mine, their_frame = self.frames[robot.robot], self.frames[peer.log.name]
+        truth = relative(mine, their_frame)
+        if kind == "twin":  # the half turn about the building's centre, or the next room of `symmetric`
+            half = 2.0 * self.centre[0], 2.0 * self.centre[1], math.pi
+            step = float(self.rng.choice([-4.0, 4.0])), 0.0, 0.0
+            return relative(mine, compose(half if self.rng.random() < 0.5 else step, their_frame))
         if kind == "near":
             angle, away = self.rng.uniform(0.0, 2.0 * math.pi), self.rng.uniform(0.3, 1.5)
-            return compose(np.array([away * math.cos(angle), away * math.sin(angle), 0.0]), truth)
+            return compose((away * math.cos(angle), away * math.sin(angle), 0.0), truth)
         if kind == "rival":
             config = robot.config.alignment
             one, two = prepare(robot.own, config), prepare(theirs, config)
             if one is not None and two is not None:
-                found: Floats
                 for found in ranked(one, two, config.drawing, self.rng).transforms:
-                    off = errors(found.tolist(), mine, self.frames[peer.log.name], theirs.points.mean(0))
-                    if not right(*off):
-                        return found
+                    if not right(*errors(found, mine, their_frame, theirs.points.mean(0))):
+                        return pose_of(found)
         # a turn about where the peer was at the contact, which stays within range
         assert peer.log.contact is not None
-        spot = apply(truth, np.array([peer.log.contact.theirs[:2]]))[0]
+        x, y, _ = compose(truth, peer.log.contact.theirs)
         turn = float(self.rng.choice([0.5, 1.0, 1.5])) * math.pi
-        about = compose(np.array([spot[0], spot[1], turn]), np.array([-spot[0], -spot[1], 0.0]))
-        return compose(about, truth)
+        return compose(compose((x, y, turn), (-x, -y, 0.0)), truth)
 
     def _close(self, one: str, event: str, data: Mapping[str, Any]) -> None:
         opened = self._open.pop((one, data["peer"]), None)

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.geometry.transform import inverse
 from agent.robot import Robot, Step
 from agent.shell.mind import Mind
 from deploy import inprocess
@@ -16,14 +15,15 @@ from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures
 from deploy.bench.layouts import path_of
 from deploy.bench.tables import Table, whole
-from protocol.geometry import apply, compose
+from protocol.geometry import compose, relative
 from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
 from protocol.talk import MAX_PARTS, Beacon, Part, in_parts
 from protocol.walls import lengths
-from protocol.wireframe import Wireframe
+from protocol.wireframe import Wireframe, certain
 from world.config import WorldConfig
+from world.recorder import own_part
 
 KINDS = ("random", "mirrored", "elsewhere", "shifted", "not finite", "dangling", "huge", "off its map")
 EACH = 25  # maps of each kind: 200 in all
@@ -44,7 +44,8 @@ def besiege(world: str, seed: int, limit_s: float, kinds: Sequence[str]) -> Figu
     made: list[_Besieged] = []
 
     def make(name: str, spec: RobotSpec, config: AgentConfig, own_seed: int) -> Mind:
-        made.append(_Besieged(Robot(name, spec, config, own_seed), kinds, np.random.default_rng(seed)))
+        made.append(_Besieged(name, spec, config, own_seed))
+        made[0].hear(kinds, np.random.default_rng(seed))
         return made[0]
 
     settings = {"world": path_of(world), "robots": 1, "seed": seed, "starts": "random", "until": limit_s}
@@ -52,55 +53,47 @@ def besiege(world: str, seed: int, limit_s: float, kinds: Sequence[str]) -> Figu
     return made[0].figures()
 
 
-class _Besieged:
+class _Besieged(Robot):
     """A robot that hears hostile peers."""
 
-    def __init__(self, robot: Robot, kinds: Sequence[str], rng: np.random.Generator) -> None:
-        self.robot, self.rng = robot, rng
-        self.kinds = {f"x{k}": kind for k, kind in enumerate(kinds)}
+    def hear(self, kinds: Sequence[str], rng: np.random.Generator) -> None:
+        """Have a peer of each of these kinds."""
+        self.rng, self.kinds = rng, {f"x{k}": kind for k, kind in enumerate(kinds)}
         self.frames = {name: random_pose(rng) for name in self.kinds}
-        self.elsewhere = [_travels(whole_map(world)) for world in ("office", "hall", "symmetric")]
-        self.messages = 0
-        self.merged: set[str] = set()
-        self.refused = 0
-        self.moved_m = 0.0
+        whole = [whole_map(world) for world in ("office", "hall", "symmetric")]
+        # without walls that are shorter than the radio tells apart
+        self.elsewhere = [own_part(replace(one, own=lengths(one.segments()) > 0.05)) for one in whole]
+        self.swallowed: set[str] = set()
+        self.messages, self.refused, self.moved_m = 0, 0, 0.0
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         own = list(heard)
-        if observation.tick % PERIOD_TICKS == 0 and len(self.robot.own.edges):
-            for name, kind in self.kinds.items():
-                said = self._speak(observation, name, kind)
-                own += said
-                self.messages += len(said)
-        step = self.robot.step(observation, own)
+        if observation.tick % PERIOD_TICKS == 0 and len(self.own.edges):
+            own += [said for name, kind in self.kinds.items() for said in self._speak(observation, name, kind)]
+        self.messages += len(own) - len(heard)
+        step = super().step(observation, own)
         self.refused += sum(event.event == "refused" for event in step.action.events)
-        self._judge()
+        for peer in self.team.merged:  # what of it became part of the robot's map
+            name = peer.log.name
+            if self.kinds[name] != "shifted":
+                self.swallowed.add(name)
+            else:  # the good map may be merged, but then it must stay where it was
+                moved_m = math.dist(peer.transform[:2], relative(self.frames[name], (0.0, 0.0, 0.0))[:2])
+                self.moved_m = max(self.moved_m, moved_m)
         sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of these peers
         return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))
 
-    def _judge(self) -> None:
-        """What of it became part of the robot's map."""
-        for peer in self.robot.team.merged:
-            name = peer.log.name
-            if self.kinds[name] != "shifted":
-                self.merged.add(name)
-                continue
-            # the good map may be merged, but then it must stay where it was
-            gap = apply(peer.transform, np.zeros((1, 2))) - apply(inverse(self.frames[name]), np.zeros((1, 2)))
-            self.moved_m = max(self.moved_m, float(np.hypot(*gap[0])))
-
     def figures(self) -> Figures:
         """Messages, and what was merged of them."""
-        counts = {"messages": self.messages, "merged": len(self.merged), "refused": self.refused}
+        counts = {"messages": self.messages, "merged": len(self.swallowed), "refused": self.refused}
         return {**counts, "moved_m": self.moved_m, "maps": len(self.kinds)}
 
     def _speak(self, observation: Observation, name: str, kind: str) -> list[Heard]:
         """A beacon and a whole map."""
-        x, y, theta = self.frames[name].tolist()
-        frame, pose, own = (x, y, theta), self.robot.filter.pose, self.robot.own
+        frame, pose, own = self.frames[name], self.filter.pose, self.own
         told, place = moved(own, frame), compose(frame, pose)
         if kind == "random":
-            told = self._random(80)
+            told = self._scribble(80)
         elif kind == "mirrored":
             flipped = replace(own, points=own.points * (1.0, -1.0), edges=own.edges[:, ::-1].copy())
             told, place = moved(flipped, frame), compose(frame, (pose[0], -pose[1], -pose[2]))
@@ -108,7 +101,7 @@ class _Besieged:
             told = moved(self.elsewhere[int(name[1:]) % len(self.elsewhere)], frame)
             corner = told.points[int(self.rng.integers(len(told.points)))]
             place = float(corner[0]), float(corner[1]), 0.0
-        elif kind == "shifted" and name in self.robot.team.merged_ticks:
+        elif kind == "shifted" and name in self.team.merged_ticks:
             told = moved(told, np.array([1.0, 0.0, 0.0]))
         elif kind == "off its map":
             place = place[0] + 500.0, place[1], place[2]
@@ -124,20 +117,11 @@ class _Besieged:
         payloads = [("beacon", Beacon(observation.tick, place).encode()), *(("map", part.encode()) for part in parts)]
         return [Heard(tick=observation.tick, sender=name, kind=what, payload=data) for what, data in payloads]
 
-    def _random(self, n: int) -> Wireframe:
+    def _scribble(self, n: int) -> Wireframe:
         order = self.rng.permutation(n)
-        edges = np.column_stack([np.arange(n), order])[order != np.arange(n)].astype(np.int32)
-        m = len(edges)
-        points = self.rng.uniform(-6.0, 6.0, (n, 2))
-        labels = self.rng.integers(0, 3, n).astype(np.uint8)
-        return Wireframe(points, labels, edges, np.ones(m, np.float32), np.ones(m, np.bool_))
-
-
-def _travels(wireframe: Wireframe) -> Wireframe:
-    """A map without walls that are shorter than the radio tells apart."""
-    keep = lengths(wireframe.segments()) > 0.05
-    kept = {name: getattr(wireframe, name)[keep] for name in ("edges", "likelihood", "own")}
-    return replace(wireframe, **kept)
+        edges = np.column_stack([np.arange(n), order])[order != np.arange(n)]
+        told = certain(self.rng.uniform(-6.0, 6.0, (n, 2)), edges)
+        return replace(told, labels=self.rng.integers(0, 3, n).astype(np.uint8))
 
 
 TABLES = [

@@ -3,27 +3,19 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
 from itertools import product
-from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 import numpy as np
 
-from agent.robot import Robot, Step
 from deploy.bench.alignment.recordings import mapped
 from deploy.bench.alignment.trials import wilson
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
-from deploy.bench.explored import Explored, explore
+from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
-from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, at, columns, grouped, most, row_of, runs_of
-from deploy.bench.tables import median as middle
-from deploy.metrics import Truth, truth_of
-from protocol.arrays import Bools, Floats
-from protocol.messages import Observation, RobotSpec
-from world.episode import Episode
+from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, columns, least, most, row_of, runs_of, total
 from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
@@ -38,7 +30,10 @@ JOINT_S = 120.0  # pairs in contact with this overlap and this time left should 
 DEFAULT_RANGE_M = 4.0
 RANGES = (1.0, 2.0, DEFAULT_RANGE_M, 8.0, 1000.0)  # radio ranges in metres; the last one is more than any building
 RANGE_SEEDS = 3
+FULL = 0.99 - 1e-9
 EVENTS = ("attempt", "proposed", "accepted", "rejected", "unmerged")
+Due = Mapping[tuple[str, str], float]
+"""Simulated time since which a robot and a peer have been in contact with maps that overlap enough to be merged."""
 
 
 def cases(quick: bool) -> list[Case]:
@@ -80,114 +75,87 @@ def measure(
     start: the run is of one robot, from the start of that number; None: from all starts.
     """
     settings = {"robots": robots, "seed": seed, "starts": "random", "max_time_s": limit_s}
-    starts = drawn_starts(world, 3 if start is not None else robots, seed)
+    name = world
     if start is not None:
-        starts = starts[start : start + 1]
-        world = written({**load(path_of(world)).document, "spawns": [starts[0].tolist()]})
+        spawn = drawn_starts(world, 3, seed)[start].tolist()
+        world = written({**load(path_of(world)).document, "spawns": [spawn]})
         settings |= {"robots": 1, "starts": "file"}
-    live = LiveRun(world, {f"r{k + 1}": place for k, place in enumerate(starts)})
-    enough = None if until is None else {"team": _team, "each": _each, "merged": live.all_merged}[until]
     settings |= {"world": world, "radio": {"range_m": range_m}}
-    return live.figures(explore(settings, {"cooperation": cooperation or {}}, live, enough=enough))
+    due: dict[tuple[str, str], float] = {}
+    ends: dict[str, Enough] = {"team": _team, "each": _each, "merged": lambda run: _all_merged(run, due)}
+
+    def enough(run: Explored) -> bool:
+        _see_overlaps(run, due)
+        return until is not None and ends[until](run)
+
+    run = explore(settings, {"cooperation": cooperation or {}}, enough=enough)
+    return {"world": name, **_figures(run, due)}
 
 
-FULL = 0.99 - 1e-9
+def _team(run: Explored) -> bool:
+    return run.episode.team_coverage >= FULL
 
 
-def _team(episode: Episode) -> bool:
-    return episode.team_coverage >= FULL
+def _each(run: Explored) -> bool:
+    return min(run.episode.coverage.values()) >= FULL
 
 
-def _each(episode: Episode) -> bool:
-    return min(episode.coverage.values()) >= FULL
+def _all_merged(run: Explored, due: Due) -> bool:
+    """Whether no pair can be merged any more, all have 99 %, and every pair had the time that the issue gives."""
+    merged = all(len(mind.team.merged_ticks) == len(run.robots) - 1 for mind in run.robots.values())
+    return merged and _each(run) and run.episode.t >= max(due.values(), default=0.0) + JOINT_S
 
 
-class LiveRun:
-    """What a run shows while it lasts: which pairs of robots in contact have maps that overlap enough to be merged."""
-
-    def __init__(self, world: str, starts: Mapping[str, Floats]) -> None:
-        """starts: (3,) pose of each robot's own frame in the world."""
-        self.world = world
-        self.starts = starts
-        self.minds: dict[str, Robot] = {}
-        self.due: dict[tuple[str, str], float] = {}  # since when a pair has been in contact with enough overlap
-
-    def __call__(self, robot: Robot, observation: Observation, step: Step) -> None:
-        """See one step of one robot."""
-        self.minds.setdefault(robot.robot, robot)
-        t = observation.tick / robot.spec.lidar.rate_hz
-        if observation.tick % round(LOOK_S * robot.spec.lidar.rate_hz) == 0:
-            for peer in robot.exchange.contacts:
-                if (robot.robot, peer) not in self.due and peer in self.minds:
-                    self.see_overlap(t, robot.robot, peer)
-
-    def all_merged(self, episode: Episode) -> bool:
-        """Whether no pair can be merged any more, all have 99 %, and every pair had the time that the issue gives."""
-        since = max(self.due.values(), default=0.0)
-        others = len(self.minds) - 1
-        merged = all(len(mind.team.merged_ticks) == others for mind in self.minds.values())
-        return merged and _each(episode) and episode.t >= since + JOINT_S
-
-    def see_overlap(self, t: float, one: str, two: str) -> None:
-        """Note that two maps have enough in common."""
-        (a, lengths), (b, _) = self._pieces(one), self._pieces(two)
+def _see_overlaps(run: Explored, due: dict[tuple[str, str], float]) -> None:
+    """Note since when each pair has been in contact with enough overlap, at every look."""
+    tick, rate_hz = run.episode.tick - 1, run.episode.config.spec.lidar.rate_hz
+    pairs = [(name, peer) for name, mind in run.robots.items() for peer in mind.exchange.contacts]
+    for one, two in pairs if tick % round(LOOK_S * rate_hz) == 0 else ():
+        a, b = (mapped(run.robots[robot].own, run.frame(robot), run.truth(robot)) for robot in (one, two))
+        lengths = run.truth(one).seen_lengths
         smaller = min(float(lengths[a].sum()), float(lengths[b].sum()))
         if smaller > 0 and float(lengths[a & b].sum()) / smaller >= OVERLAP:
-            self.due[one, two] = t
-
-    def _pieces(self, robot: str) -> tuple[Bools, Floats]:
-        """(p,) which pieces of the visible true wall are in a robot's map, and (p,) the lengths of all."""
-        x, y, theta = self.starts[robot].tolist()
-        truth = _truth(self.world, x, y)
-        return mapped(self.minds[robot].own, (x, y, theta), truth), truth.seen_lengths
-
-    def figures(self, run: Explored) -> Figures:
-        """All that the tables need."""
-        events = [(t, robot, event.event, event.data) for t, robot, event in run.events if event.event in EVENTS]
-        accepted = []
-        for t, robot, name, data in events:
-            if name == "accepted":
-                theirs = run.robots[data["peer"]].own.points
-                centre = theirs.mean(0) if len(theirs) else np.zeros(2)
-                off = errors(data["transform"], run.frame(robot), run.frame(data["peer"]), centre)
-                found = {"t": t, "robot": robot, "error_m": off[0], "error_deg": off[1], "false": not right(*off)}
-                accepted.append(data | found)
-        words = [((robot, data["peer"]), f"{name}: {data['reason']}") for _, robot, name, data in events]
-        last = dict(words)
-        pairs = [
-            {
-                "robot": one,
-                "peer": two,
-                "since": since,
-                "merged": two in run.robots[one].team.merged_ticks,
-                "reason": last.get((one, two), "never tried"),
-            }
-            for (one, two), since in sorted(self.due.items())
-            if since <= run.episode.t - JOINT_S
-        ]
-        return {
-            "world": Path(self.world).stem,
-            "ended_at": run.episode.t,
-            "robots": {name: run.figures(name) for name in run.robots},
-            "team": run.summary["team"],
-            "real_time_factor": run.summary["real_time_factor"],
-            "alignments": accepted,
-            "false": sum(one["false"] for one in accepted),
-            **{event: sum(name == event for _, _, name, _ in events) for event in EVENTS},
-            "reasons": dict(sorted(Counter(word for _, word in words).items())),
-            "due": pairs,
-            "pairs": len(pairs),
-            "merged": sum(pair["merged"] for pair in pairs),
-        }
+            due.setdefault((one, two), tick / rate_hz)
 
 
-@cache
-def _truth(world: str, x: float, y: float) -> Truth:
-    spec = RobotSpec()
-    return truth_of(load(path_of(world)), (x, y), spec.radius_m, spec.lidar.range_max_m)
-
-
-# tables
+def _figures(run: Explored, due: Due) -> Figures:
+    """All that the tables need."""
+    events = [(t, robot, event.event, event.data) for t, robot, event in run.events if event.event in EVENTS]
+    accepted = []
+    for t, robot, name, data in events:
+        if name == "accepted":
+            theirs = run.robots[data["peer"]].own.points
+            centre = theirs.mean(0) if len(theirs) else np.zeros(2)
+            off = errors(data["transform"], run.frame(robot), run.frame(data["peer"]), centre)
+            found = {"t": t, "robot": robot, "error_m": off[0], "error_deg": off[1], "false": not right(*off)}
+            accepted.append(data | found)
+    words = [((robot, data["peer"]), f"{name}: {data['reason']}") for _, robot, name, data in events]
+    last = dict(words)
+    pairs = [
+        {"robot": one, "peer": two, "since": since, "merged": two in run.robots[one].team.merged_ticks}
+        | {"reason": last.get((one, two), "never tried")}
+        for (one, two), since in sorted(due.items())
+        if since <= run.episode.t - JOINT_S
+    ]
+    robots = {name: run.figures(name) for name in run.robots}
+    maps = list(robots.values())
+    return {
+        "ended_at": run.episode.t,
+        "robots": robots,
+        "maps": len(maps),
+        **{key: least(maps, key) for key in ("wall_recall", "wall_precision")},
+        "t_99": most(maps, "t_99"),
+        "team": run.summary["team"]["t_99"],
+        "bytes": total(maps, "bytes_sent"),
+        "rtf": run.summary["real_time_factor"],
+        "alignments": accepted,
+        "false": sum(one["false"] for one in accepted),
+        **{event: sum(name == event for _, _, name, _ in events) for event in EVENTS},
+        "reasons": dict(sorted(Counter(word for _, word in words).items())),
+        "due": pairs,
+        "pairs": len(pairs),
+        "merged": sum(pair["merged"] for pair in pairs),
+    }
 
 
 def _worst(key: str) -> Reduce:
@@ -211,24 +179,6 @@ def _left(figures: Outcomes) -> list[Row]:
     return [{"reason": reason, "pairs": n} for reason, n in counts.most_common()]
 
 
-def _least_of_robots(runs: Runs, key: str) -> float:
-    return float(min(robot[key] for run in runs for robot in run["robots"].values()))
-
-
-MAPS = columns(
-    "world; maps; wall_recall >= 0.97: recall; wall_precision >= 0.97: precision; rtf: real-time factor",
-    maps=lambda runs, _: sum(len(run["robots"]) for run in runs),
-    wall_recall=_least_of_robots,
-    wall_precision=_least_of_robots,
-    rtf=at("real_time_factor", middle),
-)
-
-
-def _maps(figures: Outcomes) -> list[Row]:
-    """The worst of the maps of the first seeds, a row a world."""
-    return [row_of(MAPS, runs[:PAIRED_SEEDS], labels) for labels, runs in grouped(figures, "live/{world}/*")]
-
-
 def _divided(figures: Outcomes, robots: int, seed: int) -> Figures | None:
     """The run with sharing and division of that many robots."""
     found = figures.get(f"divided/{robots}/{seed}")
@@ -238,12 +188,6 @@ def _divided(figures: Outcomes, robots: int, seed: int) -> Figures | None:
 def _titled(title: str) -> Callable[[Outcomes], str]:
     """A title with the world of the comparisons before it."""
     return lambda figures: next((run["world"] for run in runs_of(figures, "unshared/*")), "maze-15") + title
-
-
-def _last_t99(run: Figures) -> float | None:
-    """When every robot had 99 %."""
-    last: float | None = most(list(run["robots"].values()), "t_99")
-    return last
 
 
 def _paired(ratios: Sequence[float]) -> Row:
@@ -259,7 +203,7 @@ def _sharing(figures: Outcomes) -> list[Row]:
     for seed in range(PAIRED_SEEDS):
         on, off = _divided(figures, 3, seed), figures.get(f"unshared/{seed}")
         if on is not None and off is not None:
-            with_, without = _last_t99(on), _last_t99(off)
+            with_, without = on["t_99"], off["t_99"]
             ratio = with_ / without if with_ is not None and without is not None else None
             rows.append({"seed": str(seed), "on": with_, "off": without, "ratio": ratio})
     ratios = [math.inf if row["ratio"] is None else row["ratio"] for row in rows]
@@ -274,7 +218,7 @@ def _division(figures: Outcomes) -> list[Row]:
         for seed in range(PAIRED_SEEDS):
             names = [f"undivided/{robots}/{seed}", *(f"alone/{seed}/{start}" for start in range(3))]
             runs = [_divided(figures, robots, seed), *map(figures.get, names)]
-            found = [run["team"]["t_99"] for run in runs if run is not None]
+            found = [run["team"] for run in runs if run is not None]
             if len(found) == len(runs) and None not in found:
                 times.append((found[0], found[1], fmean(found[2:])))
         if times:
@@ -286,11 +230,9 @@ def _division(figures: Outcomes) -> list[Row]:
 
 
 RANGE = columns(
-    "range: radio range m; runs count; t_99: every robot 99 % s; team: team 99 % s; bytes: bytes sent; "
+    "range: radio range m; runs count; t_99 median: every robot 99 % s; team median: team 99 % s; bytes: bytes sent; "
     "accepted total; false total <= 0",
-    t_99=lambda runs, _: middle([{"t": _last_t99(run)} for run in runs], "t"),
-    team=lambda runs, _: middle([run["team"] for run in runs], "t_99"),
-    bytes=lambda runs, _: median(sum(robot["bytes_sent"] for robot in run["robots"].values()) for run in runs),
+    bytes=lambda runs, key: median(run[key] for run in runs),
 )
 
 
@@ -334,8 +276,9 @@ TABLES = [
     Table(
         "maps",
         "Every robot's map with sharing, worst of 10 seeds",
-        _maps,
-        MAPS,
+        "live/{world}/[0-9]",
+        "world; maps total; wall_recall least >= 0.97: recall; wall_precision least >= 0.97: precision; "
+        "rtf median: real-time factor",
         judged=lambda row: row["world"] == "maze-15",
     ),
     Table(

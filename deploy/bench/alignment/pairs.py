@@ -3,16 +3,15 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry.transform import compose, inverse
 from deploy.bench.alignment.recordings import Recording, Snapshot
-from deploy.bench.errors import off_by, right, true_transform
+from deploy.bench.errors import off_by, right
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose, apply, compose, relative
 from protocol.wireframe import Wireframe
 
 MIN_CORNERS = 16  # true corners that both maps have, in the main tables (the issue's)
@@ -33,7 +32,7 @@ class Pair:
     theirs: Wireframe
     my_pose: Pose
     their_pose: Pose
-    truth: Floats | None  # (3,) their frame in mine; None in different buildings
+    truth: Pose | None  # their frame in mine; None in different buildings
     overlap: float  # true wall in both over that of the smaller (contracts.md)
     contact: bool  # whether the robots are within radio range where they stand
     corners: int  # true corners of the smaller map
@@ -48,9 +47,10 @@ def moved(wireframe: Wireframe, by: Sequence[float] | Floats) -> Wireframe:
     return replace(wireframe, points=apply(by, wireframe.points))
 
 
-def random_pose(rng: np.random.Generator) -> Floats:
-    """(3,) a frame within 20 m, turned by any angle."""
-    return rng.uniform((-20.0, -20.0, -math.pi), (20.0, 20.0, math.pi))
+def random_pose(rng: np.random.Generator) -> Pose:
+    """A frame within 20 m, turned by any angle."""
+    x, y, theta = rng.uniform((-20.0, -20.0, -math.pi), (20.0, 20.0, math.pi)).tolist()
+    return x, y, theta
 
 
 class _Choice(NamedTuple):
@@ -60,8 +60,8 @@ class _Choice(NamedTuple):
     mine: Snapshot
     two: Recording
     theirs: Snapshot
-    overlap: float
-    contact: bool
+    overlap: float = 0.0
+    contact: bool = True
 
     @property
     def corners(self) -> int:
@@ -70,12 +70,11 @@ class _Choice(NamedTuple):
     def pair(self, rng: np.random.Generator) -> Pair:
         a, mine, b, theirs, overlap, contact = self
         by = random_pose(rng)
-        x, y, theta = compose(by, np.array(theirs.pose)).tolist()
+        maps, poses = (mine.wireframe, moved(theirs.wireframe, by)), (mine.pose, compose(by, theirs.pose))
         world, truth = f"{a.world} and {b.world}", None
         if a.world == b.world:
-            world, truth = a.world, compose(true_transform(a.frame, b.frame), inverse(by))
-        maps = mine.wireframe, moved(theirs.wireframe, by)
-        return Pair(world, *maps, mine.pose, (x, y, theta), truth, overlap, contact, self.corners)
+            world, truth = a.world, compose(relative(a.frame, b.frame), relative(by, (0.0, 0.0, 0.0)))
+        return Pair(world, *maps, *poses, truth, overlap, contact, self.corners)
 
 
 def pairs_of(
@@ -85,55 +84,37 @@ def pairs_of(
 
     The smaller map has at least `low` true corners and fewer than `high`.
     """
-    bins: dict[int, list[_Choice]] = {}
+    bins: list[list[_Choice]] = [[] for _ in BINS]
     for one, two in combinations(recordings, 2):
-        for choice in _choices(one, two):
-            if low <= choice.corners < high:
-                row = next(n for n, (least, most) in enumerate(BINS) if least <= choice.overlap < most)
-                bins.setdefault(row, []).append(choice)
+        for mine, theirs in product(one.snapshots, two.snapshots):
+            if low <= min(mine.corners, theirs.corners) < high:
+                choice = _choice(one, mine, two, theirs)
+                bins[next(n for n, (_, most) in enumerate(BINS) if choice.overlap < most)].append(choice)
     pairs = []
-    for _, choices in sorted(bins.items()):
+    for choices in bins:
         order = rng.permutation(len(choices))
         chosen = sorted((choices[k] for k in order), key=lambda choice: not choice.contact)[:per_bin]
         pairs += [choice.pair(rng) for choice in chosen]
     return pairs
 
 
-def _choices(one: Recording, two: Recording) -> list[_Choice]:
-    """All pairs of snapshots of two recordings in one world."""
-    if not one.snapshots or not two.snapshots:
-        return []
-    a = np.array([snapshot.mapped for snapshot in one.snapshots]).astype(np.float64)
-    b = np.array([snapshot.mapped for snapshot in two.snapshots]).astype(np.float64)
-    both = (a * one.lengths) @ b.T
-    smaller = np.minimum((a @ one.lengths)[:, None], (b @ one.lengths)[None])
-    overlap = both / np.maximum(smaller, 1e-9)
-    here, there = (
-        compose(np.array(recording.frame), np.array([s.pose for s in recording.snapshots]))[:, :2]
-        for recording in (one, two)
-    )
-    away = np.linalg.norm(here[:, None] - there[None], axis=2)
-    contact = (away >= BODIES_M) & (away <= RANGE_M)
-    return [
-        _Choice(one, s, two, u, float(overlap[i, j]), bool(contact[i, j]))
-        for i, s in enumerate(one.snapshots)
-        for j, u in enumerate(two.snapshots)
-    ]
+def _choice(one: Recording, mine: Snapshot, two: Recording, theirs: Snapshot) -> _Choice:
+    """Two snapshots in one world, and what they have in common."""
+    smaller_m = min(float(one.lengths[snapshot.mapped].sum()) for snapshot in (mine, theirs))
+    overlap = float(one.lengths[mine.mapped & theirs.mapped].sum()) / max(smaller_m, 1e-9)
+    away_m = math.dist(compose(one.frame, mine.pose)[:2], compose(two.frame, theirs.pose)[:2])
+    return _Choice(one, mine, two, theirs, overlap, BODIES_M <= away_m <= RANGE_M)
 
 
 def strangers(
     by_world: Mapping[str, Sequence[Recording]], rng: np.random.Generator, count: int, low: int
 ) -> list[Pair]:
     """Pairs of maps of different buildings, as if their robots met."""
-    large = {
-        world: found
-        for world, recordings in by_world.items()
-        if (found := [(r, s) for r in recordings for s in r.snapshots if s.corners >= low])
-    }
-    worlds = sorted(large)
+    kept = ([(r, s) for r in found for s in r.snapshots if s.corners >= low] for _, found in sorted(by_world.items()))
+    large = [some for some in kept if some]
     pairs = []
-    for _ in range(count if len(worlds) > 1 else 0):
-        a, b = rng.choice(len(worlds), 2, replace=False)
-        one, two = (large[worlds[k]][int(rng.integers(len(large[worlds[k]])))] for k in (a, b))
-        pairs.append(_Choice(*one, *two, 0.0, True).pair(rng))
+    for _ in range(count if len(large) > 1 else 0):
+        a, b = rng.choice(len(large), 2, replace=False)
+        one, two = (large[k][int(rng.integers(len(large[k])))] for k in (a, b))
+        pairs.append(_Choice(*one, *two).pair(rng))
     return pairs

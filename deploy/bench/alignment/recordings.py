@@ -3,45 +3,35 @@
 Two recordings in one world make pairs of maps that share no frame, and their starts say how the frames lie.
 """
 
-import zlib
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agent.alignment.align import pose_of
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
-from deploy.bench.layouts import path_of, present, written
-from deploy.metrics import Truth, distance_to, truth_of
+from deploy.bench.layouts import path_of, present
+from deploy.metrics import CORNER_NEAR_M, NEAR_M, Truth, distance_to, nearest_point, truth_of
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply
 from protocol.messages import Observation, RobotSpec
-from protocol.wireframe import Label, Wireframe, decode_wireframe, encode_wireframe
-from world.maze import generate
+from protocol.wireframe import Label, Wireframe, certain, decode_wireframe, encode_wireframe
 from world.worldfile import load
 
 LOOK_S = 2.0  # simulated time between two looks at the growing map
 GROWTH = 4  # corners by which a map must have grown before it is kept again
-NEAR_M = 0.05  # a true wall within this of a mapped one is in the map (contracts.md)
-CORNER_M = 0.10  # a mapped vertex within this of a true corner is that corner (the scorer's)
 LIMIT_S = 480.0  # simulated seconds: maps are partial for most of them, and later ones differ little
 
 BUNDLED = {"maze-15": 5, "office": 4, "apartment": 3, "hall": 3, "symmetric": 8}
 """Recordings of each; symmetric must give 300 pairs."""
 SHARED = {
-    "gbeltramo_building": 3,
-    "uday_building": 3,
-    "drlnav_stage7": 2,
-    "pal_passage_110cm_w": 2,
-    "tb3_dqn_stage4": 2,
-    "hurtado_apartment": 3,
-    "pal_home_w": 2,
-    "drlnav_house_tomas": 2,
-}
+    "gbeltramo_building": 3, "uday_building": 3, "drlnav_stage7": 2, "pal_passage_110cm_w": 2, "tb3_dqn_stage4": 2,
+    "hurtado_apartment": 3, "pal_home_w": 2, "drlnav_house_tomas": 2,
+}  # fmt: skip
 MAZES = {"generated-10x10-1": 3, "generated-14x12-2": 4, "generated-12x12-3": 3, "generated-15x15-4": 4}
-"""generated-WIDTHxHEIGHT-SEED, by world/maze.py."""
 
 
 class Snapshot(NamedTuple):
@@ -67,8 +57,7 @@ def cases(quick: bool) -> list[Case]:
     if quick:
         wanted, limit_s = {"symmetric": 2, "apartment": 2}, 120.0
     else:
-        shared = {name: SHARED[name] for name in present(list(SHARED))}
-        wanted, limit_s = BUNDLED | MAZES | shared, LIMIT_S
+        wanted, limit_s = BUNDLED | MAZES | {name: SHARED[name] for name in present(SHARED)}, LIMIT_S
     return [
         Case(f"{world}/{seed}", record, {"world": world, "seed": seed, "limit_s": limit_s}, ignores="agent/alignment/")
         for seed in range(max(wanted.values()))
@@ -87,43 +76,33 @@ def record(world: str, seed: int, limit_s: float) -> Figures:
         if corners_of(robot.wireframe) >= GROWTH + (corners_of(kept[-1][1]) if kept else 0):
             kept.append((step.pose.pose, robot.wireframe))
 
-    settings = {"world": file_of(world), "robots": 1, "seed": seed, "starts": "random", "max_time_s": limit_s}
+    settings = {"world": world, "robots": 1, "seed": seed, "starts": "random", "max_time_s": limit_s}
     run = explore(settings, {}, watch)
     truth, frame = run.truth(), run.frame()
     snapshots = [
         {
-            "pose": list(pose),
-            "wireframe": _packed(encode_wireframe(wireframe)),
-            "mapped": _packed(np.packbits(mapped(wireframe, frame, truth)).tobytes()),
+            "pose": pose,
+            "wireframe": b64encode(encode_wireframe(wireframe)).decode(),
+            "mapped": mapped(wireframe, frame, truth).astype(int).tolist(),
             "corners": _true_corners(wireframe, frame, truth),
         }
         for pose, wireframe in kept
     ]
-    lengths = _packed(truth.seen_lengths.astype("<f4").tobytes())
-    return {"world": world, "frame": list(frame), "lengths": lengths, "snapshots": snapshots}
-
-
-def _packed(data: bytes) -> str:
-    return b64encode(zlib.compress(data)).decode()
-
-
-def _unpacked(text: str) -> bytes:
-    return zlib.decompress(b64decode(text))
+    return {"world": world, "frame": frame, "lengths": truth.seen_lengths.tolist(), "snapshots": snapshots}
 
 
 def recording_of(figures: Mapping[str, Any]) -> Recording:
     """What `record` has measured."""
-    lengths = np.frombuffer(_unpacked(figures["lengths"]), "<f4").astype(np.float64)
-
-    def snapshot(kept: Mapping[str, Any]) -> Snapshot:
-        bits = np.frombuffer(_unpacked(kept["mapped"]), np.uint8)
-        wireframe = decode_wireframe(_unpacked(kept["wireframe"]))
-        mapped = np.unpackbits(bits, count=len(lengths)).astype(np.bool_)
-        x, y, theta = kept["pose"]
-        return Snapshot((x, y, theta), wireframe, mapped, kept["corners"])
-
-    x, y, theta = figures["frame"]
-    return Recording(figures["world"], (x, y, theta), lengths, [snapshot(kept) for kept in figures["snapshots"]])
+    snapshots = [
+        Snapshot(
+            pose_of(np.array(kept["pose"])),
+            decode_wireframe(b64decode(kept["wireframe"])),
+            np.array(kept["mapped"], np.bool_),
+            kept["corners"],
+        )
+        for kept in figures["snapshots"]
+    ]
+    return Recording(figures["world"], pose_of(np.array(figures["frame"])), np.array(figures["lengths"]), snapshots)
 
 
 def corners_of(wireframe: Wireframe) -> int:
@@ -131,24 +110,13 @@ def corners_of(wireframe: Wireframe) -> int:
     return int((wireframe.labels != Label.FRONTIER).sum())
 
 
-def file_of(world: str) -> str:
-    """File of a layout's name, which may be that of a generated maze."""
-    if not world.startswith("generated-"):
-        return path_of(world)
-    size, seed = world.split("-")[1:]
-    width, height = map(float, size.split("x"))
-    return written(generate(width, height, np.random.default_rng(int(seed))))
-
-
 def whole_map(world: str) -> Wireframe:
     """The true outline that a robot could reach, as a map without a flaw, in the world's frame."""
-    place, spec = load(file_of(world)), RobotSpec()
+    place, spec = load(path_of(world)), RobotSpec()
     start = place.starts(1, spec.radius_m, np.random.default_rng(0))[0]
     truth = truth_of(place, (start[0], start[1]), spec.radius_m, spec.lidar.range_max_m)
     points, corner = np.unique(np.round(truth.outline.reshape(-1, 2), 6), axis=0, return_inverse=True)
-    edges = corner.reshape(-1, 2).astype(np.int32)
-    n, m = len(points), len(edges)
-    return Wireframe(points, np.zeros(n, np.uint8), edges, np.ones(m, np.float32), np.ones(m, np.bool_))
+    return certain(points, corner.reshape(-1, 2))
 
 
 def mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
@@ -161,5 +129,4 @@ def mapped(wireframe: Wireframe, frame: Pose, truth: Truth) -> Bools:
 def _true_corners(wireframe: Wireframe, frame: Pose, truth: Truth) -> int:
     """True corners near a vertex that is taken for one."""
     points = apply(frame, wireframe.points[wireframe.labels != Label.FRONTIER])
-    away = np.linalg.norm(truth.corners[:, None] - points[None], axis=2).min(1, initial=np.inf)
-    return int((away < CORNER_M).sum())
+    return int((nearest_point(truth.corners, points) < CORNER_NEAR_M).sum())

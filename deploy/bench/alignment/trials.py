@@ -3,7 +3,7 @@
 import math
 import time
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import product
 from statistics import median
 
@@ -16,9 +16,9 @@ from agent.alignment.prepared import prepare
 from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
-from deploy.bench.cases import Case, Figures, measure_all
+from deploy.bench.cases import Case, Figures, each, measure_all
 from deploy.bench.layouts import KEEP
-from deploy.bench.tables import Outcomes, Row, Table, runs_of
+from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
@@ -33,15 +33,11 @@ STRANGERS = 300  # the issue asks for 300 without overlap
 def cases(quick: bool) -> list[Case]:
     """One case a world, one for its small maps, and one for maps of different buildings."""
     worlds = sorted({str(case.arguments["world"]) for case in recordings.cases(quick)})
-    made = []
-    for world in worlds:
-        per_bin = 4 if quick else PER_BIN_SYMMETRIC if world == "symmetric" else PER_BIN
-        made.append(Case(f"pairs/{world}", within, {"world": world, "quick": quick, "per_bin": per_bin}))
-        if not quick:
-            small = {"world": world, "quick": quick, "per_bin": PER_BIN // 2, "small": True}
-            made.append(Case(f"small/{world}", within, small))
-    made.append(Case("pairs/strangers", between, {"quick": quick, "count": 8 if quick else STRANGERS}))
-    return made
+    return [
+        *each("pairs/{world}", within, {"quick": quick}, world=worlds),
+        *each("small/{world}", within, {"quick": quick, "small": True}, world=[] if quick else worlds),
+        Case("pairs/strangers", between, {"quick": quick}),
+    ]
 
 
 def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
@@ -54,17 +50,18 @@ def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
     return by_world
 
 
-def within(world: str, quick: bool, per_bin: int, small: bool = False) -> Figures:
+def within(world: str, quick: bool, small: bool = False) -> Figures:
     """Pairs of maps of one world."""
-    rng = np.random.default_rng(zlib.crc32(world.encode()))
+    per_bin = 4 if quick else PER_BIN // 2 if small else PER_BIN_SYMMETRIC if world == "symmetric" else PER_BIN
     low, high = (SMALL_CORNERS, MIN_CORNERS) if small else (MIN_CORNERS, np.inf)
-    pairs = pairs_of(recorded(quick).get(world, []), rng, per_bin, low, high)
-    return {"pairs": [trial(pair, small) for pair in pairs]}
+    rng = np.random.default_rng(zlib.crc32(world.encode()))
+    return {"pairs": [trial(pair, small) for pair in pairs_of(recorded(quick).get(world, []), rng, per_bin, low, high)]}
 
 
-def between(quick: bool, count: int) -> Figures:
+def between(quick: bool) -> Figures:
     """Pairs of maps of different worlds."""
-    return {"pairs": [trial(pair) for pair in strangers(recorded(quick), np.random.default_rng(0), count, MIN_CORNERS)]}
+    pairs = strangers(recorded(quick), np.random.default_rng(0), 8 if quick else STRANGERS, MIN_CORNERS)
+    return {"pairs": [trial(pair) for pair in pairs]}
 
 
 def trial(pair: Pair, small: bool = False) -> Row:
@@ -89,18 +86,9 @@ def _said(pair: Pair, method: str, small: bool) -> Row:
     if found.best is not None and mine is not None and theirs is not None:
         meeting = Meeting(pair.my_pose, pair.their_pose, RANGE_M, RobotSpec().radius_m)
         possible = bool(meeting.possible(np.array([found.best]), mine.place, theirs.place)[0])
-    return {
-        "ms": ms,
-        "possible": possible,
-        "reason": found.reason,
-        "right": found.best is not None and pair.right(found.best),
-        "best": found.best is not None,
-        "inliers": found.inliers,
-        "margin": found.margin,
-    }
-
-
-# tables
+    is_right = found.best is not None and pair.right(found.best)
+    said = {"ms": ms, "possible": possible, "reason": found.reason, "right": is_right, "best": found.best is not None}
+    return {**said, "inliers": found.inliers, "margin": found.margin}
 
 
 def wilson(count: int, of: int) -> tuple[float, float]:
@@ -183,38 +171,37 @@ def _with_contact(figures: Outcomes) -> list[Row]:
 
 def _worlds(figures: Outcomes) -> list[Row]:
     """Ours, a row a world."""
-    pairs = [pair for pair in pairs_in(figures, "pairs") if not pair["stranger"]]
+    by_world: dict[str, list[Row]] = {}
+    for pair in sorted(pairs_in(figures, "pairs"), key=lambda pair: str(pair["world"])):
+        if not pair["stranger"]:
+            by_world.setdefault(pair["world"], []).append(pair)
     rows = []
-    for world in sorted({pair["world"] for pair in pairs}):
-        said = [(pair["overlap"], pair["methods"]["features"]) for pair in pairs if pair["world"] == world]
-        row = _shares([one for overlap, one in said if overlap >= HIGH], proposes)
-        wrong = _shares([one for _, one in said], proposes)["wrong"]
-        rows.append({"world": world, **row, "all_pairs": len(said), "all_wrong": wrong})
+    for world, pairs in by_world.items():
+        high, every = (
+            _shares([pair["methods"]["features"] for pair in pairs if pair["overlap"] >= least], proposes)
+            for least in (HIGH, 0.0)
+        )
+        rows.append({"world": world, **high, "all_pairs": every["pairs"], "all_wrong": every["wrong"]})
     return rows
+
+
+def _strength(said: Row, method: str) -> float:
+    """What a method's threshold bounds: margin over the next best (ours), matched corners; -1 without a candidate."""
+    if method == "features":
+        return float(said["margin"]) if said["reason"] in ("aligned", "ambiguous") else -1.0
+    return float(said["inliers"]) if said["best"] else -1.0
 
 
 def swept(pairs: Sequence[Row], method: str) -> list[Row]:
     """Recall (of pairs with overlap >= 40 %) and wrong proposals (of all) by threshold, loosest first."""
-    ours = method == "features"
-    rows = []
-    for threshold in [round(k / 20, 2) for k in range(20)] if ours else [float(k) for k in range(2, 41, 2)]:
-
-        def accepts(said: Row, least: float = threshold) -> bool:
-            if ours:
-                return said["reason"] in ("aligned", "ambiguous") and said["margin"] >= least
-            return bool(said["best"] and said["inliers"] >= least)
-
-        accepted = [(pair, pair["methods"][method]["right"]) for pair in pairs if accepts(pair["methods"][method])]
-        recalled = sum(right for pair, right in accepted if is_high(pair))
-        rows.append(
-            {
-                "method": NAMES[method],
-                "threshold": threshold,
-                "recall": recalled / max(sum(map(is_high, pairs)), 1),
-                "wrong": sum(not right for _, right in accepted),
-                "wrong_plain": sum(not right and pair["world"] != "symmetric" for pair, right in accepted),
-            }
-        )
+    rows: list[Row] = []
+    for threshold in [round(k / 20, 2) for k in range(20)] if method == "features" else map(float, range(2, 41, 2)):
+        accepted = [pair for pair in pairs if _strength(pair["methods"][method], method) >= threshold]
+        wrong = [pair for pair in accepted if not pair["methods"][method]["right"]]
+        recall = (sum(map(is_high, accepted)) - sum(map(is_high, wrong))) / max(sum(map(is_high, pairs)), 1)
+        plain = sum(pair["world"] != "symmetric" for pair in wrong)
+        row = {"method": NAMES[method], "threshold": threshold, "recall": recall}
+        rows.append({**row, "wrong": len(wrong), "wrong_plain": plain})
     return rows
 
 
@@ -223,9 +210,16 @@ def _sweep(figures: Outcomes) -> list[Row]:
     return [row for method in METHODS for row in swept(pairs, method)] if pairs else []
 
 
-def _at_recall(rows: Sequence[Row], recall: float) -> Row:
-    """The threshold with fewest wrong proposals that reaches a recall."""
-    return min((row for row in rows if row["recall"] >= recall - 1e-9), key=lambda row: row["wrong"])
+def _bar(measure: str, value: float, of: str, sign: str, bound: float) -> Row:
+    """One bar of the issue; of: counts, or the interval of 95 %."""
+    bar = Column("value", "", sign=sign, bound=bound)
+    return {"measure": measure, "value": value, "of": of, "bar": bar.bar, "met": int(not bar.misses(value))}
+
+
+def _judged(measure: str, pairs: Iterable[Row], word: str, accepts: Accepts, sign: str, bound: float) -> Row:
+    """The bar of ours on some pairs."""
+    row = _shares([pair["methods"]["features"] for pair in pairs], accepts)
+    return _bar(word + measure, row[word], f"{row[f'{word}_95']} of {row['pairs']}", sign, bound)
 
 
 def _bars(figures: Outcomes) -> list[Row]:
@@ -233,28 +227,19 @@ def _bars(figures: Outcomes) -> list[Row]:
     pairs = pairs_in(figures, "pairs")
     if not pairs:
         return []
-    ours, theirs = swept(pairs, "features"), swept(pairs, "4pcs")
-    both = min(max(row["recall"] for row in rows) for rows in (ours, theirs))
-    wrong, wrong_theirs = _at_recall(ours, both)["wrong"], _at_recall(theirs, both)["wrong"]
-    rows: list[Row] = []
-
-    def add(measure: str, value: float, of: str, least: float = 0.0, most: float = 1.0) -> None:
-        bar = f">= {least:g}" if least else f"<= {most:g}"
-        rows.append({"measure": measure, "value": value, "of": of, "bar": bar, "met": int(least <= value <= most)})
-
-    def judge(measure: str, some: Sequence[Row], word: str, accepts: Accepts, **bar: float) -> None:
-        row = _shares([pair["methods"]["features"] for pair in some], accepts)
-        add(word + measure, row[word], f"{row[f'{word}_95']} of {row['pairs']}", **bar)
-
+    sweeps = [swept(pairs, method) for method in ("features", "4pcs")]
+    both = min(max(row["recall"] for row in rows) for rows in sweeps)
+    ours, theirs = (min(row["wrong"] for row in rows if row["recall"] >= both - 1e-9) for rows in sweeps)
     measure = f"wrong at the highest recall that both reach ({both:.3f}), ours against 4PCS"
-    add(measure, wrong / max(wrong_theirs, 1), f"{wrong} / {wrong_theirs}", most=0.2)
-
-    judge(" at overlap >= 40 %, without symmetric", list(filter(is_high, pairs)), "right", proposes, least=0.9)
+    rows = [
+        _bar(measure, ours / max(theirs, 1), f"{ours} / {theirs}", "<=", 0.2),
+        _judged(" at overlap >= 40 %, without symmetric", filter(is_high, pairs), "right", proposes, ">=", 0.9),
+    ]
     for name, groups in (("no overlap", ("none", "two buildings")), ("symmetric", ("symmetric",))):
         some = [pair for pair in pairs if group_of(pair) in groups]
-        judge(f", {name}, from the maps alone", some, "wrong", proposes, most=0.03)
         heard = [pair for pair in some if pair["contact"]]
-        judge(f", {name}, with the radio range", heard, "wrong", possible, most=0.01)
+        rows.append(_judged(f", {name}, from the maps alone", some, "wrong", proposes, "<=", 0.03))
+        rows.append(_judged(f", {name}, with the radio range", heard, "wrong", possible, "<=", 0.01))
     return rows
 
 
