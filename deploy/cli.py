@@ -208,9 +208,9 @@ BENCHMARKS = {
 def _measure(
     context: typer.Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")
 ) -> None:
-    from deploy.bench.benchmark import benchmark
+    from deploy.bench.benchmark import Benchmark
 
-    if not benchmark(str(context.info_name)).run(quick, results, jobs):
+    if not Benchmark(str(context.info_name)).run(quick, results, jobs):
         raise typer.Exit(Status.FAILURE)
 
 

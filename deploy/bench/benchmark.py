@@ -3,12 +3,10 @@
 import json
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from rich.console import Console
@@ -17,20 +15,23 @@ from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
 
 WIDTH = 150  # characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost
+PARTS = {
+    "lidar": "lidar",
+    "lockstep": "lockstep",
+    "filter": "filter.runs filter.trials filter.ambiguous filter.storage speed filter.cost filter.sweep",
+    "exploration": "exploration.runs exploration.teams exploration.mazes exploration.tours exploration.dense speed",
+    "alignment": "alignment.trials alignment.cost alignment.live alignment.forced alignment.hostile",
+    "radio": "radio.codec radio.traffic radio.cost",
+}
+"""The modules of each benchmark. Each holds one question: `cases(quick)`, what is measured, where quick as little as
+shows that all works; `TABLES`; and maybe `beforehand(quick)`, which makes what several of its cases need."""
 
 
-@dataclass(frozen=True)
 class Benchmark:
     """All that `wireswarm bench NAME` measures."""
 
-    name: str
-    parts: Sequence[ModuleType]
-    """Each holds one question: `cases(quick)`, what is measured, where quick as little as shows that all works; and
-    `TABLES`, a list of `Table`."""
-    prepare: Callable[[bool], object] = lambda quick: None
-    """Called with quick before cases are measured, for what several of them need."""
-    draw: Callable[[Sequence[Section], Path], object] = lambda sections, stem: None
-    """Called with the tables, and with the path of their file without .json, to write pictures."""
+    def __init__(self, name: str) -> None:
+        self.name, self.parts = name, [import_module(f"deploy.bench.{part}") for part in PARTS[name].split()]
 
     def cases(self, quick: bool) -> list[Case]:
         """The cases of all parts."""
@@ -47,22 +48,15 @@ class Benchmark:
         Cases are kept under folder/NAME and the tables in folder/NAME.json, with -quick appended to NAME where quick.
         """
         stem = folder / (f"{self.name}-quick" if quick else self.name)
-        self.prepare(quick)
+        for part in self.parts:
+            getattr(part, "beforehand", bool)(quick)
         outcome = measure_all(self.cases(quick), stem, jobs)
-        sections = self.sections(outcome.figures)
-        report(stem.name, sections, outcome.failed, folder / f"{stem.name}.json")
-        self.draw(sections, stem)
+        report(stem.name, self.sections(outcome.figures), outcome.failed, folder / f"{stem.name}.json")
         return not outcome.failed
 
 
-def benchmark(name: str) -> Benchmark:
-    """The benchmark of that name."""
-    found: Benchmark = import_module(f"deploy.bench.{name}").BENCHMARK
-    return found
-
-
 def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
-    """Print all tables and write them to `out`, with the machine they were measured on."""
+    """Print all tables and write them to `out`, with the machine they were measured on, and pictures beside it."""
     console = Console()
     console.width = max(console.width, WIDTH)
     for section in sections:
@@ -76,4 +70,6 @@ def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], ou
     document |= {"met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    for section in sections:
+        section.draw(out.with_name(f"{out.stem}-{section.name}.png"))
     console.print(f"written to {out}", highlight=False)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
 from agent.robot import Robot, Step
-from agent.shell.mind import Mind
+from agent.shell.mind import MakeMind, Mind
 from deploy import inprocess
 from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
@@ -19,8 +19,8 @@ from deploy.config import RunConfig
 from deploy.launcher import launch
 from deploy.metrics import Truth, score, truth_of
 from protocol.geometry import Pose
-from protocol.messages import Event, Heard, Observation, RobotSpec
-from protocol.wireframe import Label
+from protocol.messages import Action, Event, Heard, Observation, PoseReport, RobotSpec, ScanReport
+from protocol.wireframe import Label, Wireframe, encode_wireframe
 from world.config import WorldConfig
 from world.episode import Episode
 
@@ -65,7 +65,7 @@ class Explored(NamedTuple):
     """A run that has ended."""
 
     episode: Episode
-    robots: dict[str, Robot]
+    robots: dict[str, Any]  # their minds
     summary: dict[str, Any]
     driven: Driven
     events: list[tuple[float, str, Event]]  # simulated seconds, robot and event, in order
@@ -82,7 +82,7 @@ class Explored(NamedTuple):
 
     def figures(self, robot: str = "r1") -> Figures:
         """Score of a robot's map, its fields of summary.json, and how the run ended."""
-        wireframe = self.robots[robot].wireframe
+        wireframe: Wireframe = self.robots[robot].wireframe
         scored = score(wireframe, self.frame(robot), self.truth(robot))
         found = scored._asdict() | self.summary["robots"][robot] | self.driven.until[robot]
         return {**found, "ended_at": self.episode.t, "vertices": len(wireframe.points)}
@@ -92,7 +92,8 @@ class Explored(NamedTuple):
 
         `silent`: frontier or occlusion ends that it neither resolved nor recorded as given up with a reason.
         """
-        mind, explorer = self.robots[robot], self.robots[robot].explorer
+        mind: Robot = self.robots[robot]
+        explorer = mind.explorer
         events = [event for _, who, event in self.events if who == robot]
         reasons = explorer.goals.reasons
         completes = [event.data for event in events if event.event == "complete"]
@@ -112,30 +113,38 @@ Enough = Callable[[Explored], bool]
 
 
 def explore(
-    world: Fields, agent: Fields, watch: Watch | None = None, out: Path | None = None, enough: Enough | None = None
+    world: Fields,
+    agent: Fields,
+    watch: Watch | None = None,
+    out: Path | None = None,
+    enough: Enough | None = None,
+    make_mind: MakeMind = Robot,
 ) -> Explored:
     """Run to the end. world: settings of WorldConfig, its world a layout's name; agent: of AgentConfig.
 
     out: the run directory, None to write nothing.
     """
     config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
-    robots: dict[str, Robot] = {}
     runs: list[Explored] = []
+    robots: dict[str, Any] = {}
     driven = Driven()
     events: list[tuple[float, str, Event]] = []
 
-    class Watched(Robot):
+    class Watched(NamedTuple):
+        name: str
+        mind: Mind
+
         def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-            step = super().step(observation, heard)
-            t = observation.tick / self.spec.lidar.rate_hz
-            events.extend((t, self.robot, event) for event in step.action.events)
+            step = self.mind.step(observation, heard)
+            t = observation.tick / config.spec.lidar.rate_hz
+            events.extend((t, self.name, event) for event in step.action.events)
             if watch is not None:
-                watch(self, observation, step)
+                watch(robots[self.name], observation, step)
             return step
 
     def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> Mind:
-        robots[name] = Watched(name, spec, settings, seed)
-        return robots[name]
+        robots[name] = make_mind(name, spec, settings, seed)
+        return Watched(name, robots[name])
 
     def keep(episode: Episode) -> None:
         driven(episode)
@@ -157,6 +166,12 @@ def measure_run(
     settings = {"world": world, "robots": 1, "seed": seed, "starts": starts, "spec": spec or {}, "max_time_s": limit_s}
     run = explore(settings, agent or {})
     return run.figures() | run.told()
+
+
+def mute_step(action: Action, pose: Pose) -> Step:
+    """A step of a mind without a map that tells nobody anything."""
+    scan = ScanReport(tick=action.tick, wireframe=encode_wireframe(Wireframe()))
+    return Step(action, [], scan, PoseReport(tick=action.tick, pose=pose), None)
 
 
 @contextmanager

@@ -1,11 +1,9 @@
 """`wireswarm bench lidar`: how many rays a second the lidar casts in each bundled world."""
 
-import sys
 import time
 
 import numpy as np
 
-from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.tables import Table, whole
 from protocol.messages import LidarSpec, RobotSpec
@@ -38,4 +36,3 @@ def measure(world: str, robots: int, places: int, seconds: float) -> Figures:
 
 HEADS = "world; walls; robots; rays_per_s: rays / s; us_per_scan: us a scan"
 TABLES = [Table("lidar", "Rays a second, one core", whole("lidar/{world}/*"), HEADS)]
-BENCHMARK = Benchmark("lidar", (sys.modules[__name__],))

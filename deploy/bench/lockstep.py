@@ -1,32 +1,26 @@
 """`wireswarm bench lockstep`: what processes and Zenoh cost, by ticks a second of robots that do not think."""
 
-import sys
 import time
 from collections.abc import Sequence
 
 from agent.config import AgentConfig
 from agent.robot import Step
 from deploy import inprocess
-from deploy.bench.benchmark import Benchmark
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.explored import launched, read_json
+from deploy.bench.explored import launched, mute_step, read_json
 from deploy.bench.tables import Table, whole
 from deploy.config import RunConfig
-from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
-from protocol.wireframe import Wireframe, encode_wireframe
+from protocol.messages import Action, Heard, Observation, RobotSpec
 
 
 class Thoughtless:
     """Stands still and says as little as the protocol allows."""
 
-    def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None:
-        self._nothing = encode_wireframe(Wireframe())
+    def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> None: ...
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Answer at once."""
-        tick = observation.tick
-        scan, pose = ScanReport(tick=tick, wireframe=self._nothing), PoseReport(tick=tick, pose=observation.odometry)
-        return Step(Action(tick=tick, speed_mps=0.0, turn_rps=0.0), [], scan, pose, None)
+        return mute_step(Action(tick=observation.tick, speed_mps=0.0, turn_rps=0.0), observation.odometry)
 
 
 def cases(quick: bool) -> list[Case]:
@@ -55,4 +49,3 @@ def measure(world: str, robots: int, ticks: int) -> Figures:
 
 HEADS = "robots; ticks_per_s; ticks_per_s_one_process; shell_ms_per_tick_and_robot: shell ms / tick, robot"
 TABLES = [Table("lockstep", "Robots that do not think, in processes and in one", whole("lockstep/*"), HEADS)]
-BENCHMARK = Benchmark("lockstep", (sys.modules[__name__],))

@@ -4,7 +4,9 @@ import re
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -12,6 +14,9 @@ from rich.table import Table as Printed
 from rich.text import Text
 
 from deploy.bench.cases import Figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Outcomes = Mapping[str, Figures]  # figures of all cases by name
 Runs = Sequence[Figures]  # figures of the cases that make one row
@@ -59,6 +64,11 @@ def at(key: str, reduce: Reduce = only) -> Reduce:
 def share(holds: Callable[[Figures], object]) -> Reduce:
     """Share of the runs of which something holds."""
     return lambda runs, _: sum(map(bool, map(holds, runs))) / len(runs)
+
+
+def over(part: str, whole: str) -> Reduce:
+    """The sum of a figure of all runs over the sum of another one."""
+    return lambda runs, _: float(total(runs, part) / max(total(runs, whole), 1))
 
 
 REDUCTIONS = {
@@ -120,20 +130,24 @@ VERDICTS = {None: "", True: "met", False: "not met"}
 
 @dataclass(frozen=True)
 class Section:
-    """A table that is filled: a row of values by column key each. Rows numbered in `beside` have no bars."""
+    """A table that is filled: a row of values by column key each."""
 
-    name: str
+    table: "Table"
     title: str
-    columns: Sequence[Column]
+    note: str
     rows: Sequence[Row]
-    beside: frozenset[int] = frozenset()
-    note: str = ""
+    judged: Sequence[bool]  # which rows have bars
+
+    @property
+    def name(self) -> str:
+        """The table's."""
+        return self.table.name
 
     def missed(self, number: int) -> list[str] | None:
         """Keys of the bars that a row misses; None where it has none."""
-        if number in self.beside or not any(column.bar for column in self.columns):
+        if not self.judged[number] or not any(column.bar for column in self.table.columns):
             return None
-        return [column.key for column in self.columns if column.misses(self.rows[number].get(column.key))]
+        return [column.key for column in self.table.columns if column.misses(self.rows[number].get(column.key))]
 
     @property
     def met(self) -> bool | None:
@@ -146,7 +160,7 @@ class Section:
         title = self.title if self.met is None else f"{self.title}: {VERDICTS[self.met]}"
         table = Printed(title=title, caption=self.note or None, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
         table.title_justify = table.caption_justify = "left"
-        for column in self.columns:
+        for column in self.table.columns:
             named = any(isinstance(row.get(column.key), str) for row in self.rows)
             head = f"{column.head}\n{column.bar}".strip()
             table.add_column(head, justify="left" if named else "right", no_wrap=named)
@@ -154,19 +168,28 @@ class Section:
         for number, row in enumerate(self.rows):
             missed = self.missed(number)
             cells = []
-            for column in self.columns:
+            for column in self.table.columns:
                 bad = column.key in (missed or ())
                 style = "red" if bad else "green" if column.bar and missed is not None else ""
                 cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
             table.add_row(*cells, Text(VERDICTS[None if missed is None else not missed]))
         console.print(table)
 
+    def draw(self, path: Path) -> None:
+        """The table's picture, if it has one."""
+        if self.table.drawn is not None:
+            from matplotlib.figure import Figure
+
+            figure = Figure(figsize=(5, 3.4), layout="constrained")
+            self.table.drawn(self.rows, figure)
+            figure.savefig(path, dpi=120)
+
     def as_dict(self) -> dict[str, Any]:
         """All of it as JSON values."""
         return {
             "title": self.title,
             "met": self.met,
-            "bars": {column.key: column.bar for column in self.columns if column.bar},
+            "bars": {column.key: column.bar for column in self.table.columns if column.bar},
             "rows": [{**row, "missed": self.missed(number)} for number, row in enumerate(self.rows)],
         } | ({"note": self.note} if self.note else {})
 
@@ -185,8 +208,9 @@ class Table:
     total: str = ""  # first value of a last row over all groups; none without
     judged: Callable[[Row], bool] = lambda row: True  # which rows must meet the bars
     note: str | Callable[[Outcomes], str] = ""
+    drawn: Callable[[Sequence[Row], "Figure"], None] | None = None  # makes a picture of its rows
 
-    @property
+    @cached_property
     def columns(self) -> Sequence[Column]:
         """One value of every row each."""
         return columns(self.heads) if isinstance(self.heads, str) else self.heads
@@ -200,9 +224,8 @@ class Table:
             if rows and self.total:
                 rows.append(row_of(self.columns, runs_of(figures, self.rows), {self.columns[0].key: self.total}))
         judged = [row.pop("judged", True) and self.judged(row) for row in rows]
-        beside = frozenset(number for number, row in enumerate(rows) if not judged[number])
-        words = [(text(figures) if rows else "") if callable(text) else text for text in (self.title, self.note)]
-        return Section(self.name, words[0], self.columns, rows, beside, words[1])
+        title, note = ((text(figures) if rows else "") if callable(text) else text for text in (self.title, self.note))
+        return Section(self, title, note, rows, judged)
 
 
 def row_of(columns: Sequence[Column], runs: Runs, labels: Row) -> Row:

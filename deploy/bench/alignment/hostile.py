@@ -3,26 +3,24 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
-from agent.config import AgentConfig
 from agent.robot import Robot, Step
-from agent.shell.mind import Mind
-from deploy import inprocess
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures
-from deploy.bench.layouts import path_of
+from deploy.bench.explored import explore
 from deploy.bench.tables import Table, whole
 from protocol.geometry import compose, relative
 from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
-from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
+from protocol.messages import EVERYONE, Heard, Observation
 from protocol.talk import MAX_PARTS, Beacon, Part, in_parts
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe, certain
-from world.config import WorldConfig
 from world.recorder import own_part
 
 KINDS = ("random", "mirrored", "elsewhere", "shifted", "not finite", "dangling", "huge", "off its map")
@@ -41,23 +39,17 @@ def cases(quick: bool) -> list[Case]:
 
 def besiege(world: str, seed: int, limit_s: float, kinds: Sequence[str]) -> Figures:
     """One robot that explores, and as many hostile peers as kinds, which all speak once a second."""
-    made: list[_Besieged] = []
-
-    def make(name: str, spec: RobotSpec, config: AgentConfig, own_seed: int) -> Mind:
-        made.append(_Besieged(name, spec, config, own_seed))
-        made[0].hear(kinds, np.random.default_rng(seed))
-        return made[0]
-
-    settings = {"world": path_of(world), "robots": 1, "seed": seed, "starts": "random", "until": limit_s}
-    inprocess.run(WorldConfig.model_validate(settings), AgentConfig(), None, None, make)
-    return made[0].figures()
+    settings = {"world": world, "robots": 1, "seed": seed, "starts": "random", "until": limit_s}
+    run = explore(settings, {}, make_mind=partial(_Besieged, kinds=kinds, rng=np.random.default_rng(seed)))
+    figures: Figures = run.robots["r1"].figures()
+    return figures
 
 
 class _Besieged(Robot):
     """A robot that hears hostile peers."""
 
-    def hear(self, kinds: Sequence[str], rng: np.random.Generator) -> None:
-        """Have a peer of each of these kinds."""
+    def __init__(self, *which: Any, kinds: Sequence[str], rng: np.random.Generator) -> None:
+        super().__init__(*which)
         self.rng, self.kinds = rng, {f"x{k}": kind for k, kind in enumerate(kinds)}
         self.frames = {name: random_pose(rng) for name in self.kinds}
         whole = [whole_map(world) for world in ("office", "hall", "symmetric")]

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from deploy.bench.alignment.plots import draw_division, draw_range
 from deploy.bench.alignment.recordings import mapped
 from deploy.bench.alignment.trials import wilson
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
-from deploy.bench.tables import Outcomes, Reduce, Row, Runs, Table, columns, least, most, row_of, runs_of, total
+from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, total
 from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
@@ -163,15 +164,6 @@ def _worst(key: str) -> Reduce:
     return lambda runs, _: max((one[key] for run in runs for one in run["alignments"]), default=None)
 
 
-def _share_merged(runs: Runs, key: str) -> float:
-    return float(sum(run["merged"] for run in runs) / max(sum(run["pairs"] for run in runs), 1))
-
-
-def _interval(runs: Runs, key: str) -> str:
-    low, high = wilson(sum(run["merged"] for run in runs), sum(run["pairs"] for run in runs))
-    return f"{low:.2f} to {high:.2f}"
-
-
 def _left(figures: Outcomes) -> list[Row]:
     """Last words of the pairs that were not merged, the most frequent first."""
     left = [(run, pair) for run in runs_of(figures, "live/*/*") for pair in run["due"] if not pair["merged"]]
@@ -267,7 +259,9 @@ TABLES = [
         "Robot and peer in contact with overlap >= 30 % and 120 s left: merged by the end",
         "live/{world}/*",
         columns(
-            "world; pairs total; merged total; share >= 0.8; interval: 95 %", share=_share_merged, interval=_interval
+            "world; pairs total; merged total; share >= 0.8; interval: 95 %",
+            share=over("merged", "pairs"),
+            interval=lambda runs, _: "{:.2f} to {:.2f}".format(*wilson(total(runs, "merged"), total(runs, "pairs"))),
         ),
         total="all",
         judged=lambda row: row["world"] == "all",
@@ -295,6 +289,7 @@ TABLES = [
         "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
         "ratio <= 0.55: to one robot; spread: quarters; sooner <= 1: to without",
         judged=lambda row: row["robots"] == 3,
+        drawn=draw_division,
     ),
-    Table("range", _titled(", 3 robots, by radio range"), _range, RANGE),
+    Table("range", _titled(", 3 robots, by radio range"), _range, RANGE, drawn=draw_range),
 ]

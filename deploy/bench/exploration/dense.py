@@ -10,6 +10,8 @@ import math
 import time
 import zlib
 from collections.abc import Sequence
+from functools import partial
+from itertools import chain
 
 import numpy as np
 
@@ -18,19 +20,15 @@ from agent.exploration.driving import Driver, Obstacles
 from agent.kernels import kernel
 from agent.perception.perceive import perceive
 from agent.robot import Step
-from agent.shell.mind import Mind
-from deploy import inprocess
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.exploration.runs import LIMIT_S, seeds, worlds
-from deploy.bench.explored import Driven
+from deploy.bench.explored import explore, mute_step
 from deploy.bench.layouts import path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, median, most
 from deploy.occupancy_grid import OccupancyGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
-from protocol.messages import Action, Heard, Observation, PoseReport, RobotSpec, ScanReport
-from protocol.wireframe import Wireframe, encode_wireframe
-from world.config import WorldConfig
+from protocol.messages import Action, Heard, Observation, RobotSpec
 from world.worldfile import load
 
 CELL_M = 0.05
@@ -75,30 +73,22 @@ def _frontiers(log_odds: Floats, candidates: Bools, least: int) -> Bools:
     return out
 
 
-@kernel
 def _grown(cells: Bools, radius: float) -> Bools:
     """All cells whose middle is nearer than the radius (in cells) to that of a given one."""
-    (nx, ny), r = cells.shape, math.ceil(radius)
-    out = np.zeros((nx, ny), np.bool_)
-    for i, j in np.argwhere(cells):
-        for a in range(max(0, i - r), min(nx, i + r + 1)):
-            for b in range(max(0, j - r), min(ny, j + r + 1)):
-                if (a - i) ** 2 + (b - j) ** 2 < radius * radius:
-                    out[a, b] = True
-    return out
+    r = math.ceil(radius)
+    disc = np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) < radius
+    padded, (nx, ny) = np.pad(cells, r), cells.shape
+    grown: Bools = np.any([padded[a : a + nx, b : b + ny] for a, b in np.argwhere(disc)], 0)
+    return grown
 
 
-@kernel
 def _heard(ranges: Floats, blind: float) -> Floats:
     """Ranges (beams,), nan where silence may come of a wall too near to be seen."""
-    n, out = len(ranges), ranges.copy()
-    for b in np.flatnonzero(~np.isfinite(ranges)):
-        for step in (-1, 1):
-            k = 1
-            while k < n and not math.isfinite(ranges[(b + step * k) % n]):
-                k += 1
-            if ranges[(b + step * k) % n] < blind:
-                out[b] = math.nan
+    out, silent = ranges.copy(), np.flatnonzero(~np.isfinite(ranges))
+    if len(known := np.flatnonzero(np.isfinite(ranges))):
+        after = np.searchsorted(known, silent)
+        beside = np.minimum(ranges[known[after - 1]], ranges[known[after % len(known)]])
+        out[silent[beside < blind]] = math.nan
     return out
 
 
@@ -125,7 +115,7 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
             return np.array(way[::-1])
         for a in range(max(0, i - 1), min(nx, i + 2)):
             for b in range(max(0, j - 1), min(ny, j + 2)):
-                step = math.sqrt(float((a - i) ** 2 + (b - j) ** 2))
+                step = math.hypot(a - i, b - j)
                 if not free[a, b]:
                     if (a - i0) ** 2 + (b - j0) ** 2 > leave * leave:
                         continue
@@ -137,14 +127,10 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
     return np.empty((0, 2), np.int64)
 
 
-@kernel
-def _straight(free: Bools, i: int, j: int, a: int, b: int) -> bool:
-    """Whether the straight way between two cells is free, looked at every third of a cell."""
-    n = 3 * max(abs(a - i), abs(b - j), 1)
-    straight = True
-    for k in range(n + 1):
-        straight = straight and free[round(i + (a - i) * k / n), round(j + (b - j) * k / n)]
-    return straight
+def _straight(free: Bools, start: Ints, end: Ints) -> bool:
+    """Whether the straight way between two cells (2,) is free, looked at every third of a cell."""
+    cells = np.linspace(start, end, 3 * max(int(np.abs(end - start).max()), 1) + 1).round().astype(int)
+    return bool(free[tuple(cells.T)].all())
 
 
 def _pulled(free: Bools, way: Ints) -> Ints:
@@ -152,14 +138,14 @@ def _pulled(free: Bools, way: Ints) -> Ints:
     kept = [0]
     while kept[-1] < len(way) - 1:
         k = len(way) - 1
-        while k > kept[-1] + 1 and not _straight(free, *way[kept[-1]], *way[k]):
+        while k > kept[-1] + 1 and not _straight(free, way[kept[-1]], way[k]):
             k -= 1
         kept.append(k)
     return way[kept]
 
 
 class DenseRobot:
-    """A mind for `deploy.inprocess.run`."""
+    """A mind that maps and plans on the grid."""
 
     def __init__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int, reach_m: float) -> None:
         """reach_m: the grid's half width around the start."""
@@ -203,8 +189,7 @@ class DenseRobot:
             speed, turn = motion.speed_mps, motion.turn_rps
         tick, step_ms = observation.tick, 1e3 * (time.perf_counter() - started)
         action = Action(tick=tick, speed_mps=speed, turn_rps=turn, complete=self.complete, step_ms=step_ms)
-        empty = ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe()))
-        return Step(action, [], empty, PoseReport(tick=tick, pose=pose), None)
+        return mute_step(action, pose)
 
     def _plan(self, pose: Pose) -> None:
         box = self._known()
@@ -254,19 +239,13 @@ class DenseRobot:
 
 def measure_dense(world: str, seed: int) -> Figures:
     """One run of the dense robot, from the start that ours has in `runs`."""
-    config = WorldConfig(world=path_of(world), robots=1, seed=seed, starts="random", max_time_s=LIMIT_S)
-    x0, y0, x1, y1 = load(config.world).solid.bounds
-    reach_m = math.hypot(x1 - x0, y1 - y0) + config.spec.lidar.range_max_m
-    minds: list[DenseRobot] = []
-
-    def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> Mind:
-        minds.append(DenseRobot(name, spec, settings, seed, reach_m))
-        return minds[-1]
-
-    driven = Driven()
-    summary: Figures = inprocess.run(config, AgentConfig(), None, driven, make)["robots"]["r1"]
-    raw, packed = minds[0].grid_bytes()
-    return summary | driven.until["r1"] | {"grid_bytes": raw, "grid_zlib_bytes": packed}
+    x0, y0, x1, y1 = load(path_of(world)).solid.bounds
+    reach_m = math.hypot(x1 - x0, y1 - y0) + RobotSpec().lidar.range_max_m
+    settings = {"world": world, "robots": 1, "seed": seed, "starts": "random", "max_time_s": LIMIT_S}
+    run = explore(settings, {}, make_mind=partial(DenseRobot, reach_m=reach_m))
+    raw, packed = run.robots["r1"].grid_bytes()
+    figures: Figures = run.summary["robots"]["r1"] | run.driven.until["r1"]
+    return figures | {"grid_bytes": raw, "grid_zlib_bytes": packed}
 
 
 def cases(quick: bool) -> list[Case]:
@@ -289,18 +268,15 @@ def _compared(mine: Runs, theirs: Runs) -> Row:
 def _rows(figures: Outcomes) -> list[Row]:
     """Ours and the dense one, a row a layout and one for all."""
     ours, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
-    all_ours, all_dense, rows = [], [], []
-    for world, theirs in dense.items():
-        mine = ours.get(world, [])
-        if len(mine) != len(theirs):
-            continue
+    pairs = {world: (ours[world], dense[world]) for world in dense if len(ours.get(world, [])) == len(dense[world])}
+    rows: list[Row] = []
+    for world, (mine, theirs) in pairs.items():
         row = {"world": world, **_compared(mine, theirs), "dense_contacts": most(theirs, "wall_contacts")}
         row |= {"path_90": median(mine, "path_90_m"), "dense_path_90": median(theirs, "path_90_m")}
         row |= {key: median(mine, key) for key in ("map_bytes", "filter_bytes")}
         rows.append(row | {key: median(theirs, key) for key in ("grid_bytes", "grid_zlib_bytes")})
-        all_ours += mine
-        all_dense += theirs
-    return [*rows, {"world": "all", **_compared(all_ours, all_dense)}] if rows else []
+    every = [list(chain.from_iterable(runs)) for runs in zip(*pairs.values(), strict=True)]
+    return [*rows, {"world": "all", **_compared(*every)}] if rows else []
 
 
 TABLES = [

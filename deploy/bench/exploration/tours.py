@@ -33,7 +33,7 @@ from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 from protocol.walls import directions
-from protocol.wireframe import Wireframe
+from protocol.wireframe import Wireframe, certain
 from world.coverage import visible_wall
 from world.worldfile import World, load
 
@@ -71,13 +71,10 @@ def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
 
 def outline_of(world: World) -> Wireframe:
     """The true outline as a map."""
-    edges: list[tuple[int, int]] = []
-    for ring in world.rings:
-        first, n = len(edges), len(ring) - 1
-        edges += [(first + k, first + (k + 1) % n) for k in range(n)]
-    points, m = np.vstack([ring[:-1] for ring in world.rings]), len(edges)
-    ends, likelihoods, own = np.array(edges, np.int32), np.ones(m, np.float32), np.ones(m, np.bool_)
-    return Wireframe(points, np.zeros(m, np.uint8), ends, likelihoods, own)
+    rings = [ring[:-1] for ring in world.rings]
+    begins = np.cumsum([0, *map(len, rings)]).tolist()
+    edges = [(b + k, b + (k + 1) % len(ring)) for b, ring in zip(begins, rings, strict=False) for k in range(len(ring))]
+    return certain(np.vstack(rings), np.array(edges))
 
 
 def _hardest(world: World, home: int, spec: RobotSpec) -> list[shapely.Geometry]:

@@ -4,7 +4,7 @@ from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.layouts import FURNISHED, PLAIN, present
-from deploy.bench.tables import Runs, Table, columns
+from deploy.bench.tables import Table, columns, over
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.messages import Observation
@@ -28,10 +28,10 @@ def measure_maps(world: str) -> Figures:
             partial.append(robot.wireframe)
 
     run = explore({"world": world, "robots": 1, "seed": 0, "max_time_s": 3600.0}, {}, watch)
-    return {"full": _sizes([run.robots["r1"].wireframe]), "partial": _sizes(partial)}
+    return _sizes("full", [run.robots["r1"].wireframe]) | _sizes("partial", partial)
 
 
-def _sizes(maps: list[Wireframe]) -> dict[str, int]:
+def _sizes(part: str, maps: list[Wireframe]) -> Figures:
     bare = with_likelihoods = 0
     for wireframe in maps:
         grid_map = quantise(wireframe, 10, main_axis(wireframe))
@@ -41,27 +41,16 @@ def _sizes(maps: list[Wireframe]) -> dict[str, int]:
         with_likelihoods += len(coded.data)
         bare += len(encode_map(grid_map, likelihoods=False).data)
     vertices = sum(len(wireframe.points) for wireframe in maps)
-    return {"maps": len(maps), "vertices": vertices, "bytes": bare, "with_likelihoods": with_likelihoods}
+    sizes = {"maps": len(maps), "vertices": vertices, "bytes": bare, "with_likelihoods": with_likelihoods}
+    return {f"{part}_{key}": size for key, size in sizes.items()}
 
 
-def _vertices(runs: Runs, key: str) -> int:
-    """Vertices of all maps of the part that the key names."""
-    return sum(run[key.partition("_")[0]]["vertices"] for run in runs)
-
-
-def _a_vertex(runs: Runs, key: str) -> float | None:
-    """Bytes of all maps of the part that the key names, over their vertices."""
-    part, _, size = key.partition("_")
-    vertices = _vertices(runs, key)
-    return sum(run[part][size] for run in runs) / vertices if vertices else None
-
-
+A_VERTEX = [f"{part}_{size}" for part in ("full", "partial") for size in ("bytes", "with_likelihoods")]
 COLUMNS = columns(
-    "world; full_vertices: vertices of the full map; full_bytes <= 2.5: bytes a vertex; "
-    "full_with_likelihoods: with likelihoods; partial_vertices: vertices of partial maps; "
+    "world; full_vertices total: vertices of the full map; full_bytes <= 2.5: bytes a vertex; "
+    "full_with_likelihoods: with likelihoods; partial_vertices total: vertices of partial maps; "
     "partial_bytes <= 3.2: bytes a vertex; partial_with_likelihoods: with likelihoods",
-    **{f"{part}_vertices": _vertices for part in ("full", "partial")},
-    **{f"{part}_{key}": _a_vertex for part in ("full", "partial") for key in ("bytes", "with_likelihoods")},
+    **{key: over(key, f"{key.partition('_')[0]}_vertices") for key in A_VERTEX},
 )
 TABLES = [
     Table(

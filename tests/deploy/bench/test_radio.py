@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deploy.bench.benchmark import Benchmark
 from deploy.bench.errors import errors
-from deploy.bench.radio import BENCHMARK
 from deploy.bench.radio.traffic import FALSE_DEG, FALSE_M, JUDGED, TABLES
 from deploy.bench.tables import Section
 
@@ -66,7 +66,7 @@ def test_the_median_of_the_seeds_is_judged() -> None:
 
 @pytest.mark.slow
 def test_a_quick_run_has_all_tables(tmp_path: Path) -> None:
-    assert BENCHMARK.run(True, tmp_path, 1)
+    assert Benchmark("radio").run(True, tmp_path, 1)
     document = json.loads((tmp_path / "radio-quick.json").read_text())
     assert set(document["sections"]) == {"codec", "traffic", "bad", "range", "cost", "wire"}
     assert document["met"]["codec"] and document["met"]["range"] and document["met"]["wire"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from deploy.bench.benchmark import benchmark, report
+from deploy.bench.benchmark import Benchmark, report
 from deploy.bench.cases import ROOT
 from deploy.bench.tables import Table, at, columns, grouped, share, spread, total
 from deploy.cli import BENCHMARKS
@@ -15,16 +15,16 @@ from deploy.cli import BENCHMARKS
 @pytest.mark.parametrize("name", BENCHMARKS)
 def test_every_case_has_a_name_of_its_own_and_plain_arguments(name: str) -> None:
     for quick in (True, False):
-        cases = benchmark(name).cases(quick)
+        cases = Benchmark(name).cases(quick)
         assert len({case.name for case in cases}) == len(cases) > 0
         assert all(len(case.key) == 16 for case in cases)
-    assert benchmark(name).sections({}) == []
+    assert Benchmark(name).sections({}) == []
 
 
 @pytest.mark.parametrize("name", ["alignment", "exploration", "filter", "radio"])
 def test_the_committed_results_have_the_declared_tables_columns_and_bars(name: str) -> None:
     kept: dict[str, Any] = json.loads((ROOT / f"results/{name}.json").read_text())["sections"]
-    tables: dict[str, Table] = {table.name: table for part in benchmark(name).parts for table in part.TABLES}
+    tables: dict[str, Table] = {table.name: table for part in Benchmark(name).parts for table in part.TABLES}
     assert list(kept) == [table for table in tables if table in kept]
     assert set(tables) - set(kept) <= {"left"}  # nothing may be left to tell
     for section, found in kept.items():
