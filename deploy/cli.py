@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
+from typer import Argument, Context, Exit, Option, Typer
 
 from deploy.status import ENDINGS, Status
 
@@ -22,56 +22,52 @@ if TYPE_CHECKING:
 for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")  # small arrays: threads would only wait for each other
 
-EXTRAS = {"pymunk": "world", "matplotlib": "deploy", "PIL": "deploy", "psutil": "deploy", "rich": "deploy"}
-"""Which extra brings a package that the base install may lack."""
+EXTRAS = {"pymunk": "world"} | dict.fromkeys(("matplotlib", "PIL", "psutil", "rich"), "deploy")  # what brings a package
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-bench = typer.Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
+app = Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+bench = Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
 
-World = Annotated[str | None, typer.Option(help="A bundled world's name or a world file.", show_default="maze-15")]
-Robots = Annotated[int | None, typer.Option(help="How many robots.", show_default="3")]
-Seed = Annotated[int | None, typer.Option(help="All that is random is drawn from it.", show_default="0")]
-Out = Annotated[Path | None, typer.Option(help="Run directory.", show_default="runs/WORLD-SEED, with -2, -3, ...")]
-Range = Annotated[float | None, typer.Option("--range", help="Radio range in metres.", show_default="4.0")]
+World = Annotated[str | None, Option(help="A bundled world's name or a world file.", show_default="maze-15")]
+Robots = Annotated[int | None, Option(help="How many robots.", show_default="3")]
+Seed = Annotated[int | None, Option(help="All that is random is drawn from it.", show_default="0")]
+Out = Annotated[Path | None, Option(help="Run directory.", show_default="runs/WORLD-SEED, with -2, -3, ...")]
+Range = Annotated[float | None, Option("--range", help="Radio range in metres.", show_default="4.0")]
 Until = Annotated[
-    str | None,
-    typer.Option(help="`complete` or simulated seconds.", metavar="complete|SECONDS", show_default="complete"),
+    str | None, Option(help="`complete` or simulated seconds.", metavar="complete|SECONDS", show_default="complete")
 ]
-MaxTime = Annotated[float | None, typer.Option(help="Simulated seconds at most.", show_default="7200")]
+MaxTime = Annotated[float | None, Option("--max-time", help="Simulated seconds at most.", show_default="7200")]
 RealTime = Annotated[
-    float | None, typer.Option(help="Simulated seconds per second of the clock; without, as fast as the machine goes.")
+    float | None, Option(help="Simulated seconds per second of the clock; without, as fast as the machine goes.")
 ]
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file with settings.")]
-Set = Annotated[
-    list[str] | None, typer.Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")
-]
-Quick = Annotated[bool, typer.Option("--quick", help="Small, for tests.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress.")]
-Jobs = Annotated[int | None, typer.Option(help="Cases at a time.", show_default="one a core", min=1)]
-Results = Annotated[Path, typer.Option(help="Where figures are kept, so that nothing is measured twice.")]
+ConfigFile = Annotated[Path | None, Option("--config", help="YAML file with settings.")]
+Set = Annotated[list[str] | None, Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")]
+Quick = Annotated[bool, Option("--quick", help="Small, for tests.")]
+Quiet = Annotated[bool, Option("--quiet", help="No progress.")]
+Jobs = Annotated[int | None, Option(help="Cases at a time.", show_default="one a core", min=1)]
+Results = Annotated[Path, Option(help="Where figures are kept, so that nothing is measured twice.")]
 
 
 @app.callback(invoke_without_command=True)
 def wireswarm(
-    show_version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
+    show_version: Annotated[bool, Option("--version", help="Print the version.", is_eager=True)] = False,
 ) -> None:
     """Small robots map a building together as wireframes: trust, but verify."""
     if show_version:
         print(f"wireswarm {version('wireswarm')}")
-        raise typer.Exit
+        raise Exit
 
 
 @app.command()
 def run(
-    context: typer.Context,
+    context: Context,
     world: World = None,
     robots: Robots = None,
     seed: Seed = None,
     out: Out = None,
     range_m: Range = None,
     until: Until = None,
-    max_time: MaxTime = None,
+    max_time_s: MaxTime = None,
     real_time: RealTime = None,
     config: ConfigFile = None,
     set_: Set = None,
@@ -89,7 +85,7 @@ def run(
     for error in result.errors:
         _say(error)
     if result.status == Status.USAGE:  # nothing was run
-        raise typer.Exit(result.status)
+        raise Exit(result.status)
     made = {}
     for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
         try:
@@ -98,7 +94,7 @@ def run(
             _say(f"no {what}: {type(error).__name__}: {error}")
     print_summary(directory)
     print(made.get("report", directory))
-    raise typer.Exit(result.status)
+    raise Exit(result.status)
 
 
 def _measure_bandwidth(run: Path) -> Measurement:
@@ -114,18 +110,18 @@ def _measure_bandwidth(run: Path) -> Measurement:
 
 @app.command("world")
 def world_(
-    context: typer.Context,
+    context: Context,
     world: World = None,
     robots: Robots = None,
     seed: Seed = None,
     out: Out = None,
     range_m: Range = None,
     until: Until = None,
-    max_time: MaxTime = None,
+    max_time_s: MaxTime = None,
     real_time: RealTime = None,
-    listen: Annotated[str | None, typer.Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
     secrets: Annotated[
-        Path | None, typer.Option(help="File of secrets, without which nobody gets in; made where there is none.")
+        Path | None, Option(help="File of secrets, without which nobody gets in; made where there is none.")
     ] = None,
     config: ConfigFile = None,
     set_: Set = None,
@@ -155,13 +151,13 @@ def world_(
     status = ENDINGS.get(ended, Status.INTERRUPTED)
     manifest.write(directory, begun, ended, exit_status=status)
     print(f"ended: {ended}; {directory}")
-    raise typer.Exit(status)
+    raise Exit(status)
 
 
 @app.command()
 def bandwidth(
-    runs: Annotated[list[Path], typer.Argument(help="Run directories.", metavar="DIR...")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    runs: Annotated[list[Path], Argument(help="Run directories.", metavar="DIR...")],
+    as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """Measure what finished runs sent, and what their maps would have cost in other forms."""
     from deploy.bandwidth.books import read_books
@@ -177,7 +173,7 @@ def bandwidth(
 
 
 @app.command()
-def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print the sizes as JSON.")] = False) -> None:
+def worlds(as_json: Annotated[bool, Option("--json", help="Print the sizes as JSON.")] = False) -> None:
     """List the bundled worlds: sizes, walls, free area, and a small drawing."""
     from deploy.worlds import to_json, to_text
 
@@ -186,8 +182,8 @@ def worlds(as_json: Annotated[bool, typer.Option("--json", help="Print the sizes
 
 @app.command("config")
 def config_(
-    as_yaml: Annotated[bool, typer.Option("--yaml", help="Print a file for --config with all defaults.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_yaml: Annotated[bool, Option("--yaml", help="Print a file for --config with all defaults.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """List the settings: default, unit and reason."""
     from deploy.settings import to_json, to_text, to_yaml
@@ -205,13 +201,11 @@ BENCHMARKS = {
 }
 
 
-def _measure(
-    context: typer.Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")
-) -> None:
+def _measure(context: Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
     from deploy.bench.benchmark import Benchmark
 
     if not Benchmark(str(context.info_name)).run(quick, results, jobs):
-        raise typer.Exit(Status.FAILURE)
+        raise Exit(Status.FAILURE)
 
 
 for _name, _words in BENCHMARKS.items():
@@ -220,12 +214,12 @@ for _name, _words in BENCHMARKS.items():
 
 @app.command()
 def agent(
-    context: typer.Context,
-    id_: Annotated[str, typer.Option("--id", help="Name of the robot, such as r1.")],
-    connect: Annotated[str, typer.Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
-    secrets: Annotated[Path | None, typer.Option(help="File of secrets with this robot's line.")] = None,
-    reconnect: Annotated[
-        float | None, typer.Option(help="Seconds to wait for a world that is gone.", show_default="2")
+    context: Context,
+    id_: Annotated[str, Option("--id", help="Name of the robot, such as r1.")],
+    connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
+    secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
+    reconnect_s: Annotated[
+        float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="2")
     ] = None,
     config: ConfigFile = None,
     set_: Set = None,
@@ -239,33 +233,21 @@ def agent(
     _stop_on_signals(inbox := AgentInbox())
     ended = run_agent(id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox)
     print(f"{id_}: {ended}")
-    raise typer.Exit(ENDINGS.get(ended, Status.FAILURE))
+    raise Exit(ENDINGS.get(ended, Status.FAILURE))
 
 
-FLAGS = {
-    "world": "world",
-    "robots": "robots",
-    "seed": "seed",
-    "range_m": "radio.range_m",
-    "until": "until",
-    "max_time": "max_time_s",
-    "real_time": "server.real_time",
-    "listen": "server.listen",
-    "reconnect": "reconnect_s",
-}
-"""Setting by the parameter of a command that is a flag for it."""
-
-
-def _settings(context: typer.Context) -> RunConfig:
-    """Configuration of a command from its flags, --config and --set.
+def _settings(context: Context) -> RunConfig:
+    """Configuration of a command from its flags (parameters named like a setting), --config and --set.
 
     Raises ConfigError, and WorldFileError before anything is made for a world that cannot be loaded.
     """
-    from deploy.config import load
+    from deploy.config import RunConfig, load
     from world.worldfile import load as load_world
 
-    given = context.params
-    flags = {setting: given[name] for name, setting in FLAGS.items() if name in given}
+    given, settings_below = context.params, ("radio.range_m", "server.real_time", "server.listen")
+    flags = {
+        key: given[name] for key in (*RunConfig.model_fields, *settings_below) if (name := key.split(".")[-1]) in given
+    }
     settings = load(given["config"], flags, given["set_"] or ())
     if "world" in given:
         load_world(settings.world)

@@ -35,11 +35,8 @@ def run(
             welcome = episode.welcome(robot)
             minds[robot] = (make_mind or Robot)(robot, welcome.spec, agent_config, welcome.seed)
         while episode.ended is None:
-            outputs = {}
-            for robot, (heard, observation) in episode.inputs().items():
-                step = minds[robot].step(observation, heard)
-                outputs[robot] = Outputs(step.sends, step.action, step.map)
-            episode.advance(outputs)
+            steps = {robot: minds[robot].step(seen, heard) for robot, (heard, seen) in episode.inputs().items()}
+            episode.advance({robot: Outputs(step.sends, step.action, step.map) for robot, step in steps.items()})
             if progress is not None:
                 progress(episode)
     finally:

@@ -32,6 +32,9 @@ are up in 0.2 s (measured)."""
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
 
 
+Show = Callable[[Progress], None]
+
+
 class Result(NamedTuple):
     """How a run went."""
 
@@ -67,11 +70,7 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Path:
 
 
 def launch(
-    config: RunConfig,
-    out: Path,
-    *,
-    show: Callable[[Progress], None] = lambda progress: None,
-    make_mind: MakeMind | None = None,
+    config: RunConfig, out: Path, *, show: Show = lambda progress: None, make_mind: MakeMind | None = None
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
@@ -88,14 +87,12 @@ def launch(
 class Children:
     """The processes of one run, from their start to their end."""
 
-    def __init__(
-        self, config: RunConfig, out: Path, show: Callable[[Progress], None], make_mind: MakeMind | None
-    ) -> None:
+    def __init__(self, config: RunConfig, out: Path, show: Show, make_mind: MakeMind | None) -> None:
         """Start the world; its robots follow when it listens."""
         self._config, self._show, self._make_mind = config, show, make_mind
         self._context = mp.get_context("forkserver")
+        # secrets are drawn for this run, reach the children by their pipes, and are written nowhere else
         self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
-        """Drawn for this run. They reach the children by their pipes, and are written nowhere else."""
         self._children: list[Child] = []
         self._talking: dict[Any, Child] = {}  # children whose pipe is open, by our end of it
         self._progress: Progress | None = None

@@ -21,17 +21,13 @@ from world.coverage import visible_wall
 from world.worldfile import World
 
 NEAR_M = 0.05  # a wall is mapped, and a mapped wall is true, within this distance: half the thickness of a usual wall
-
-ALIKE_DEG = 15.0
-"""Walls whose directions differ by less are alike; others are not compared. A corner turns by more."""
-
+ALIKE_DEG = 15.0  # walls whose directions differ by less are alike, and only such are compared; a corner turns by more
 SAMPLE_M = 0.02  # distance between samples of a mapped wall
 CELL_M = 0.10  # one sample counts per cell of this size and direction, so that repeating a wall gains nothing
 FAR_M = 0.30  # a wall's distance counts in the root mean square up to this
 CORNER_NEAR_M = 0.10  # a vertex this near to a true corner is that corner
 CORNER_FLAT_M = 0.006  # an outline that bends by less is straight
 CORNER_SEEN_M = 0.03  # a corner is visible where visible wall ends this near to it
-
 _ALIKE_COS = math.cos(math.radians(ALIKE_DEG))
 
 
@@ -78,21 +74,14 @@ def truth_of(world: World, start: tuple[float, float], radius_m: float, reach_m:
 
 @lru_cache(maxsize=16)
 def _truth(world: World, region: int, radius_m: float, reach_m: float) -> Truth:
-    reachable = world.regions(radius_m)[region]
-    rings = world.outlines_around(reachable)
+    rings = world.outlines_around(world.regions(radius_m)[region])
     outline = np.vstack([np.zeros((0, 4)), *(np.hstack([ring[:-1], ring[1:]]) for ring in rings)])
     corners = np.vstack([np.zeros((0, 2)), *(_corners(ring) for ring in rings)])
     wall = visible_wall(world, region, radius_m, reach_m)
     ends, lengths = wall.ends[wall.visible], wall.lengths[wall.visible]
-    seen = nearest_point(corners, np.vstack([ends[:, :2], ends[:, 2:]])) < CORNER_SEEN_M
-    return Truth(
-        outline=outline,
-        corners=corners,
-        seen_points=(ends[:, :2] + ends[:, 2:]) / 2,
-        seen_directions=(ends[:, 2:] - ends[:, :2]) / np.maximum(lengths, 1e-12)[:, None],
-        seen_lengths=lengths,
-        seen_corners=corners[seen],
-    )
+    seen = nearest_point(corners, ends.reshape(-1, 2)) < CORNER_SEEN_M
+    middles = (ends[:, :2] + ends[:, 2:]) / 2
+    return Truth(outline, corners, middles, directions(ends), lengths, corners[seen])
 
 
 def _corners(ring: Floats) -> Floats:
