@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -77,8 +77,7 @@ def print_summary(out: Path) -> None:
         summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     except OSError:
         return
-    numbers = ("coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B")
-    table = _table(["robot", "ended", *numbers], numbers)
+    table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B"])
     for robot, row in summary["robots"].items():
         times = _seconds(row["t_90"]), _seconds(row["t_99"])
         counts = str(row["wall_contacts"] + row["robot_contacts"]), str(row["bytes_sent"])
@@ -101,8 +100,8 @@ def _print_pairs(out: Path, console: Console) -> None:
         pairs = []
     if not pairs:
         return
-    counted = ("contacts", "attempts", "proposed")
-    table = _table(["robot", "peer", *counted, "merged s", "peer's frame x, y, theta", "last"], counted)
+    rest = ["merged s", "peer's frame x, y, theta", "last"]
+    table = _table(["robot", "peer"], ["contacts", "attempts", "proposed"], rest)
     for pair in pairs:
         frame = "-" if pair.transform is None else ", ".join(f"{value:.2f}" for value in pair.transform)
         counts = (str(pair.contacts), str(pair.attempts), str(pair.proposed))
@@ -110,9 +109,8 @@ def _print_pairs(out: Path, console: Console) -> None:
     console.print(table)
 
 
-def _table(headings: Sequence[str], numbers: Container[str]) -> Table:
-    columns = (Column(heading, justify="right" if heading in numbers else "left") for heading in headings)
-    return Table(*columns, box=None, pad_edge=False)
+def _table(words: list[str], numbers: list[str], rest: Sequence[str] = ()) -> Table:
+    return Table(*words, *(Column(head, justify="right") for head in numbers), *rest, box=None, pad_edge=False)
 
 
 def _late(ticks: int) -> str:

@@ -34,6 +34,5 @@ def fates(out: Path) -> list[PairFate]:
         if what != "contact":
             fate.last = f"{what}: {event['reason']}"
         if what in ("accepted", "unmerged"):
-            accepted = what == "accepted"
-            fate.merged_at, fate.transform = (event["t"], event["transform"]) if accepted else (None, None)
+            fate.merged_at, fate.transform = (event["t"], event["transform"]) if what == "accepted" else (None, None)
     return [pairs[pair] for pair in sorted(pairs)]

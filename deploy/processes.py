@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -72,25 +72,24 @@ def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Ca
 
 def _obey(launcher: Connection, inbox: Inbox, orphan_s: float = 0.0) -> None:
     """Stop on SIGTERM, on the launcher's message, and orphan_s after its end; Ctrl-C is left to the launcher."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, lambda number, frame: inbox.stop())
-    threading.Thread(target=_watch, args=(launcher, inbox, orphan_s), daemon=True).start()
 
-
-def _watch(launcher: Connection, inbox: Inbox, orphan_s: float) -> None:
-    try:
-        while True:
-            launcher.recv()
-            inbox.stop()
-    except (EOFError, OSError):  # the launcher is dead
+    def watch() -> None:
+        with suppress(EOFError, OSError):  # raised where the launcher is dead
+            while True:
+                launcher.recv()
+                inbox.stop()
         time.sleep(orphan_s)
         inbox.stop()
         time.sleep(GRACE_S - orphan_s)
         os._exit(1)
 
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, frame: inbox.stop())
+    threading.Thread(target=watch, daemon=True).start()
+
 
 def _tell(launcher: Connection, what: str, value: Any) -> None:
-    """Tell the launcher; where it is dead, `_watch` ends this process."""
+    """Tell the launcher; where it is dead, the thread of `_obey` ends this process."""
     try:
         launcher.send((what, value))
     except OSError:

@@ -134,12 +134,10 @@ class _Forms:
     def states(self, tick: int) -> States:
         """(nx, ny) 0 unknown, 1 free, 2 occupied, with the scan of that tick."""
         new = slice(self._next, tick + 1)
-        if len(self._seen.ranges[new]):
-            ranges = self._seen.ranges[new].astype(np.float64)
-            ranges[np.isinf(ranges)] = np.nan  # too far or too near: the lidar does not say which
-            self._grid.add(ranges, self._seen.poses[new])
-            self._next = tick + 1
-        return self._grid.states()
+        ranges = self._seen.ranges[new].astype(np.float64)
+        ranges[np.isinf(ranges)] = np.nan  # too far or too near: the lidar does not say which
+        self._next = max(self._next, tick + 1)
+        return self._grid.add(ranges, self._seen.poses[new]).states()
 
     def charge(self, line: dict[str, Any]) -> list[Update]:
         """Updates of one line of updates.jsonl, one for each peer."""
@@ -150,11 +148,8 @@ class _Forms:
         for peer in line["told"]:
             since, before = self._told.get(peer, (0, np.zeros_like(states)))
             scans = self._seen.ranges[since : tick + 1]
-            part = {
-                "grid_delta_zlib": _changed_cells(before, states),
-                "scans_raw": scans.nbytes,
-                "scans_zlib": len(zlib.compress(scans.tobytes(), 6)),
-            }
+            part = {"scans_raw": scans.nbytes, "scans_zlib": len(zlib.compress(scans.tobytes(), 6))}
+            part["grid_delta_zlib"] = _changed_cells(before, states)
             updates.append(Update(float(line["t"]), str(line["robot"]), whole | part))
             self._told[peer] = tick + 1, states
         return updates
@@ -167,16 +162,14 @@ def _whole_map(fields: dict[str, Any], talk: TalkConfig) -> dict[str, int]:
     labels = np.array([LABELS[label] for label in fields["labels"]], np.uint8)
     likelihood = np.array(fields["edge_likelihood"], np.float32)
     wireframe = Wireframe(points, labels, edges, likelihood, np.ones(len(edges), np.bool_))
-    grid_map = quantise(wireframe, talk.cell_mm, main_axis(wireframe))
-    full = encode_map(grid_map, likelihoods=talk.likelihoods).data
+    full = encode_map(quantise(wireframe, talk.cell_mm, main_axis(wireframe)), likelihoods=talk.likelihoods).data
     return {"full": len(full), "json": len(json.dumps(fields, separators=(",", ":")))}
 
 
 def _whole_grid(states: States) -> dict[str, int]:
-    cells = _cropped(states)
+    cells, png = _cropped(states), io.BytesIO()
     image = Image.fromarray(cells).convert("P")
     image.putpalette([205, 205, 205, 254, 254, 254, 0, 0, 0])  # of the usual map files: unknown, free, occupied
-    png = io.BytesIO()
     image.save(png, "PNG", bits=2, optimize=True)
     return {
         "grid_raw": cells.size,

@@ -12,7 +12,7 @@ from typing import Any
 from deploy.report import plan, style
 from deploy.report.picture import MAX_SINGLE, curves_svg
 from deploy.report.rundir import Run
-from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
+from deploy.report.words import NONE, headline, mapping, number, seconds, share, size, subtitle
 
 MAX_EVENTS = 500  # rows of the events table: the first and the last events; events.jsonl has all
 ROUTINE = "frontier"  # the event left out of the table, because one comes with every new goal
@@ -109,15 +109,15 @@ def _singles(run: Run) -> str:
 
 
 def _robots(run: Run) -> str:
-    robots = _mapping(run.summary.get("robots"))
+    robots = mapping(run.summary.get("robots"))
     if not robots:
         return ""
-    columns = [column for column in ROBOT_COLUMNS if any(column[1] in _mapping(row) for row in robots.values())]
+    columns = [column for column in ROBOT_COLUMNS if any(column[1] in mapping(row) for row in robots.values())]
     rows = []
     for robot in run.robots:
-        figures = _mapping(robots.get(robot))
+        figures = mapping(robots.get(robot))
         rows.append([robot, str(figures.get("ended", NONE)), *(show(figures.get(key)) for _, key, show in columns)])
-    if team := _mapping(run.summary.get("team")):
+    if team := mapping(run.summary.get("team")):
         rows.append(["team", "", *(show(team[key]) if key in team else "" for _, key, show in columns)])
     about = "Overlap, the sum of the robots' own coverages minus 1"
     overlap = f"<p>{about}: {number(team['overlap'], 2)}.</p>" if "overlap" in team else ""
@@ -128,12 +128,12 @@ def _robots(run: Run) -> str:
 def _radio(run: Run) -> str:
     """Messages per robot and kind, from bandwidth.json: sent, heard, and meant for the robot but dropped."""
     rows = []
-    for robot, books in _mapping(run.bandwidth.get("robots")).items():
-        parts = [_mapping(_mapping(books).get(part)) for part in ("offered", "delivered", "dropped")]
+    for robot, books in mapping(run.bandwidth.get("robots")).items():
+        parts = [mapping(mapping(books).get(part)) for part in ("offered", "delivered", "dropped")]
         for kind in sorted(set().union(*parts)):
-            *tallies, reasons = (_mapping(part.get(kind)) for part in parts)
+            *tallies, reasons = (mapping(part.get(kind)) for part in parts)
             sizes = [text for tally in tallies for text in (number(tally.get("messages"), 0), size(tally.get("bytes")))]
-            lost = [f"{number(_mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
+            lost = [f"{number(mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
             rows.append([robot, kind, *sizes, ", ".join(lost) or NONE])
     head = ["robot", "kind", "messages sent", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
     return f"<h2>Radio</h2>\n{table(head, rows, words=2)}" if rows else ""
@@ -170,10 +170,6 @@ def _configuration(run: Run) -> str:
         return ""
     text = escape(json.dumps(run.manifest, indent=2, ensure_ascii=False))
     return f"<h2>Configuration</h2>\n<details><summary>manifest.json</summary><pre>{text}</pre></details>"
-
-
-def _mapping(value: Any) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
 
 
 def _embedded(value: Any) -> str:

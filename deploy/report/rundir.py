@@ -34,12 +34,9 @@ T = TypeVar("T")
 class Map:
     """A robot's map in its own frame, metres."""
 
-    vertices: Floats
-    """(n, 2)"""
-    labels: NDArray[np.uint8]
-    """(n,) of Label."""
-    edges: NDArray[np.int64]
-    """(m, 2) vertex indices, free space on the left of the way from the first to the second."""
+    vertices: Floats  # (n, 2)
+    labels: NDArray[np.uint8]  # (n,) of Label
+    edges: NDArray[np.int64]  # (m, 2) vertex indices, free space on the left of the way from the first to the second
 
     def moved(self, frame: Floats | None) -> Map:
         """The map in the frame in which the pose `frame` is given; unchanged where that is None."""
@@ -92,12 +89,10 @@ class Run:
     frames: dict[str, Floats] = field(default_factory=dict)
     """By robot, (3,) x, y, theta: the pose of its own frame in the world."""
     radius: float = 0.105
-    maps: dict[str, Map] = field(default_factory=dict)
-    """Robot to its final map, in its own frame."""
+    maps: dict[str, Map] = field(default_factory=dict)  # robot to its final map, in its own frame
     snapshots: dict[str, list[tuple[float, Map]]] = field(default_factory=dict)
     """Robot to its maps as the run went on, each with its time."""
-    paths: dict[str, Floats] = field(default_factory=dict)
-    """By robot, (n, 3) t, x, y in the world frame."""
+    paths: dict[str, Floats] = field(default_factory=dict)  # by robot, (n, 3) t, x, y in the world frame
     metrics: dict[str, Series] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
 

@@ -17,8 +17,7 @@ def headline(run: Run) -> str:
 
 def subtitle(run: Run) -> str:
     """How the run ended, and the team's figures."""
-    team = run.summary.get("team")
-    team = team if isinstance(team, dict) else {}
+    team = mapping(run.summary.get("team"))
     pieces = [f"seed {run.manifest['seed']}"] if "seed" in run.manifest else []
     if isinstance(run.manifest.get("ended"), str):
         pieces.append(f"ended: {run.manifest['ended']}")
@@ -30,6 +29,11 @@ def subtitle(run: Run) -> str:
     if "real_time_factor" in run.summary:
         pieces.append(f"{number(run.summary['real_time_factor'], 0)} times real time")
     return "  ·  ".join(pieces)
+
+
+def mapping(value: Any) -> dict[str, Any]:
+    """A value of a file that ought to be a mapping; an empty one where it is none."""
+    return value if isinstance(value, dict) else {}
 
 
 def number(value: Any, digits: int = 1, unit: str = "") -> str:
