@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.arrays import Ints
+from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.errors import ProtocolError
 from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
 
@@ -39,15 +39,15 @@ class GridMap:
     """Direction of the grid in the owner's frame, steps of 1 / AXIS_STEPS of a right angle."""
     cells: NDArray[np.int32]
     """(n, 2) places, cells along the axis and across."""
-    labels: NDArray[np.uint8]
+    labels: Labels
     """(n,) of Label."""
-    own: NDArray[np.bool_]
+    own: Bools
     """(n,) whether the owner saw the edge itself."""
-    level: NDArray[np.uint8]
+    level: Labels
     """(n,) the edge's likelihood, 0 to LEVELS - 1."""
     starts: Ints
     """(c + 1,) first vertex of each chain, and n."""
-    rings: NDArray[np.bool_]
+    rings: Bools
     """(c,) whether a further edge leads from the last vertex of the chain to its first."""
 
     def __eq__(self, other: object) -> bool:
@@ -178,14 +178,14 @@ def quantise(
     return GridMap(cell_mm, axis, cells[order], wireframe.labels[order], own[order], level[order], starts, rings)
 
 
-def _turn(axis: int) -> NDArray[np.float64]:
+def _turn(axis: int) -> Floats:
     """(2, 2) whose columns are the grid's axes in the owner's frame."""
     angle = axis / AXIS_STEPS * (math.pi / 2)
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s], [s, c]])
 
 
-def _matches(places: NDArray[np.float64], cells: NDArray[np.int32], slack: float) -> Ints:
+def _matches(places: Floats, cells: NDArray[np.int32], slack: float) -> Ints:
     """(n,) row of `cells` within `slack` of each place, or -1. Pairs are matched greedily, the nearest first."""
     match = np.full(len(places), -1)
     away = np.hypot(*(places[:, None] - cells[None]).transpose(2, 0, 1))
@@ -198,7 +198,7 @@ def _matches(places: NDArray[np.float64], cells: NDArray[np.int32], slack: float
     return match
 
 
-def _in_chains(cells: NDArray[np.int32], after: Ints) -> tuple[Ints, Ints, NDArray[np.bool_]]:
+def _in_chains(cells: NDArray[np.int32], after: Ints) -> tuple[Ints, Ints, Bools]:
     """Vertices chain by chain, (n,) rows; where chains begin, (c + 1,); which are rings, (c,).
 
     A ring begins at its least vertex, so that a ring is the same however its owner stored it.

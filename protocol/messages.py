@@ -7,8 +7,9 @@ import math
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints
+
+from protocol.arrays import Floats
 
 PROTOCOL_VERSION = 1
 
@@ -183,7 +184,7 @@ class Observation(Message):
     heard: Count = 0
     """How many Heard of the same tick came before."""
 
-    def scan(self) -> NDArray[np.float64]:
+    def scan(self) -> Floats:
         """Ranges as (beams,) float64 metres; inf where nothing came back."""
         return np.frombuffer(self.ranges, "<f4").astype(np.float64)
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Floats, Ints
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
 from protocol.talk import check_version, first_byte, take_varint, varint
@@ -46,11 +46,11 @@ class Views(NamedTuple):
     since: int
     """0: the list is whole, and replaces what was told before."""
     until: int
-    cells: NDArray[np.int64]
+    cells: Ints
     """(k, 2) in units of CELL_M, the sender's own frame."""
 
     @property
-    def points(self) -> NDArray[np.float64]:
+    def points(self) -> Floats:
         """(k, 2) metres."""
         return np.asarray(CELL_M * self.cells, np.float64)
 

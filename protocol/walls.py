@@ -20,11 +20,16 @@ def directions(walls: Floats) -> Floats:
 
 def points_along(walls: Floats, counts: Ints) -> tuple[Floats, Ints]:
     """Middles (k, 2) of as many equal pieces of each wall (m, 4) as counts (m,) says, and (k,) the walls' rows."""
-    wall = np.repeat(np.arange(len(counts)), counts)
-    nth = np.arange(len(wall)) - np.repeat(np.cumsum(counts) - counts, counts)
+    wall, nth = repeated(counts)
     share = (nth + 0.5) / counts[wall]
     start, end = walls[:, :2], walls[:, 2:]
     return start[wall] + share[:, None] * (end - start)[wall], wall
+
+
+def repeated(counts: Ints) -> tuple[Ints, Ints]:
+    """Rows (k,), each as often as counts (m,) says, and (k,) the number of each among its like, from 0."""
+    row = np.repeat(np.arange(len(counts)), counts)
+    return row, np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
 def neighbours(edges: NDArray[np.signedinteger[Any]], count: int) -> tuple[Ints, Ints]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.arrays import Bools, Floats, Labels
 from protocol.errors import ProtocolError
 
 MAX_VERTICES = 20_000
@@ -48,15 +49,15 @@ class Wireframe:
     Each vertex has at most one edge out and one in, so the graph is a set of chains that close into rings.
     """
 
-    points: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    points: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(n, 2) metres, usually in the own frame of the robot whose map it is."""
-    labels: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(0, np.uint8))
+    labels: Labels = field(default_factory=lambda: np.zeros(0, np.uint8))
     """(n,) of Label."""
     edges: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     """(m, 2) vertex indices, from and to."""
     likelihood: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
     """(m,) in [0, 1]: how often the wall was seen, over how often it should have been."""
-    own: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    own: Bools = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(m,) whether the robot saw the wall itself; else it has the wall from a peer only."""
 
     def check(self) -> None:
@@ -83,7 +84,7 @@ class Wireframe:
             if np.bincount(self.edges[:, column]).max() > 1:
                 raise ProtocolError(f"two edges lead {word} one vertex of the wireframe")
 
-    def segments(self) -> NDArray[np.float64]:
+    def segments(self) -> Floats:
         """Walls as (m, 4) x1, y1, x2, y2 in metres."""
         return np.asarray(self.points[self.edges].reshape(-1, 4), np.float64)
 

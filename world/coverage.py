@@ -2,16 +2,16 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
+from protocol.arrays import Bools, Floats, Ints
+from protocol.walls import directions, lengths
 from world.worldfile import World
 
 PIECE_M = 0.05
@@ -29,19 +29,21 @@ _EYE_M = 2e-4
 _JOINT_M = 1e-6
 """A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
 
+NEVER = np.iinfo(np.int64).max
+"""In place of a tick: not yet."""
+
 _ROW_M = 1e4
 """Key of a place on the outline: index of its segment times this, plus metres along it. No wall is longer."""
 
 
-@dataclass(frozen=True, eq=False)
-class VisibleWall:
+class VisibleWall(NamedTuple):
     """The outline around one region, cut into pieces, and which of them a robot in the region can see."""
 
-    ends: NDArray[np.float64]
+    ends: Floats
     """(n, 4) x1, y1, x2, y2 of each piece."""
-    lengths: NDArray[np.float64]
+    lengths: Floats
     """(n,) metres."""
-    visible: NDArray[np.bool_]
+    visible: Bools
     """(n,) whether some place that the robot's centre can reach sees it, within range and above GRAZING_RAD."""
 
 
@@ -56,22 +58,16 @@ def visible_wall(world: World, region: int, radius_m: float, reach_m: float) -> 
             cuts = a + np.linspace(0, 1, count + 1)[:, None] * (b - a)
             pieces.append(np.hstack([cuts[:-1], cuts[1:]]))
     ends = np.vstack(pieces) if pieces else np.zeros((0, 4))
-    along = ends[:, 2:] - ends[:, :2]
-    return VisibleWall(
-        ends=ends, lengths=np.hypot(along[:, 0], along[:, 1]), visible=_visible(world, reachable, ends, reach_m)
-    )
+    return VisibleWall(ends, lengths(ends), _visible(world, reachable, ends, reach_m))
 
 
-def _visible(world: World, reachable: Polygon, ends: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+def _visible(world: World, reachable: Polygon, ends: Floats, reach_m: float) -> Bools:
     """(n,) which pieces some pose sees. Each piece is tried from its nearest poses first, until one sees it."""
     poses = _poses(reachable)
-    along = ends[:, 2:] - ends[:, :2]
-    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-12)
-    normal = np.stack([-along[:, 1], along[:, 0]], 1) / length[:, None]  # free space lies on the left
+    normal = directions(ends)[:, ::-1] * (-1, 1)  # free space lies on the left
     eye = (ends[:, :2] + ends[:, 2:]) / 2 + _EYE_M * normal
-    piece, pose = shapely.STRtree(shapely.points(poses)).query(
-        shapely.points(eye), predicate="dwithin", distance=reach_m
-    )
+    tree = shapely.STRtree(shapely.points(poses))
+    piece, pose = tree.query(shapely.points(eye), predicate="dwithin", distance=reach_m)
     view = poses[pose] - eye[piece]
     away = np.hypot(view[:, 0], view[:, 1])
     steep = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
@@ -91,7 +87,7 @@ def _visible(world: World, reachable: Polygon, ends: NDArray[np.float64], reach_
     return visible
 
 
-def _poses(reachable: Polygon) -> NDArray[np.float64]:
+def _poses(reachable: Polygon) -> Floats:
     """(p, 2) places in a region: a grid, and points along its rim."""
     x0, y0, x1, y1 = reachable.bounds
     grid = np.meshgrid(np.arange(x0, x1 + GRID_M, GRID_M), np.arange(y0, y1 + GRID_M, GRID_M))
@@ -105,9 +101,9 @@ def _poses(reachable: Polygon) -> NDArray[np.float64]:
 class _Lookup(NamedTuple):
     """Pieces in the order in which they begin on the lidar's segments."""
 
-    begins: NDArray[np.float64]
-    walls: NDArray[np.intp]
-    pieces: NDArray[np.intp]
+    begins: Floats
+    walls: Ints
+    pieces: Ints
 
 
 class Coverage:
@@ -119,21 +115,16 @@ class Coverage:
 
     MILESTONES = (0.90, 0.99)
 
-    def __init__(self, world: World, starts: NDArray[np.float64], radius_m: float, reach_m: float) -> None:
+    def __init__(self, world: World, starts: Floats, radius_m: float, reach_m: float) -> None:
         """`starts` is (k, 3): robots that start in one region share its visible wall."""
         homes = [world.region_index(x, y, radius_m) for x, y, _ in starts.tolist()]
         walls = {home: visible_wall(world, home, radius_m, reach_m) for home in sorted(set(homes))}
-        blocks = dict(zip(walls, np.cumsum([0] + [len(w.ends) for w in walls.values()]), strict=False))
-        ends = np.vstack([wall.ends for wall in walls.values()])
-        lengths = np.concatenate([wall.lengths for wall in walls.values()])
-        visible = np.concatenate([wall.visible for wall in walls.values()])
-        self._weight = np.where(visible, lengths, 0.0)
-        robots, pieces = len(starts), len(ends)
+        self._weight = np.concatenate([np.where(wall.visible, wall.lengths, 0.0) for wall in walls.values()])
+        self._home_of_piece = np.repeat(list(walls), [len(wall.ends) for wall in walls.values()])
+        robots, pieces = len(starts), len(self._weight)
         self._total = np.array([walls[h].lengths[walls[h].visible].sum() for h in homes])
         self._team_total = float(self._weight.sum())
-        self._hit = np.zeros((robots, pieces), np.bool_)
-        """Hit by own beams."""
-        self._since = np.full((robots, pieces), np.iinfo(np.int64).max)
+        self._since = np.full((robots, pieces), NEVER)
         """Tick since which a piece has been covered."""
         self._hit_since = self._since.copy()
         """Tick of the first own beam."""
@@ -142,13 +133,14 @@ class Coverage:
         self._team_hit = np.zeros(pieces, np.bool_)
         self._length = np.zeros(robots)
         self._covered_length = np.zeros(robots)
-        self._blocks = {home: (int(low), int(low) + len(walls[home].ends)) for home, low in blocks.items()}
         self._team_length = 0.0
-        self._start = world.segments[:, :2]
-        along = world.segments[:, 2:] - self._start
-        self._unit = along / np.hypot(along[:, 0], along[:, 1])[:, None]
+        self._start, self._unit = world.segments[:, :2], directions(world.segments)
         self._origin = (self._start * self._unit).sum(1)
-        self._lookups = {home: self._keys(world, walls[home].ends, blocks[home]) for home in walls}
+        firsts = np.searchsorted(self._home_of_piece, list(walls)).tolist()
+        self._lookups = {
+            home: self._lookup(world, wall.ends, first)
+            for (home, wall), first in zip(walls.items(), firsts, strict=True)
+        }
         self._homes = np.array(homes)
         self.own = np.zeros(robots)
         """(k,) share of the visible wall of each robot's region that its own beams have hit."""
@@ -160,15 +152,15 @@ class Coverage:
         """For each robot: simulated seconds at which a milestone was reached."""
         self.team_reached: dict[float, float] = {}
 
-    def _keys(self, world: World, ends: NDArray[np.float64], block: int) -> _Lookup:
-        """Which piece a place on the lidar's segments belongs to."""
+    def _lookup(self, world: World, ends: Floats, first: int) -> _Lookup:
+        """Which piece a place on the lidar's segments belongs to; `first` is that of the first of `ends`."""
         middles = shapely.points((ends[:, :2] + ends[:, 2:]) / 2)
         tree = shapely.STRtree(shapely.linestrings(world.segments.reshape(-1, 2, 2)))
         piece, segment = tree.query_nearest(middles, all_matches=False)
         begin = ((ends[piece, :2] - self._start[segment]) * self._unit[segment]).sum(1)
         key = segment * _ROW_M + begin
         order = np.argsort(key, kind="stable")
-        return _Lookup(key[order], segment[order], piece[order] + block)
+        return _Lookup(key[order], segment[order], piece[order] + first)
 
     def merge(self, tick: int, robot: int, merged: Mapping[int, int]) -> None:
         """Take the peers whose maps a robot has merged, with the ticks of these maps; other merges are undone."""
@@ -181,32 +173,14 @@ class Coverage:
             known = self._since[peer] <= then
             self._since[robot, known] = np.minimum(self._since[robot, known], tick)
         self._merged[robot] = dict(merged)
-        self._sum(robot)
+        at_home = self._home_of_piece == self._homes[robot]  # a peer may be in another region
+        self._covered_length[robot] = self._weight[(self._since[robot] < NEVER) & at_home].sum()
 
-    def _sum(self, robot: int) -> None:
-        covered = self._since[robot] < np.iinfo(np.int64).max
-        self._covered_length[robot] = self._weight[covered & self._in_home(robot)].sum()
-
-    def _in_home(self, robot: int) -> NDArray[np.bool_]:
-        """(pieces,) which pieces belong to the robot's region; a peer may be in another one."""
-        low = self._blocks[self._homes[robot]]
-        out = np.zeros(len(self._weight), np.bool_)
-        out[low[0] : low[1]] = True
-        return out
-
-    def update(
-        self,
-        t: float,
-        tick: int,
-        robots: NDArray[np.intp],
-        poses: NDArray[np.float64],
-        ranges: NDArray[np.float64],
-        met: NDArray[np.intp],
-    ) -> None:
+    def update(self, t: float, tick: int, robots: Ints, poses: Floats, ranges: Floats, met: Ints) -> None:
         """Count the beams of one tick.
 
-        t: simulated seconds at that tick. `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met
-        walls (r, beams) as from `Lidar.trace`, with met < 0 for beams that are not to count.
+        t: its simulated seconds. `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met walls
+        (r, beams) as from `Lidar.trace`, with met < 0 for beams that are not to count.
         """
         ray = np.flatnonzero(met.reshape(-1) >= 0)
         row, beam = np.divmod(ray, met.shape[1])
@@ -230,17 +204,14 @@ class Coverage:
             if self.team >= share - 1e-9:
                 self.team_reached.setdefault(share, t)
 
-    def _count(
-        self, tick: int, robot: NDArray[np.intp], wall: NDArray[np.intp], place: NDArray[np.float64], lookup: _Lookup
-    ) -> None:
+    def _count(self, tick: int, robot: Ints, wall: Ints, place: Floats, lookup: _Lookup) -> None:
         nth = np.maximum(np.searchsorted(lookup.begins, place + _JOINT_M, side="right") - 1, 0)
         known = lookup.walls[nth] == wall  # a beam may meet the outside of a building, which has no pieces
         robot, piece = robot[known], lookup.pieces[nth[known]]
-        fresh = np.flatnonzero(~self._hit[robot, piece])
-        if not len(fresh):
+        fresh = self._hit_since[robot, piece] == NEVER
+        if not fresh.any():
             return
         robot, piece = np.unique(np.stack([robot[fresh], piece[fresh]]), axis=1)
-        self._hit[robot, piece] = True
         np.add.at(self._length, robot, self._weight[piece])
         first = self._since[robot, piece] > tick
         np.add.at(self._covered_length, robot[first], self._weight[piece[first]])

@@ -6,9 +6,8 @@ from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints
 from protocol.messages import EVERYONE, Action, Send
 from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe
@@ -27,13 +26,13 @@ METRICS_S = 1.0
 class Look(NamedTuple):
     """What one tick showed of the truth."""
 
-    rows: NDArray[np.intp]
+    rows: Ints
     """(r,) the live robots."""
     poses: Floats
     """(r, 3) their true poses."""
     ranges: Floats
     """(r, beams) m, true ranges."""
-    met: NDArray[np.intp]
+    met: Ints
     """(r, beams) the wall that each beam met; negative for beams that returned nothing or met no wall."""
     passages: Sequence[Passage]
     """What became of messages."""

@@ -7,25 +7,21 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Floats, Ints
 from protocol.messages import LidarSpec
+from protocol.walls import lengths, repeated
 
 CELL_M = 1.0
 """The walls within range are looked up once for each cell of this size."""
-
 CHUNK = 20
 """Robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time."""
 
-NOTHING = -1
-"""In place of a wall's index: the beam met nothing within range."""
-
-DISC = -2
-"""In place of a wall's index: the beam met a teammate."""
+NOTHING, DISC = -1, -2
+"""In place of a wall's index: the beam met nothing within range, or a teammate."""
 
 _ROUNDING_BEAMS = 1e-9
 """Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
-
 _TOUCHING_M = 1e-9
 """A lidar nearer than this to a wall, or to its straight continuation, stands on it."""
 
@@ -33,29 +29,26 @@ _TOUCHING_M = 1e-9
 class Lidar:
     """A scanning lidar among walls."""
 
-    def __init__(self, segments: NDArray[np.float64], spec: LidarSpec, *, one_sided: bool = False) -> None:
+    def __init__(self, segments: Floats, spec: LidarSpec, *, one_sided: bool = False) -> None:
         """Walls are (n, 4) x1, y1, x2, y2 in metres, world frame; those without length are dropped.
 
         `one_sided` promises that free space lies on the left of every wall and every lidar in free space, as in
         `World.segments`: half of the walls, those seen from behind, are never looked at.
         """
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
-        lengths = np.hypot(segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1])
-        self.spec = spec
-        self._one_sided = one_sided
-        self._index = np.flatnonzero(lengths > _TOUCHING_M)
-        self._ends = segments[self._index]
+        self.spec, self._one_sided = spec, one_sided
+        self._index = np.flatnonzero(lengths(segments) > _TOUCHING_M)
+        self._ends = segments[self._index].reshape(-1, 2, 2).swapaxes(0, 1)
+        """(2, n, 2) starts and ends of the walls."""
         angles = np.arange(spec.beams) * (2 * math.pi / spec.beams)
         self._cos, self._sin = np.cos(angles), np.sin(angles)
-        self._cells: dict[tuple[int, int], NDArray[np.intp]] = {}
+        self._cells: dict[tuple[int, int], Ints] = {}
 
-    def cast(self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    def cast(self, poses: Floats, discs: Floats | None = None) -> Floats:
         """True ranges, (k, beams) metres; see `trace`."""
         return self.trace(poses, discs)[0]
 
-    def trace(
-        self, poses: NDArray[np.float64], discs: NDArray[np.float64] | None = None
-    ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    def trace(self, poses: Floats, discs: Floats | None = None) -> tuple[Floats, Ints]:
         """True ranges and what was met, both (k, beams).
 
         `poses` is (k, 3) x, y, theta; beam i points at theta + i * 2 pi / beams. `discs` is (m, 3) x, y,
@@ -73,11 +66,10 @@ class Lidar:
         with np.errstate(divide="ignore"):
             ranges = 1 / nearness
         beyond = ranges > self.spec.range_max_m
-        ranges[beyond] = np.inf
-        met[beyond] = NOTHING
+        ranges[beyond], met[beyond] = np.inf, NOTHING
         return ranges, met
 
-    def measured(self, ranges: NDArray[np.float64], rngs: Sequence[np.random.Generator]) -> NDArray[np.float64]:
+    def measured(self, ranges: Floats, rngs: Sequence[np.random.Generator]) -> Floats:
         """True ranges (k, beams) as the sensor reports them, with one generator a robot.
 
         Noise is Gaussian; a beam that drops out, or whose range is less than range_min_m or more than
@@ -91,23 +83,21 @@ class Lidar:
         out[lost | (chance < spec.dropout)] = np.inf
         return out
 
-    def _near(self, x: float, y: float) -> NDArray[np.intp]:
+    def _near(self, x: float, y: float) -> Ints:
         """Rows of the walls that a lidar anywhere in the cell of this place may see."""
         cell = (math.floor(x / CELL_M), math.floor(y / CELL_M))
-        found = self._cells.get(cell)
-        if found is None:
+        if cell not in self._cells:
             middle = (np.array(cell) + 0.5) * CELL_M
             reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5)
-            start, end = self._ends[:, :2] - middle, self._ends[:, 2:] - middle
-            found = np.flatnonzero(_nearest(start, end)[0] <= reach)
-            self._cells[cell] = found
-        return found
+            nearest, _ = _nearest(*(self._ends - middle))
+            self._cells[cell] = np.flatnonzero(nearest <= reach)
+        return self._cells[cell]
 
-    def _walls(self, poses: NDArray[np.float64], nearness: NDArray[np.float64], met: NDArray[np.intp]) -> None:
+    def _walls(self, poses: Floats, nearness: Floats, met: Ints) -> None:
         near = [self._near(x, y) for x, y, _ in poses.tolist()]
         wall = np.concatenate(near)
         robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
-        start, end = _seen_from(poses[robot], self._ends[wall])
+        start, end = _seen_from(poses[robot], self._ends[:, wall])
         nearest, farthest = _nearest(start, end)
         turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]  # positive where the lidar is on the left
         facing = nearest <= self.spec.range_max_m
@@ -115,7 +105,6 @@ class Lidar:
             facing &= turn > -_TOUCHING_M
         wall, robot, start, end = wall[facing], robot[facing], start[facing], end[facing]
         nearest, farthest, turn = nearest[facing], farthest[facing], turn[facing]
-
         along = end - start
         sweep = np.arctan2(turn, (start * end).sum(1))
         first = np.where((sweep >= 0)[:, None], start, end)
@@ -137,13 +126,7 @@ class Lidar:
         found = np.minimum(np.maximum(found, least[pair]), most[pair])
         _keep_nearest(ray, found, self._index[wall][pair], nearness, met)
 
-    def _discs(
-        self,
-        poses: NDArray[np.float64],
-        discs: NDArray[np.float64],
-        nearness: NDArray[np.float64],
-        met: NDArray[np.intp],
-    ) -> None:
+    def _discs(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
         offset = discs[None, :, :2] - poses[:, None, :2]
         away = np.hypot(offset[..., 0], offset[..., 1])
         radius = np.broadcast_to(discs[:, 2], away.shape)
@@ -158,33 +141,25 @@ class Lidar:
         what = np.full(len(pair), DISC, np.intp)
         _keep_nearest(robot[pair] * self.spec.beams + beam, 1 / distance, what, nearness, met)
 
-    def _interval(
-        self, begin: NDArray[np.float64], sweep: NDArray[np.float64]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def _interval(self, begin: Floats, sweep: Floats) -> tuple[Ints, Ints]:
         """All (row, beam) with the beam in [begin, begin + sweep], radians from the heading."""
         beams = self.spec.beams
         scale = beams / (2 * math.pi)
         low = np.ceil(begin * scale - _ROUNDING_BEAMS).astype(np.intp)
         high = np.floor((begin + sweep) * scale + _ROUNDING_BEAMS).astype(np.intp)
         count = np.clip(high - low + 1, 0, beams)
-        row = np.repeat(np.arange(len(begin)), count)
-        nth = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        row, nth = repeated(count)
         return row, (low[row] + nth) % beams
 
 
-def _seen_from(
-    poses: NDArray[np.float64], ends: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Starts and ends (n, 2) of walls (n, 4), each in the frame of its pose (n, 3)."""
+def _seen_from(poses: Floats, points: Floats) -> Floats:
+    """Points (..., n, 2), each in the frame of its pose (n, 3)."""
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    seen = []
-    for x, y in ((ends[:, 0], ends[:, 1]), (ends[:, 2], ends[:, 3])):
-        dx, dy = x - poses[:, 0], y - poses[:, 1]
-        seen.append(np.stack([cos * dx + sin * dy, cos * dy - sin * dx], 1))
-    return seen[0], seen[1]
+    dx, dy = points[..., 0] - poses[:, 0], points[..., 1] - poses[:, 1]
+    return np.stack([cos * dx + sin * dy, cos * dy - sin * dx], -1)
 
 
-def _nearest(start: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _nearest(start: Floats, end: Floats) -> tuple[Floats, Floats]:
     """Nearest and farthest distance of segments from the origin."""
     along = end - start
     share = np.clip(-(start * along).sum(1) / (along * along).sum(1), 0.0, 1.0)
@@ -193,13 +168,7 @@ def _nearest(start: NDArray[np.float64], end: NDArray[np.float64]) -> tuple[NDAr
     return np.hypot(foot[:, 0], foot[:, 1]), farthest
 
 
-def _keep_nearest(
-    ray: NDArray[np.intp],
-    found: NDArray[np.float64],
-    what: NDArray[np.intp],
-    nearness: NDArray[np.float64],
-    met: NDArray[np.intp],
-) -> None:
+def _keep_nearest(ray: Ints, found: Floats, what: Ints, nearness: Floats, met: Ints) -> None:
     """Raise `nearness` to the largest value found on each ray, and note in `met` what stood there."""
     np.maximum.at(nearness, ray, found)
     won = found == nearness[ray]

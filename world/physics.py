@@ -3,10 +3,9 @@
 import numpy as np
 import pymunk
 import pymunk.batch
-from numpy.typing import NDArray
 from pymunk.batch import BodyFields
 
-from protocol.arrays import Floats
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import RobotSpec
 
 STEP_S = 0.02
@@ -115,7 +114,7 @@ class Physics:
         pymunk.batch.get_space_bodies(self._space, _READ, self._state_buffer)
         return np.frombuffer(self._state_buffer.float_buf()).reshape(-1, 6)
 
-    def _robots_of_rows(self) -> NDArray[np.intp]:
+    def _robots_of_rows(self) -> Ints:
         """(k,) the robot in each row of the last read but the static body's, which must be the last row."""
         ids = np.frombuffer(self._state_buffer.int_buf(), np.uintp).tolist()
         rows = np.array([self._row.get(body, -1) for body in ids], np.intp)
@@ -123,6 +122,6 @@ class Physics:
             raise RuntimeError("pymunk's batch no longer puts the static body last")
         return rows[:-1]
 
-    def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, touched: NDArray[np.bool_]) -> None:
+    def _touch(self, arbiter: pymunk.Arbiter, space: pymunk.Space, touched: Bools) -> None:
         """Called by pymunk for each pair of shapes that touch in a step."""
         touched[[self._row[body.id] for body in arbiter.bodies if body.id in self._row]] = True

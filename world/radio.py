@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Heard, LinkReport, Send
 from world.air import Budget, Delay, Hop, losses
@@ -159,7 +159,7 @@ class Radio:
         config: RadioConfig,
         seed: int = 0,
         period_s: float = 0.2,
-        walls: NDArray[np.float64] | None = None,
+        walls: Floats | None = None,
     ) -> None:
         """period_s: of a tick. walls: (n, 4) x1, y1, x2, y2 in metres, free space on their left; None: none."""
         self.books = Books()
@@ -185,7 +185,7 @@ class Radio:
             if send.to != EVERYONE and (send.to == sender or send.to not in self._index):
                 raise ProtocolError(f"{sender} sends to {send.to}, who is no other robot of this run")
 
-    def offer(self, tick: int, sends: Mapping[str, Sequence[Send]], places: NDArray[np.float64]) -> None:
+    def offer(self, tick: int, sends: Mapping[str, Sequence[Send]], places: Floats) -> None:
         """Take the messages of one tick; `places` (k, 2) are the true positions at that tick, metres."""
         for sender in sorted((self._index[robot] for robot, said in sends.items() if said)):
             numbers = [0] * len(self._robots)

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from protocol.arrays import Floats
 from protocol.wireframe import Label, Wireframe
 from world.radio import Passage
 from world.worldfile import World, to_yaml
@@ -41,13 +41,7 @@ class Recorder:
     """Writes one run directory."""
 
     def __init__(
-        self,
-        out: Path,
-        world: World,
-        robots: Sequence[str],
-        starts: NDArray[np.float64],
-        radius_m: float,
-        range_m: float,
+        self, out: Path, world: World, robots: Sequence[str], starts: Floats, radius_m: float, range_m: float
     ) -> None:
         """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame."""
         self._out = out

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 import shapely
 import yaml
-from numpy.typing import NDArray
 from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
+
+from protocol.arrays import Floats
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -57,7 +58,7 @@ class World:
     """The file's name, for messages."""
     solid: BaseGeometry
     """Walls and obstacles, with narrow slits closed."""
-    spawns: NDArray[np.float64]
+    spawns: Floats
     """(k, 3) x, y, theta: r1 starts at the first."""
     document: Mapping[str, Any] = field(repr=False)
     """The file with its numbers as floats, unknown keys kept."""
@@ -79,7 +80,7 @@ class World:
         """Free space, exteriors counter-clockwise; the outermost polygon ends FRAME_M around the world."""
         return [shapely.orient_polygons(part) for part in polygons_of(self._open)]
 
-    def outline(self, polygon: Polygon) -> Iterator[NDArray[np.float64]]:
+    def outline(self, polygon: Polygon) -> Iterator[Floats]:
         """Closed (n, 2) rings of one polygon of `free` that are walls, free space on the left."""
         x0, _, x1, _ = self.solid.bounds
         for ring in (polygon.exterior, *polygon.interiors):
@@ -88,7 +89,7 @@ class World:
                 yield points  # the frame around the world is no wall
 
     @cached_property
-    def rings(self) -> list[NDArray[np.float64]]:
+    def rings(self) -> list[Floats]:
         """All outlines as closed (n, 2) rings, free space on the left, straight runs merged."""
         rings = []
         for polygon in self.free:
@@ -100,11 +101,11 @@ class World:
         return rings
 
     @cached_property
-    def segments(self) -> NDArray[np.float64]:
+    def segments(self) -> Floats:
         """The outline as (n, 4) x1, y1, x2, y2, free space on the left."""
         return np.vstack([np.hstack([ring[:-1], ring[1:]]) for ring in self.rings])
 
-    def outlines_around(self, region: Polygon) -> list[NDArray[np.float64]]:
+    def outlines_around(self, region: Polygon) -> list[Floats]:
         """The rings of `outline` that bound the free space around one of `regions`."""
         return [ring for polygon in self.free if polygon.intersects(region) for ring in self.outline(polygon)]
 
@@ -125,9 +126,7 @@ class World:
             raise WorldFileError(f"{self.source}: no free space for a robot of radius {radius_m} m at ({x:g}, {y:g})")
         return self.regions(radius_m).index(region)
 
-    def starts(
-        self, robots: int, radius_m: float, rng: np.random.Generator, *, drawn: bool = False
-    ) -> NDArray[np.float64]:
+    def starts(self, robots: int, radius_m: float, rng: np.random.Generator, *, drawn: bool = False) -> Floats:
         """(robots, 3) start poses: the file's spawns, missing ones (with `drawn`, all) drawn from rng.
 
         Drawn ones lie in one region: that of the first spawn, else the largest that is closed.
