@@ -7,13 +7,15 @@ coordinates hardly changes then, and small numbers take few bits (protocol.map_c
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.errors import ProtocolError
+from protocol.walls import lengths, neighbours
 from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
 
 AXIS_STEPS = 4096
@@ -26,28 +28,32 @@ LEVELS = 8
 """Steps of an edge's likelihood: 3 bits."""
 
 
+VERTEX_ARRAYS = ("cells", "labels", "own", "level")
+"""Fields of GridMap with a row for each vertex."""
+
+
 @dataclass(frozen=True, eq=False)
 class GridMap:
     """Chains of vertices, one after the other; an edge leads from each vertex to the next of its chain.
 
     Vertex arrays have n rows, chain arrays c. `own` and `level` belong to the edge that leaves a vertex and are
-    False and 0 where none does.
+    False and 0 where none does. Without arrays, it is an empty map.
     """
 
     cell_mm: int
     axis: int
     """Direction of the grid in the owner's frame, steps of 1 / AXIS_STEPS of a right angle."""
-    cells: NDArray[np.int32]
+    cells: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     """(n, 2) places, cells along the axis and across."""
-    labels: Labels
+    labels: Labels = field(default_factory=lambda: np.zeros(0, np.uint8))
     """(n,) of Label."""
-    own: Bools
+    own: Bools = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(n,) whether the owner saw the edge itself."""
-    level: Labels
+    level: Labels = field(default_factory=lambda: np.zeros(0, np.uint8))
     """(n,) the edge's likelihood, 0 to LEVELS - 1."""
-    starts: Ints
+    starts: Ints = field(default_factory=lambda: np.zeros(1, np.int64))
     """(c + 1,) first vertex of each chain, and n."""
-    rings: Bools
+    rings: Bools = field(default_factory=lambda: np.zeros(0, np.bool_))
     """(c,) whether a further edge leads from the last vertex of the chain to its first."""
 
     def __eq__(self, other: object) -> bool:
@@ -62,33 +68,22 @@ class GridMap:
         """First vertex of a chain, and the one after its last."""
         return int(self.starts[chain]), int(self.starts[chain + 1])
 
+    def rows(self, chains: Sequence[int]) -> Ints:
+        """The vertices of these chains, in this order."""
+        return np.concatenate([np.zeros(0, np.int64), *(np.arange(*self.bounds(chain)) for chain in chains)])
+
     def of_chains(self, chains: Sequence[int]) -> "GridMap":
         """The map of these chains, in this order."""
-        parts = [np.arange(*self.bounds(chain)) for chain in chains]
-        rows = np.concatenate(parts) if parts else np.zeros(0, np.int64)
-        return GridMap(
-            self.cell_mm,
-            self.axis,
-            self.cells[rows],
-            self.labels[rows],
-            self.own[rows],
-            self.level[rows],
-            np.cumsum([0, *map(len, parts)]),
-            self.rings[np.array(chains, np.int64)],
-        )
+        rows, which = self.rows(chains), np.array(chains, np.int64)
+        starts = np.concatenate([[0], np.cumsum(np.diff(self.starts)[which])])
+        vertices: dict[str, Any] = {name: getattr(self, name)[rows] for name in VERTEX_ARRAYS}
+        return replace(self, **vertices, starts=starts, rings=self.rings[which])
 
     def joined(self, other: "GridMap") -> "GridMap":
         """The chains of both, of one grid, this map's first."""
-        return GridMap(
-            self.cell_mm,
-            self.axis,
-            np.concatenate([self.cells, other.cells]),
-            np.concatenate([self.labels, other.labels]),
-            np.concatenate([self.own, other.own]),
-            np.concatenate([self.level, other.level]),
-            np.concatenate([self.starts, other.starts[1:] + self.starts[-1]]),
-            np.concatenate([self.rings, other.rings]),
-        )
+        pairs = {name: (getattr(self, name), getattr(other, name)) for name in (*VERTEX_ARRAYS, "rings")}
+        both: dict[str, Any] = {name: np.concatenate(pair) for name, pair in pairs.items()}
+        return replace(self, **both, starts=np.concatenate([self.starts, other.starts[1:] + self.starts[-1]]))
 
     def successors(self) -> Ints:
         """(n,) the vertex that each one's edge leads to, -1 for none."""
@@ -112,38 +107,27 @@ class GridMap:
     def digest(self) -> int:
         """16 bits by which two robots know that they hold the same map."""
         total = zlib.crc32(f"{self.cell_mm} {self.axis}".encode())
-        for array in (self.cells, self.labels, self.own, self.level, self.starts, self.rings):
-            total = zlib.crc32(array.astype("<i4").tobytes(), total)
+        for name in (*VERTEX_ARRAYS, "starts", "rings"):
+            total = zlib.crc32(getattr(self, name).astype("<i4").tobytes(), total)
         return total & 0xFFFF
 
     def key(self, chain: int) -> bytes:
         """Everything that makes a chain, to find an equal one in another map of the same grid."""
-        part = slice(self.starts[chain], self.starts[chain + 1])
-        arrays = (self.cells[part], self.labels[part], self.own[part], self.level[part], self.rings[chain])
+        part = slice(*self.bounds(chain))
+        arrays = (*(getattr(self, name)[part] for name in VERTEX_ARRAYS), self.rings[chain])
         return b"".join(np.asarray(array, "<i4").tobytes() for array in arrays)
 
     def alike(self, other: "GridMap") -> bool:
         """Whether both hold the same chains on the same grid, in whatever order."""
-        if (self.cell_mm, self.axis, len(self.rings)) != (other.cell_mm, other.axis, len(other.rings)):
-            return False
-        count = range(len(self.rings))
-        return sorted(map(self.key, count)) == sorted(map(other.key, count))
-
-
-def empty(cell_mm: int, axis: int) -> GridMap:
-    """A map without vertices."""
-    n = np.zeros(0, np.int64)
-    none = np.zeros(0, np.bool_)
-    return GridMap(
-        cell_mm, axis, np.zeros((0, 2), np.int32), n.astype(np.uint8), none, n.astype(np.uint8), np.zeros(1, int), none
-    )
+        mine, theirs = (sorted(map(held.key, range(len(held.rings)))) for held in (self, other))
+        return (self.cell_mm, self.axis, mine) == (other.cell_mm, other.axis, theirs)
 
 
 def main_axis(wireframe: Wireframe) -> int:
     """Direction that most wall length keeps to, modulo a right angle, in steps of GridMap.axis; 0 without walls."""
-    along = wireframe.points[wireframe.edges[:, 1]] - wireframe.points[wireframe.edges[:, 0]]
-    length = np.hypot(along[:, 0], along[:, 1])
-    turned = length @ np.exp(4j * np.arctan2(along[:, 1], along[:, 0])) if len(along) else 0j
+    walls = wireframe.segments()
+    x, y = (walls[:, 2:] - walls[:, :2]).T
+    turned = lengths(walls) @ np.exp(4j * np.arctan2(y, x)) if len(walls) else 0j
     return round(float(np.angle(turned)) / (2 * math.pi) * AXIS_STEPS) % AXIS_STEPS
 
 
@@ -159,14 +143,13 @@ def quantise(
     wireframe.check()
     places = wireframe.points @ _turn(axis) / (cell_mm / 1000)
     cells = np.rint(places).astype(np.int32)
-    match = _matches(places, base.cells, slack) if base is not None and slack > 0 else np.full(len(places), -1)
-    if base is not None:
+    n, (tails, tips) = len(cells), wireframe.edges.T
+    match = np.full(n, -1)
+    if base is not None and slack > 0:
+        match = matched(np.hypot(*(places[:, None] - base.cells[None]).transpose(2, 0, 1)), slack)
         cells[match >= 0] = base.cells[match[match >= 0]]
-    n = len(cells)
-    after = np.full(n, -1)
+    _, after = neighbours(wireframe.edges, n)
     own, level = np.zeros(n, np.bool_), np.zeros(n, np.uint8)
-    tails, tips = wireframe.edges.T
-    after[tails] = tips
     own[tails] = wireframe.own
     level[tails] = np.rint(wireframe.likelihood * (LEVELS - 1))
     if base is not None and len(tails):
@@ -185,16 +168,18 @@ def _turn(axis: int) -> Floats:
     return np.array([[c, -s], [s, c]])
 
 
-def _matches(places: Floats, cells: NDArray[np.int32], slack: float) -> Ints:
-    """(n,) row of `cells` within `slack` of each place, or -1. Pairs are matched greedily, the nearest first."""
-    match = np.full(len(places), -1)
-    away = np.hypot(*(places[:, None] - cells[None]).transpose(2, 0, 1))
-    mine, theirs = np.nonzero(away <= slack)
-    taken = np.zeros(len(cells), np.bool_)
-    for k in np.argsort(away[mine, theirs], kind="stable").tolist():
-        if match[mine[k]] < 0 and not taken[theirs[k]]:
-            match[mine[k]] = theirs[k]
-            taken[theirs[k]] = True
+def matched(away: Floats, most: float) -> Ints:
+    """(n,) the column of each row of distances (n, m) that are at most `most`, matched greedily, the nearest first.
+
+    A row without one has -1.
+    """
+    match = np.full(len(away), -1)
+    rows, columns = np.nonzero(away <= most)
+    taken = np.zeros(away.shape[1], np.bool_)
+    for k in np.argsort(away[rows, columns], kind="stable").tolist():
+        if match[rows[k]] < 0 and not taken[columns[k]]:
+            match[rows[k]] = columns[k]
+            taken[columns[k]] = True
     return match
 
 
@@ -204,25 +189,18 @@ def _in_chains(cells: NDArray[np.int32], after: Ints) -> tuple[Ints, Ints, Bools
     A ring begins at its least vertex, so that a ring is the same however its owner stored it.
     """
     followers = after.tolist()
-    has_before = np.zeros(len(after), np.bool_)
-    has_before[after[after >= 0]] = True
-    rank = np.empty(len(after), np.int64)
-    rank[np.lexsort((cells[:, 1], cells[:, 0]))] = np.arange(len(after))
-    heads = [*np.flatnonzero(~has_before).tolist(), *np.argsort(rank).tolist()]  # open chains, then what is left
-    seen = [False] * len(followers)
-    order: list[int] = []
+    heads = np.setdiff1d(np.arange(len(after)), after).tolist()  # of open chains
+    order: dict[int, None] = {}
     starts, rings = [0], []
-    for head in heads:
-        if seen[head]:
+    for v in [*heads, *np.lexsort((cells[:, 1], cells[:, 0])).tolist()]:
+        if v in order:
             continue
-        v = head
-        while v >= 0 and not seen[v]:
-            seen[v] = True
-            order.append(v)
+        while v >= 0 and v not in order:
+            order[v] = None
             v = followers[v]
         starts.append(len(order))
         rings.append(v >= 0)
-    return np.array(order, np.int64), np.array(starts, np.int64), np.array(rings, np.bool_)
+    return np.array([*order], np.int64), np.array(starts, np.int64), np.array(rings, np.bool_)
 
 
 def check_size(n: int) -> None:
@@ -231,7 +209,7 @@ def check_size(n: int) -> None:
         raise ProtocolError(f"a map of more than {MAX_VERTICES} vertices")
 
 
-def check_places(cells: NDArray[np.int32] | Sequence[Sequence[int]], cell_mm: int) -> None:
+def check_places(cells: NDArray[np.signedinteger[Any]], cell_mm: int) -> None:
     """Raise ProtocolError for places, (n, 2) cells, farther out than any robot drives."""
-    if len(cells) and np.abs(np.asarray(cells, np.int64)).max() * cell_mm > 1000 * MAX_COORDINATE_M:
+    if np.abs(cells.astype(np.int64)).max(initial=0) * cell_mm > 1000 * MAX_COORDINATE_M:
         raise ProtocolError("a vertex of a map is out of bounds")

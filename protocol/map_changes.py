@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocol.arrays import Ints
-from protocol.grid_map import GridMap
+from protocol.grid_map import GridMap, matched
 
 NEAR_CELLS = 64.0
 """A vertex this near to one of the base is told as that one moved; beyond, a new one costs no more bits."""
@@ -51,15 +50,6 @@ class Changes(NamedTuple):
 
 def changes(new: GridMap, base: GridMap) -> Changes:
     """What turns `base` into `new`; both are on the same grid."""
-    kept, built, left = _compare(new, base)
-    runs = _runs(new, base, kept, built)
-    touched = {row for chain in built for row in _rows(runs[chain])}
-    dropped = [chain for chain in left if touched.isdisjoint(range(*base.bounds(chain)))]
-    return Changes(kept, {chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
-
-
-def _compare(new: GridMap, base: GridMap) -> tuple[list[int], list[int], list[int]]:
-    """Chains of `new` that are in the base, in the base's order; those that are not; chains of the base left over."""
     there = defaultdict(list)
     for chain in range(len(new.rings)):
         there[new.key(chain)].append(chain)
@@ -70,55 +60,38 @@ def _compare(new: GridMap, base: GridMap) -> tuple[list[int], list[int], list[in
             kept.append(alike.pop(0))
         else:
             left.append(chain)
-    return kept, sorted(set(range(len(new.rings))) - set(kept)), left
+    built = sorted(set(range(len(new.rings))) - set(kept))
+    copied = {new.key(chain) for chain in kept}
+    runs = _runs(new, base, built, [chain for chain in left if base.key(chain) not in copied])
+    touched = {row for chain in built for row in _rows(runs[chain])}
+    dropped = [chain for chain in left if touched.isdisjoint(range(*base.bounds(chain)))]
+    return Changes(kept, {chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
 
 
-def _runs(new: GridMap, base: GridMap, kept: list[int], built: list[int]) -> dict[int, list[VertexRun]]:
-    """The runs of each chain that is built."""
-    refs = _origins(new, base, kept, built)
+def _runs(new: GridMap, base: GridMap, built: list[int], free: list[int]) -> dict[int, list[VertexRun]]:
+    """The runs of each chain that is built; those chains of the base are free to take vertices from.
+
+    A vertex comes from that of the base which is matched with it, moved or not.
+    """
+    mine, theirs = new.rows(built), base.rows(free)
+    away = np.hypot(*(new.cells[mine, None].astype(float) - base.cells[None, theirs]).transpose(2, 0, 1))
+    away += (new.labels[mine, None] != base.labels[None, theirs]) * OTHER_LABEL_CELLS
+    match = matched(away, NEAR_CELLS)
+    refs = np.full(len(new.cells), -1)
+    refs[mine[match >= 0]] = theirs[match[match >= 0]]
     same = refs >= 0
     same[same] &= (new.cells[same] == base.cells[refs[same]]).all(1) & (new.labels[same] == base.labels[refs[same]])
     origins = np.where(refs < 0, VertexOrigin.NEW, np.where(same, VertexOrigin.COPY, VertexOrigin.MOVED)).tolist()
-    rows = refs.tolist()
-    runs: dict[int, list[VertexRun]] = {}
-    for chain in built:
-        runs[chain] = []
-        for v in range(*new.bounds(chain)):
-            last = runs[chain][-1] if runs[chain] else None
-            if (
-                last
-                and origins[v] == last.origin
-                and (last.origin == VertexOrigin.NEW or rows[v] == last.row + last.length)
-            ):
-                runs[chain][-1] = last._replace(length=last.length + 1)
+    runs: dict[int, list[VertexRun]] = {chain: [] for chain in built}
+    for chain, told in runs.items():
+        part = slice(*new.bounds(chain))
+        for origin, row in zip(origins[part], refs[part].tolist(), strict=True):
+            last = told[-1] if told else None
+            if last and origin == last.origin and (row < 0 or row == last.row + last.length):
+                told[-1] = last._replace(length=last.length + 1)
             else:
-                runs[chain].append(VertexRun(VertexOrigin(origins[v]), 1, rows[v]))
+                told.append(VertexRun(VertexOrigin(origin), 1, row))
     return runs
-
-
-def _origins(new: GridMap, base: GridMap, kept: list[int], built: list[int]) -> Ints:
-    """(n,) row of the base from which each vertex of the built chains comes, moved or not; -1 for none.
-
-    Pairs are matched greedily, the nearest first; vertices of kept chains take no part.
-    """
-    refs = np.full(len(new.cells), -1)
-    free = np.ones(len(base.cells), np.bool_)
-    keys = {new.key(chain) for chain in kept}
-    for chain in range(len(base.rings)):
-        if base.key(chain) in keys:
-            free[slice(*base.bounds(chain))] = False
-    mine = np.concatenate([np.arange(*new.bounds(chain)) for chain in built]) if built else np.zeros(0, np.int64)
-    theirs = np.flatnonzero(free)
-    away = np.hypot(*(new.cells[mine, None].astype(float) - base.cells[None, theirs]).transpose(2, 0, 1))
-    away += (new.labels[mine, None] != base.labels[None, theirs]) * OTHER_LABEL_CELLS
-    pairs = np.argwhere(away <= NEAR_CELLS)
-    taken = np.zeros(len(theirs), np.bool_)
-    for k in np.argsort(away[pairs[:, 0], pairs[:, 1]], kind="stable").tolist():
-        i, j = pairs[k]
-        if refs[mine[i]] < 0 and not taken[j]:
-            refs[mine[i]] = theirs[j]
-            taken[j] = True
-    return refs
 
 
 def _rows(runs: list[VertexRun]) -> list[int]:
@@ -128,14 +101,12 @@ def _rows(runs: list[VertexRun]) -> list[int]:
 
 def _arranged(new: GridMap, built: list[int], runs: dict[int, list[VertexRun]]) -> list[int]:
     """Chains in the order of the rows that they take from the base, then new ones, each nearest to the last vertex."""
-    changed = sorted((chain for chain in built if _rows(runs[chain])), key=lambda chain: _rows(runs[chain])[0])
-    fresh = np.array(sorted(set(built) - set(changed)), np.int64)
-    heads = new.cells[new.starts[fresh]].astype(float) if len(fresh) else np.zeros((0, 2))
-    here = new.cells[new.starts[changed[-1] + 1] - 1] if changed else np.zeros(2)
-    order = list(changed)
+    order = sorted((chain for chain in built if _rows(runs[chain])), key=lambda chain: _rows(runs[chain])[0])
+    fresh = np.array(sorted(set(built) - set(order)), np.int64)
+    heads = new.cells[new.starts[fresh]].astype(float)
     while len(fresh):
+        here = new.cells[new.starts[order[-1] + 1] - 1] if order else np.zeros(2)
         nearest = int(np.abs(heads - here).sum(1).argmin())
         order.append(int(fresh[nearest]))
-        here = new.cells[new.starts[fresh[nearest] + 1] - 1]
         fresh, heads = np.delete(fresh, nearest), np.delete(heads, nearest, 0)
     return order

@@ -5,6 +5,7 @@ a chain are nominal and most ends are frontiers. A vertex is coded as a step fro
 numbers; in rectilinear buildings, successive steps are at right angles. A whole map is the changes to an empty one.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from protocol.bits import BitReader, BitWriter, bits_of, folded
 from protocol.errors import ProtocolError
-from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size, empty
+from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size
 from protocol.map_changes import VertexOrigin, VertexRun, changes
 from protocol.wireframe import Label
 
@@ -26,21 +27,19 @@ AT_ENDS = (Label.FRONTIER, Label.OCCLUSION, Label.NOMINAL)
 SURE = LEVELS - 1
 """Likelihood level of an edge unless told otherwise."""
 
-Place = tuple[int, int]
+THREE = ((0, 1), (2, 2), (3, 2))
+"""Value and number of bits that tell one of three, the most frequent first."""
+
+Place = Sequence[int]
+"""Cells along and across."""
 
 
-class Orders(NamedTuple):
-    """Orders of the exponential-Golomb numbers of a message; the defaults suit a change of some vertices."""
-
-    start: int = 6
-    """To the first vertex of a chain."""
-    along: int = 6
-    """Of a step, along a wall."""
-    across: int = 0
-    """Of a step, across the wall; and of a moved vertex."""
-
-
-WIDTHS = Orders(4, 4, 2)
+START, ALONG, ACROSS = range(3)
+"""Numbers of like size: to the first vertex of a chain; of a step along a wall; of a step across it, or of a moved
+vertex."""
+USUAL_ORDERS = (6, 6, 0)
+"""Orders of their exponential-Golomb codes, which suit a change of some vertices."""
+WIDTHS = (4, 4, 2)
 """Bits of each order in a message that brings its own orders."""
 
 
@@ -59,7 +58,7 @@ def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: b
     """
     check_size(len(grid_map.cells))
     check_places(grid_map.cells, grid_map.cell_mm)
-    known = empty(grid_map.cell_mm, grid_map.axis) if base is None else base
+    known = base or GridMap(grid_map.cell_mm, grid_map.axis)
     if (grid_map.cell_mm, grid_map.axis) != (known.cell_mm, known.axis):
         raise ProtocolError("a map can be told as changes only on the grid of its base")
     if not likelihoods:
@@ -107,8 +106,8 @@ def decode_map(data: bytes, base: GridMap | None = None) -> GridMap:
         cell_mm = reader.bits(MAX_CELL_MM.bit_length()) if reader.bits(1) else USUAL_CELL_MM
         if not 1 <= cell_mm <= MAX_CELL_MM:
             raise ProtocolError(f"cells of a map are 1 to {MAX_CELL_MM} mm, not {cell_mm}")
-        known = empty(cell_mm, axis)
-    orders = Orders(*(reader.bits(width) for width in WIDTHS)) if reader.bits(1) else Orders()
+        known = GridMap(cell_mm, axis)
+    orders = tuple(reader.bits(width) for width in WIDTHS) if reader.bits(1) else USUAL_ORDERS
     return _Rebuilt(reader, orders, known, likelihoods).read()
 
 
@@ -116,49 +115,45 @@ class _Script:
     """The bits and numbers of a message, before the orders of its numbers are chosen."""
 
     def __init__(self) -> None:
-        self.tokens: list[tuple[int, int, int]] = []
-        """Value, size, kind. Kind -1: size is a count of bits; -2: size is an order; else: kind is a row of Orders."""
+        self.tokens: list[tuple[int, int, bool]] = []
+        """A value with its count of bits; or, where the last is True, a number with its row of the orders."""
 
     def bits(self, value: int, count: int) -> None:
-        self.tokens.append((int(value), count, -1))
+        self.tokens.append((int(value), count, False))
+
+    def three(self, value: int) -> None:
+        self.bits(*THREE[value])
 
     def number(self, value: int, order: int = 0) -> None:
-        self.tokens.append((value, order, -2))
+        self.bits(value + (1 << order), bits_of(value, order))
 
-    def signed_of_order(self, value: int, order: int) -> None:
-        self.number(folded(value), order)
-
-    def signed(self, value: int, which: int) -> None:
-        """A number whose order the message may choose: that of row `which` of Orders."""
-        self.tokens.append((folded(value), 0, which))
+    def offset(self, here: Place, there: Place, *which: int) -> None:
+        """From one place to another, as numbers whose orders the message may choose."""
+        for a, b, row in zip(here, there, which, strict=True):
+            self.tokens.append((folded(b - a), row, True))
 
     def data(self, head: int) -> bytes:
         """The bytes. The message's own orders follow `head` tokens, where they save more than they cost."""
-        usual, own, saved = Orders(), [], -sum(WIDTHS)
-        for which, width in enumerate(WIDTHS):
-            values = [value for value, _, kind in self.tokens if kind == which]
+        own, saved = [], -sum(WIDTHS)
+        for which, (width, usual) in enumerate(zip(WIDTHS, USUAL_ORDERS, strict=True)):
+            values = [value for value, row, chosen in self.tokens if chosen and row == which]
             costs = [sum([bits_of(value, order) for value in values]) for order in range(1 << width)]
-            own.append(costs.index(min(costs)) if values else usual[which])
-            saved += costs[usual[which]] - min(costs)
-        return self._write(head, Orders(*own) if saved > 0 else usual)
-
-    def _write(self, head: int, orders: Orders) -> bytes:
+            own.append(costs.index(min(costs)) if values else usual)
+            saved += costs[usual] - min(costs)
+        orders = tuple(own) if saved > 0 else USUAL_ORDERS
         writer = BitWriter()
-        for at, (value, size, kind) in enumerate(self.tokens):
-            if at == head:
-                writer.bits(orders != Orders(), 1)
-                if orders != Orders():
-                    for order, width in zip(orders, WIDTHS, strict=True):
-                        writer.bits(order, width)
-            if kind == -1:
-                writer.bits(value, size)
+        for value, count, _ in self.tokens[:head]:
+            writer.bits(value, count)
+        writer.bits(orders != USUAL_ORDERS, 1)
+        if orders != USUAL_ORDERS:
+            for order, width in zip(orders, WIDTHS, strict=True):
+                writer.bits(order, width)
+        for value, size, chosen in self.tokens[head:]:
+            if chosen:
+                writer.number(value, orders[size])
             else:
-                writer.number(value, size if kind == -2 else orders[kind])
+                writer.bits(value, size)
         return writer.data()
-
-
-START, ALONG, ACROSS = range(3)
-"""Rows of Orders."""
 
 
 def _write_chain(
@@ -168,65 +163,46 @@ def _write_chain(
 
     Returns the place of its last vertex.
     """
-    first, end = new.bounds(chain)
-    ring, changes_only = bool(new.rings[chain]), bool(len(base.cells))
+    rows, ring, changes_only = slice(*new.bounds(chain)), bool(new.rings[chain]), bool(len(base.cells))
+    cells: list[Place] = new.cells[rows].tolist()
+    labels, own, levels = new.labels[rows].tolist(), new.own[rows].tolist(), new.level[rows].tolist()
+    inside = range(len(cells)) if ring else range(1, len(cells) - 1)
+    plain = not any(labels[v] for v in inside)
     script.bits(ring, 1)
-    inside = range(first, end) if ring else range(first + 1, end - 1)
-    plain = not new.labels[inside.start : inside.stop].any() if len(inside) else True
     script.bits(plain, 1)
     if changes_only:
         script.number(len(runs) - 1)
-    v, due = first, 0
-    cells = new.cells[first:end].tolist()
+    due = 0
     base_rows: list[int] = []
     for run in runs:
         if changes_only:
-            script.bits(*_RUN_BITS[run.origin])
+            script.three(run.origin)
         script.number(run.length - 1, 0 if changes_only else 1)
         if run.origin != VertexOrigin.NEW:
-            script.signed_of_order(run.row - due, 2)
+            script.number(folded(run.row - due), 2)
             due = run.row + run.length
         for row in run.rows or [-1] * run.length:
-            here = (cells[v - first][0], cells[v - first][1])
+            v = len(base_rows)
+            here = cells[v]
             base_rows.append(row)
             if run.origin == VertexOrigin.MOVED:
-                x, y = base.cells[row].tolist()
-                script.signed(here[0] - x, ACROSS)
-                script.signed(here[1] - y, ACROSS)
-            elif run.origin == VertexOrigin.NEW and v == first:
-                script.signed(here[0] - last[0], START)
-                script.signed(here[1] - last[1], START)
+                script.offset(base.cells[row].tolist(), here, ACROSS, ACROSS)
+            elif run.origin == VertexOrigin.NEW and v == 0:
+                script.offset(last, here, START, START)
             elif run.origin == VertexOrigin.NEW:
-                _write_step(script, here, last, _across(cells[: v - first]))
-            if run.origin != VertexOrigin.COPY:
-                _write_label(script, int(new.labels[v]), v in inside, plain)
+                axis = _across(cells[:v])
+                usual = abs(here[axis] - last[axis]) >= abs(here[1 - axis] - last[1 - axis])
+                script.bits(usual, 1)
+                turn = 1 if (axis if usual else 1 - axis) == 0 else -1
+                script.offset(last[::turn], here[::turn], ALONG, ACROSS)
+            if run.origin != VertexOrigin.COPY and not (plain and v in inside):
+                script.three((INSIDE if v in inside else AT_ENDS).index(Label(labels[v])))
             last = here
-            v += 1
-    edges = slice(first, end if ring else end - 1)
-    _write_own(script, new.own[edges].tolist())
+    edges = len(cells) if ring else len(cells) - 1
+    _write_own(script, own[:edges])
     if likelihoods:
-        _write_levels(script, new.level[edges].tolist(), _expected_levels(base_rows, base, ring))
+        _write_levels(script, levels[:edges], _expected_levels(base_rows, base, ring))
     return last
-
-
-_RUN_BITS = {VertexOrigin.COPY: (0, 1), VertexOrigin.NEW: (2, 2), VertexOrigin.MOVED: (3, 2)}
-"""Value and number of bits that tell the origin of a run."""
-
-
-def _write_step(script: _Script, here: Place, last: Place, axis: int) -> None:
-    step = here[0] - last[0], here[1] - last[1]
-    usual = abs(step[axis]) >= abs(step[1 - axis])
-    script.bits(usual, 1)
-    main = axis if usual else 1 - axis
-    script.signed(step[main], ALONG)
-    script.signed(step[1 - main], ACROSS)
-
-
-def _write_label(script: _Script, label: int, inside: bool, plain: bool) -> None:
-    if inside and plain:
-        return
-    rank = (INSIDE if inside else AT_ENDS).index(Label(label))
-    script.bits(*((0, 1), (2, 2), (3, 2))[rank])
 
 
 def _write_own(script: _Script, own: list[bool]) -> None:
@@ -246,12 +222,12 @@ def _write_levels(script: _Script, levels: list[int], expected: list[int]) -> No
             script.bits(*((1, 1) if level == usual else (level, 4)))
 
 
-def _across(before: list[list[int]]) -> int:
+def _across(before: list[Place]) -> int:
     """Axis along which a chain is expected to go on: across its last edge; 0 where there is none."""
     if len(before) < 2:
         return 0
-    (ax, ay), (bx, by) = before[-2], before[-1]
-    return 1 if abs(bx - ax) >= abs(by - ay) else 0
+    (ax, ay), (bx, by) = before[-2:]
+    return int(abs(bx - ax) >= abs(by - ay))
 
 
 def _expected_levels(base_rows: list[int], base: GridMap, ring: bool) -> list[int]:
@@ -265,14 +241,12 @@ def _expected_levels(base_rows: list[int], base: GridMap, ring: bool) -> list[in
 class _Rebuilt:
     """The map that a message tells, read vertex by vertex."""
 
-    def __init__(self, reader: BitReader, orders: Orders, base: GridMap, likelihoods: bool) -> None:
+    def __init__(self, reader: BitReader, orders: Sequence[int], base: GridMap, likelihoods: bool) -> None:
         self.reader, self.orders, self.base, self.likelihoods = reader, orders, base, likelihoods
         self.places = base.cells.tolist()
         self.used = np.zeros(len(base.cells), np.bool_)
-        self.cells: list[list[int]] = []
-        self.labels: list[int] = []
-        self.own: list[bool] = []
-        self.level: list[int] = []
+        self.vertices: list[tuple[int, ...]] = []
+        """Place, label, whether the sender saw the edge that leaves it, and its level."""
         self.starts = [0]
         self.rings: list[bool] = []
 
@@ -291,15 +265,17 @@ class _Rebuilt:
                     raise ProtocolError("changes to a map drop a chain that is not there")
                 dropped[chain] = True
         reader.finish()
-        check_places(self.cells, base.cell_mm)
+        x, y, labels, own, level = np.array(self.vertices, np.int64).reshape(-1, 5).T
+        cells = np.stack([x, y], 1)
+        check_places(cells, base.cell_mm)
         built = GridMap(
             base.cell_mm,
             base.axis,
-            np.array(self.cells, np.int32).reshape(-1, 2),
-            np.array(self.labels, np.uint8),
-            np.array(self.own, np.bool_),
-            np.array(self.level, np.uint8),
-            np.array(self.starts, np.int64),
+            cells.astype(np.int32),
+            labels.astype(np.uint8),
+            own.astype(np.bool_),
+            level.astype(np.uint8),
+            np.array(self.starts),
             np.array(self.rings, np.bool_),
         )
         whole = base.of_chains(np.flatnonzero(~dropped).tolist()).joined(built)
@@ -307,76 +283,66 @@ class _Rebuilt:
         return whole
 
     def _chain(self, last: Place) -> Place:
-        reader, base, first = self.reader, self.base, len(self.cells)
-        ring, plain = bool(reader.bits(1)), bool(reader.bits(1))
+        reader, base = self.reader, self.base
+        ring, plain, changes_only = bool(reader.bits(1)), bool(reader.bits(1)), bool(len(base.cells))
+        cells: list[Place] = []
+        labels: list[int] = []
         base_rows: list[int] = []
         due = 0
-        for left in reversed(range(reader.number() + 1 if len(base.cells) else 1)):
-            kind = VertexOrigin.NEW
-            if len(base.cells):
-                kind = (
-                    VertexOrigin.COPY
-                    if not reader.bits(1)
-                    else VertexOrigin.MOVED
-                    if reader.bits(1)
-                    else VertexOrigin.NEW
-                )
-            count = reader.number(0 if len(base.cells) else 1) + 1
-            check_size(len(self.cells) + count)
-            row = -1
-            if kind != VertexOrigin.NEW:
-                row = due + reader.signed(2)
-                due = row + count
-                if row < 0 or due > len(base.cells) or self.used[row:due].any():
+        for left in reversed(range(reader.number() + 1 if changes_only else 1)):
+            origin = self._three() if changes_only else VertexOrigin.NEW
+            count = reader.number(0 if changes_only else 1) + 1
+            check_size(len(self.vertices) + len(cells) + count)
+            rows = [-1] * count
+            if origin != VertexOrigin.NEW:
+                first = due + reader.signed(2)
+                due = first + count
+                if first < 0 or due > len(base.cells) or self.used[first:due].any():
                     raise ProtocolError("changes to a map take a vertex that is not there, or twice")
-                self.used[row:due] = True
-            for k in range(count):
-                at_end = not ring and (len(self.cells) == first or (not left and k == count - 1))
-                last = self._vertex(kind, row + k, last, first)
-                base_rows.append(row + k if kind != VertexOrigin.NEW else -1)
-                copied = int(base.labels[row + k]) if kind == VertexOrigin.COPY else -1
-                self.labels.append(copied if kind == VertexOrigin.COPY else self._label(at_end, plain))
-        count = len(self.cells) - first
-        if ring and count < 2:
+                self.used[first:due] = True
+                rows = list(range(first, due))
+            base_rows += rows
+            for k, row in enumerate(rows):
+                at_end = not ring and (not cells or (not left and k == count - 1))
+                last = self._place(origin, row, last, cells)
+                cells.append(last)
+                if origin == VertexOrigin.COPY:
+                    labels.append(int(base.labels[row]))
+                else:
+                    labels.append(Label.NOMINAL if plain and not at_end else (INSIDE, AT_ENDS)[at_end][self._three()])
+        if ring and len(cells) < 2:
             raise ProtocolError("a ring of a map has one vertex")
-        edges = count if ring else count - 1
-        none_left = [0] * (count - edges)
-        self.own += self._own(edges) + [False] * len(none_left)
-        self.level += self._levels(base_rows, ring, edges) + none_left
-        self.starts.append(len(self.cells))
+        edges = len(cells) if ring else len(cells) - 1
+        none = [0] * (len(cells) - edges)
+        own, levels = self._own(edges) + none, self._levels(base_rows, ring, edges) + none
+        for (x, y), *rest in zip(cells, labels, own, levels, strict=True):
+            self.vertices.append((x, y, *rest))
+        self.starts.append(len(self.vertices))
         self.rings.append(ring)
         return last
 
-    def _vertex(self, kind: int, row: int, last: Place, first: int) -> Place:
-        reader = self.reader
-        if kind == VertexOrigin.COPY:
-            x, y = self.places[row]
-        elif kind == VertexOrigin.MOVED:
-            x, y = self.places[row]
-            x, y = x + self._signed(ACROSS), y + self._signed(ACROSS)
-        elif len(self.cells) == first:
-            x, y = last[0] + self._signed(START), last[1] + self._signed(START)
-        else:
-            axis = _across(self.cells[max(first, len(self.cells) - 2) :])
-            main = axis if reader.bits(1) else 1 - axis
+    def _place(self, origin: int, row: int, last: Place, before: list[Place]) -> Place:
+        if origin == VertexOrigin.NEW and before:
+            axis = _across(before)
+            main = axis if self.reader.bits(1) else 1 - axis
             along, across = self._signed(ALONG), self._signed(ACROSS)
-            x, y = last[0] + (across if main else along), last[1] + (along if main else across)
-        self.cells.append([x, y])
-        return x, y
+            return last[0] + (across if main else along), last[1] + (along if main else across)
+        near = last if origin == VertexOrigin.NEW else self.places[row]
+        if origin == VertexOrigin.COPY:
+            return near
+        which = ACROSS if origin == VertexOrigin.MOVED else START
+        return near[0] + self._signed(which), near[1] + self._signed(which)
 
     def _signed(self, which: int) -> int:
         return self.reader.signed(self.orders[which])
 
-    def _label(self, at_end: bool, plain: bool) -> int:
-        if not at_end and plain:
-            return Label.NOMINAL
-        rank = 0 if not self.reader.bits(1) else 1 + self.reader.bits(1)
-        return (AT_ENDS if at_end else INSIDE)[rank]
+    def _three(self) -> int:
+        return 1 + self.reader.bits(1) if self.reader.bits(1) else 0
 
-    def _own(self, edges: int) -> list[bool]:
+    def _own(self, edges: int) -> list[int]:
         if not edges or self.reader.bits(1):
-            return [True] * edges
-        return [bool(self.reader.bits(1)) for _ in range(edges)] if self.reader.bits(1) else [False] * edges
+            return [1] * edges
+        return [self.reader.bits(1) for _ in range(edges)] if self.reader.bits(1) else [0] * edges
 
     def _levels(self, base_rows: list[int], ring: bool, edges: int) -> list[int]:
         if not self.likelihoods:

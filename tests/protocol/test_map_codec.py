@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
-from protocol.grid_map import AXIS_STEPS, GridMap, empty, main_axis, quantise
+from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.wireframe import MAX_VERTICES, Label, Wireframe
 from tests.fuzz_map_codec import BASE, changes, fuzz_one, some_map
@@ -154,7 +154,7 @@ def test_the_grid_lies_along_the_walls() -> None:
     assert steps.min() <= 1 and steps.max() == 200
     assert np.abs(grid_map.wireframe().points[:, None] - room().points[None]).max(2).min(1).max() < 0.008
     assert main_axis(Wireframe()) == 0
-    assert quantise(Wireframe(), 10, 5) == empty(10, 5)
+    assert quantise(Wireframe(), 10, 5) == GridMap(10, 5)
 
 
 def test_noise_is_no_news_and_a_move_is() -> None:
