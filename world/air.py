@@ -6,8 +6,9 @@ message changes no draw of another link.
 
 import math
 import zlib
-from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from collections import Counter
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,14 +30,8 @@ class Hop(NamedTuple):
     """(2,) m, true place of the receiver at the sending tick."""
 
 
-class Loss(Protocol):
-    """A model that may lose messages."""
-
-    reason: str
-
-    def loses(self, hop: Hop) -> bool:
-        """Whether the message is lost."""
-        ...
+Loses = Callable[[Hop], bool]
+"""Whether a model of the air loses a message."""
 
 
 class Luck:
@@ -54,30 +49,44 @@ class Luck:
         """For a directed link, for a whole run."""
         return np.random.default_rng([*self._words, hop.sender, hop.receiver])
 
+    def once_a_link(self, draw: Callable[[np.random.Generator], float]) -> Callable[[Hop], float]:
+        """What is drawn for the link of a hop, the same for a whole run."""
+        drawn: dict[tuple[int, int], float] = {}
 
-def losses(models: list[Model], robots: list[str], seed: int, period_s: float, walls: Floats) -> list[Loss]:
-    """The models that lose messages, in their order.
+        def value(hop: Hop) -> float:
+            link = hop.sender, hop.receiver
+            if link not in drawn:
+                drawn[link] = draw(self.of_link(hop))
+            return drawn[link]
+
+        return value
+
+
+def losses(
+    models: list[Model], robots: list[str], seed: int, period_s: float, walls: Floats
+) -> list[tuple[str, Loses]]:
+    """The models that lose messages, in their order, with the reason that each gives.
 
     period_s: of a tick. walls: (n, 4) x1, y1, x2, y2 in metres, free space on their left.
     """
-    made: list[Loss] = []
-    seen: dict[str, int] = {}
+    made: list[tuple[str, Loses]] = []
+    seen: Counter[str] = Counter()
     for model in models:
-        luck = Luck(seed, model.kind, seen.setdefault(model.kind, 0))
+        luck = Luck(seed, model.kind, seen[model.kind])
         seen[model.kind] += 1
         match model:
             case LineOfSight():
-                made.append(_Sight(walls))
+                made.append(("walls", lambda hop: walls_between(walls, hop.here, hop.there) > 0))
             case LogDistance():
-                made.append(_Fading(model, walls, luck))
+                made.append(("fading", _fading(model, walls, luck)))
             case Bernoulli():
-                made.append(_Chance(model.loss, luck))
+                made.append(("loss", _bernoulli(model, luck)))
             case GilbertElliott():
-                made.append(_Bursts(model, period_s, luck))
+                made.append(("burst", _bursts(model, period_s, luck)))
             case Asymmetric():
-                made.append(_OwnLosses(model, robots, luck))
+                made.append(("asymmetric", _own_losses(model, robots, luck)))
             case Blackout():
-                made.append(_Silence(model, robots, period_s))
+                made.append(("blackout", _silence(model, robots, period_s)))
     return made
 
 
@@ -95,104 +104,71 @@ def walls_between(walls: Floats, here: Floats, there: Floats) -> int:
     return int(((near > 0) & (far <= 0) & ((left > 0) != (right > 0))).sum())
 
 
-class _Sight:
-    """Any wall between blocks."""
-
-    reason = "walls"
-
-    def __init__(self, walls: Floats) -> None:
-        self._walls = walls
-
-    def loses(self, hop: Hop) -> bool:
-        return walls_between(self._walls, hop.here, hop.there) > 0
-
-
-class _Fading:
+def _fading(model: LogDistance, walls: Floats, luck: Luck) -> Loses:
     """Log-distance path loss, walls, and fading per message."""
+    link_db = luck.once_a_link(lambda rng: float(rng.normal(0, model.link_db)))
 
-    reason = "fading"
-
-    def __init__(self, model: LogDistance, walls: Floats, luck: Luck) -> None:
-        self._model, self._walls, self._luck = model, walls, luck
-        self._link_db: dict[tuple[int, int], float] = {}
-
-    def loses(self, hop: Hop) -> bool:
-        model, link = self._model, (hop.sender, hop.receiver)
-        if link not in self._link_db:
-            self._link_db[link] = float(self._luck.of_link(hop).normal(0, model.link_db))
+    def loses(hop: Hop) -> bool:
         away = max(math.dist(hop.here, hop.there), 0.01)
-        margin_db = 10 * model.exponent * math.log10(model.reach_m / away) + self._link_db[link]
+        margin_db = 10 * model.exponent * math.log10(model.reach_m / away) + link_db(hop)
         if model.wall_db:
-            margin_db -= model.wall_db * walls_between(self._walls, hop.here, hop.there)
-        return bool(margin_db + self._luck.of_hop(hop).normal(0, model.fading_db) < 0)
+            margin_db -= model.wall_db * walls_between(walls, hop.here, hop.there)
+        return bool(margin_db + luck.of_hop(hop).normal(0, model.fading_db) < 0)
+
+    return loses
 
 
-class _Chance:
-    """The same chance of loss for all messages."""
-
-    reason = "loss"
-
-    def __init__(self, loss: float, luck: Luck) -> None:
-        self._loss, self._luck = loss, luck
-
-    def loses(self, hop: Hop) -> bool:
-        return bool(self._luck.of_hop(hop).random() < self._loss)
+def _chance(loss: Callable[[Hop], float], luck: Luck) -> Loses:
+    """A probability of loss for each message."""
+    return lambda hop: bool(luck.of_hop(hop).random() < loss(hop))
 
 
-class _Bursts:
+def _bernoulli(model: Bernoulli, luck: Luck) -> Loses:
+    """The same probability of loss for all messages."""
+    return _chance(lambda _: model.loss, luck)
+
+
+def _bursts(model: GilbertElliott, period_s: float, luck: Luck) -> Loses:
     """A Markov chain of two states per directed link, stepped once a tick."""
+    losses = model.loss_good, model.loss_bad
+    leave = min(1.0, period_s / model.good_s), min(1.0, period_s / model.bad_s)
+    often_bad = model.bad_s / (model.good_s + model.bad_s)
+    links: dict[tuple[int, int], tuple[np.random.Generator, int, bool]] = {}
 
-    reason = "burst"
-
-    def __init__(self, model: GilbertElliott, period_s: float, luck: Luck) -> None:
-        self._luck = luck
-        self._loss = (model.loss_good, model.loss_bad)
-        self._leave = min(1.0, period_s / model.good_s), min(1.0, period_s / model.bad_s)
-        self._often_bad = model.bad_s / (model.good_s + model.bad_s)
-        self._links: dict[tuple[int, int], tuple[np.random.Generator, int, bool]] = {}
-
-    def loses(self, hop: Hop) -> bool:
+    def loss(hop: Hop) -> float:
         link = hop.sender, hop.receiver
-        if link not in self._links:
-            rng = self._luck.of_link(hop)
-            self._links[link] = rng, 0, bool(rng.random() < self._often_bad)
-        rng, tick, bad = self._links[link]
+        if link not in links:
+            rng = luck.of_link(hop)
+            links[link] = rng, 0, bool(rng.random() < often_bad)
+        rng, tick, bad = links[link]
         for chance in rng.random(hop.tick - tick).tolist():
-            bad ^= chance < self._leave[bad]
-        self._links[link] = rng, hop.tick, bad
-        return bool(self._luck.of_hop(hop).random() < self._loss[bad])
+            bad ^= chance < leave[bad]
+        links[link] = rng, hop.tick, bad
+        return losses[bad]
+
+    return _chance(loss, luck)
 
 
-class _OwnLosses:
-    """A chance of loss per directed link."""
+def _own_losses(model: Asymmetric, robots: list[str], luck: Luck) -> Loses:
+    """A probability of loss per directed link."""
+    drawn = luck.once_a_link(lambda rng: float(rng.uniform(0, model.most)))
 
-    reason = "asymmetric"
+    def loss(hop: Hop) -> float:
+        given = model.links.get(f"{robots[hop.sender]}>{robots[hop.receiver]}")
+        return drawn(hop) if given is None else given
 
-    def __init__(self, model: Asymmetric, robots: list[str], luck: Luck) -> None:
-        self._most, self._luck = model.most, luck
-        index = {robot: i for i, robot in enumerate(robots)}
-        pairs = {tuple(link.split(">")): loss for link, loss in model.links.items()}
-        self._loss = {(index[a], index[b]): loss for (a, b), loss in pairs.items() if a in index and b in index}
-
-    def loses(self, hop: Hop) -> bool:
-        link = hop.sender, hop.receiver
-        if link not in self._loss:
-            self._loss[link] = float(self._luck.of_link(hop).uniform(0, self._most))
-        return bool(self._luck.of_hop(hop).random() < self._loss[link])
+    return _chance(loss, luck)
 
 
-class _Silence:
+def _silence(model: Blackout, robots: list[str], period_s: float) -> Loses:
     """A window of time in which nothing passes."""
+    mute = {i for i, robot in enumerate(robots) if not model.robots or robot in model.robots}
 
-    reason = "blackout"
+    def loses(hop: Hop) -> bool:
+        in_time = model.begin_s <= hop.tick * period_s < model.end_s
+        return in_time and not mute.isdisjoint((hop.sender, hop.receiver))
 
-    def __init__(self, model: Blackout, robots: list[str], period_s: float) -> None:
-        self._model, self._period_s = model, period_s
-        self._mute = {i for i, robot in enumerate(robots) if not model.robots or robot in model.robots}
-
-    def loses(self, hop: Hop) -> bool:
-        t = hop.tick * self._period_s
-        return self._model.begin_s <= t < self._model.end_s and not self._mute.isdisjoint((hop.sender, hop.receiver))
+    return loses
 
 
 class Delay:
@@ -221,13 +197,9 @@ class Budget:
         """Whether a robot's radio takes a message at a tick; if so, it is counted."""
         if self._limit is None:
             return True
-        used = self._recent(robot, tick)
+        before = self._used.get(robot, {})
+        used = self._used[robot] = {t: size for t, size in before.items() if t > tick - self._ticks}
         if sum(used.values()) + size > self._limit:
             return False
         used[tick] = used.get(tick, 0) + size
         return True
-
-    def _recent(self, robot: int, tick: int) -> dict[int, int]:
-        used: Mapping[int, int] = self._used.get(robot, {})
-        self._used[robot] = {t: size for t, size in used.items() if t > tick - self._ticks}
-        return self._used[robot]

@@ -27,7 +27,8 @@ class Participants:
         """`dead` gives the reason for each robot that was given up, and may grow."""
         self._phase = dict.fromkeys(robots, Phase.AWAITED)
         self._dead = dead
-        self._sessions: dict[str, str] = {}
+        self.sessions: dict[str, str] = {}
+        """Zenoh ID of each robot that was let in."""
 
     @property
     def ready(self) -> list[str]:
@@ -42,11 +43,6 @@ class Participants:
     def missing(self) -> list[str]:
         """Robots that do not take part, or not yet."""
         return [robot for robot, phase in self._phase.items() if phase != Phase.READY]
-
-    @property
-    def sessions(self) -> dict[str, str]:
-        """Zenoh ID of each robot that was let in."""
-        return dict(self._sessions)
 
     def admit(self, robot: str, service: str, payload: bytes) -> str | None:
         """Let in a robot that asks with these bytes; returns the reason where it is refused."""
@@ -63,13 +59,13 @@ class Participants:
         match self._phase.get(robot):
             case None:
                 return f"no {robot} takes part, only {', '.join(self._phase)}"
-            case Phase.WELCOMED if self._sessions[robot] == join.session:
+            case Phase.WELCOMED if self.sessions[robot] == join.session:
                 pass  # it asks again because the world's token changed while it asked
             case Phase.WELCOMED | Phase.READY:
                 return f"another {robot} is there already"
             case Phase.DEAD:
                 return f"it was given up: {self._dead[robot]}"
-        self._sessions[robot] = join.session
+        self.sessions[robot] = join.session
         self._phase[robot] = Phase.WELCOMED
         return None
 

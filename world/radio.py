@@ -1,7 +1,7 @@
 """The gate that every message between robots must pass, and the books of what passed and what was dropped."""
 
 import math
-from collections import defaultdict, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -14,19 +14,14 @@ from protocol.messages import EVERYONE, Heard, LinkReport, Send
 from world.air import Budget, Delay, Hop, losses
 from world.radio_config import Capacity, RadioConfig
 
+# Outcomes; all but the first are reasons of a drop, as are those of the models of the air.
 DELIVERED = "delivered"
-RANGE = "range"
-"""Dropped: too far at the sending tick."""
-MTU = "mtu"
-"""Dropped: longer than the radio carries in one piece."""
-CAPACITY_OUT = "capacity_out"
-"""Dropped: the sender's radio has no capacity left in this second."""
-CAPACITY_IN = "capacity_in"
-"""Dropped: the receiver's radio has none left."""
-DEAD = "dead"
-"""Dropped: the receiver was dead when it was to be delivered."""
-ENDED = "ended"
-"""Dropped: the run ended before the delivery."""
+RANGE = "range"  # too far at the sending tick
+MTU = "mtu"  # longer than the radio carries in one piece
+CAPACITY_OUT = "capacity_out"  # the sender's radio has no capacity left in this second
+CAPACITY_IN = "capacity_in"  # the receiver's radio has none left
+DEAD = "dead"  # the receiver was dead when it was to be delivered
+ENDED = "ended"  # the run ended before the delivery
 
 MAX_SENDS = 256
 """Messages of one robot in one tick. A map of 20,000 vertices has 60 parts."""
@@ -46,36 +41,24 @@ class Passage(NamedTuple):
     outcome: str
 
 
-@dataclass
-class Tally:
-    """Messages and payload bytes."""
-
-    messages: int = 0
-    bytes: int = 0
-
-    def add(self, size: int) -> None:
-        """Count one message of that many bytes."""
-        self.messages += 1
-        self.bytes += size
-
-    def as_dict(self) -> dict[str, int]:
-        """For JSON."""
-        return {"messages": self.messages, "bytes": self.bytes}
+def tally(messages: int = 0, size: int = 0) -> Counter[str]:
+    """Messages and payload bytes; `update` adds another's."""
+    return Counter(messages=messages, bytes=size)
 
 
 @dataclass
 class Books:
     """Counts of payloads: a broadcast counts once on the air, and once per receiver on the links."""
 
-    on_air: defaultdict[tuple[str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
+    on_air: defaultdict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
     """By sender and kind."""
-    addressed: defaultdict[tuple[str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
+    addressed: defaultdict[tuple[str, str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
     """By sender, receiver and kind, counted when sent: an independent count, against which outcomes are checked."""
-    links: defaultdict[tuple[str, str, str, str], Tally] = field(default_factory=lambda: defaultdict(Tally))
-    """By sender, receiver, kind and outcome."""
-    sent: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
+    links: defaultdict[tuple[str, str, str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
+    """By receiver, kind, outcome and sender."""
+    sent: Counter[str] = field(default_factory=Counter)
     """Bytes that each robot put on the air."""
-    received: defaultdict[str, int] = field(default_factory=lambda: defaultdict(int))
+    received: Counter[str] = field(default_factory=Counter)
     """Bytes that were delivered to each robot."""
 
     def as_dict(self, robots: Sequence[str]) -> dict[str, Any]:
@@ -87,35 +70,23 @@ class Books:
         per_robot: dict[str, Any] = {
             robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
         }
-        for (sender, kind), tally in sorted(self.on_air.items()):
-            per_robot[sender]["offered"][kind] = tally.as_dict()
-            per_robot[sender]["addressed"][kind] = Tally()
+        for (sender, kind), count in sorted(self.on_air.items()):
+            per_robot[sender]["offered"][kind] = count
+            per_robot[sender]["addressed"][kind] = tally()
         links: dict[tuple[str, str], dict[str, Any]] = {}
-        for (sender, receiver, kind), tally in sorted(self.addressed.items()):
+        for (sender, receiver, kind), count in sorted(self.addressed.items()):
             link = links.setdefault((sender, receiver), {"sender": sender, "receiver": receiver, "kinds": {}})
-            link["kinds"][kind] = {"offered": tally.as_dict(), "delivered": Tally().as_dict(), "dropped": {}}
-            _sum(per_robot[sender]["addressed"][kind], tally)
-        into: defaultdict[tuple[str, str, str], Tally] = defaultdict(Tally)
-        for (sender, receiver, kind, outcome), tally in sorted(self.links.items()):
-            counts = links[sender, receiver]["kinds"][kind]
-            _sum(into[receiver, kind, outcome], tally)
+            link["kinds"][kind] = {"offered": count, "delivered": tally(), "dropped": {}}
+            per_robot[sender]["addressed"][kind].update(count)
+        for (receiver, kind, outcome, sender), count in sorted(self.links.items()):
+            of_link, of_robot = links[sender, receiver]["kinds"][kind], per_robot[receiver]
             if outcome == DELIVERED:
-                counts["delivered"] = tally.as_dict()
+                of_link["delivered"] = count
+                of_robot["delivered"].setdefault(kind, tally()).update(count)
             else:
-                counts["dropped"][outcome] = tally.as_dict()
-        for books in per_robot.values():
-            books["addressed"] = {kind: tally.as_dict() for kind, tally in books["addressed"].items()}
-        for (receiver, kind, outcome), tally in sorted(into.items()):
-            if outcome == DELIVERED:
-                per_robot[receiver]["delivered"][kind] = tally.as_dict()
-            else:
-                per_robot[receiver]["dropped"].setdefault(kind, {})[outcome] = tally.as_dict()
+                of_link["dropped"][outcome] = count
+                of_robot["dropped"].setdefault(kind, {}).setdefault(outcome, tally()).update(count)
         return {"robots": per_robot, "links": list(links.values())}
-
-
-def _sum(total: Tally, tally: Tally) -> None:
-    total.messages += tally.messages
-    total.bytes += tally.bytes
 
 
 class Flying(NamedTuple):
@@ -170,9 +141,8 @@ class Radio:
         walls = np.zeros((0, 4)) if walls is None else walls
         self._losses = losses(config.models, self._robots, seed, period_s, walls)
         self._delay = Delay(config.models, seed)
-        second = max(1, round(1 / period_s))
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
-        self._budget = Budget(min(limits, default=None), second)
+        self._budget = Budget(min(limits, default=None), max(1, round(1 / period_s)))
         self._flying: list[Flying] = []
         self._receptions: defaultdict[tuple[int, int], Reception] = defaultdict(Reception)
         self._table_ticks = max(1, round(TABLE_S / period_s))
@@ -187,30 +157,27 @@ class Radio:
 
     def offer(self, tick: int, sends: Mapping[str, Sequence[Send]], places: Floats) -> None:
         """Take the messages of one tick; `places` (k, 2) are the true positions at that tick, metres."""
-        for sender in sorted((self._index[robot] for robot, said in sends.items() if said)):
-            numbers = [0] * len(self._robots)
+        for sender in sorted(self._index[robot] for robot, said in sends.items() if said):
+            name, numbers = self._robots[sender], [0] * len(self._robots)
             near = np.hypot(*(places - places[sender]).T) <= self._reach
-            for send in sends[self._robots[sender]]:
+            for send in sends[name]:
                 size = len(send.payload)
-                name = self._robots[sender]
-                self.books.on_air[name, send.kind].add(size)
+                self.books.on_air[name, send.kind].update(tally(1, size))
                 self.books.sent[name] += size
                 held_back = MTU if size > self._mtu else None
                 if held_back is None and not self._budget.takes(sender, tick, size):
                     held_back = CAPACITY_OUT
-                receivers = range(len(self._robots)) if send.to == EVERYONE else [self._index[send.to]]
-                for receiver in receivers:
-                    if receiver == sender:
-                        continue
+                others = [index for index in self._index.values() if index != sender]
+                for receiver in others if send.to == EVERYONE else [self._index[send.to]]:
                     hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
                     numbers[receiver] += 1
-                    self.books.addressed[name, self._robots[receiver], send.kind].add(size)
-                    lost = held_back or (self._lost(hop) if near[receiver] else RANGE)
+                    self.books.addressed[name, self._robots[receiver], send.kind].update(tally(1, size))
+                    lost = held_back or (self._lost_to(hop) if near[receiver] else RANGE)
                     due = tick + (1 if lost else self._delay.ticks(hop))
                     self._flying.append(Flying(due, sender, receiver, send, lost))
 
-    def _lost(self, hop: Hop) -> str | None:
-        return next((model.reason for model in self._losses if model.loses(hop)), None)
+    def _lost_to(self, hop: Hop) -> str | None:
+        return next((reason for reason, loses in self._losses if loses(hop)), None)
 
     def deliver(
         self, tick: int, live: Collection[str], *, ended: bool = False
@@ -222,10 +189,9 @@ class Radio:
         heard: dict[str, list[Heard]] = {robot: [] for robot in self._robots if robot in live}
         passages = []
         due = [message for message in self._flying if ended or message.due <= tick]
-        self._flying = [message for message in self._flying if not (ended or message.due <= tick)]
+        self._flying = [] if ended else [message for message in self._flying if message.due > tick]
         for _, sender, receiver, send, lost in sorted(due, key=lambda message: (message.sender, message.send.tick)):
-            size = len(send.payload)
-            from_, to = self._robots[sender], self._robots[receiver]
+            size, from_, to = len(send.payload), self._robots[sender], self._robots[receiver]
             if lost is not None:
                 outcome = lost
             elif ended:
@@ -238,7 +204,7 @@ class Radio:
                 outcome = DELIVERED
                 heard[to].append(Heard(tick=tick, sender=from_, kind=send.kind, payload=send.payload))
                 self.books.received[to] += size
-            self.books.links[from_, to, send.kind, outcome].add(size)
+            self.books.links[to, send.kind, outcome, from_].update(tally(1, size))
             passages.append(Passage(send.tick, from_, to, send.kind, size, outcome))
             link = self._receptions[sender, receiver]
             link.count(tick, outcome == DELIVERED, tick - self._table_ticks)
@@ -253,6 +219,6 @@ class Radio:
             got = sum(delivered for _, _, delivered in link.recent)
             if got:
                 loss = 1 - got / sum(judged for _, judged, _ in link.recent)
-                names = self._robots[sender], self._robots[receiver]
-                rows.append(LinkReport(sender=names[0], receiver=names[1], loss=round(loss, 4), bytes=link.bytes))
+                names = {"sender": self._robots[sender], "receiver": self._robots[receiver]}
+                rows.append(LinkReport(**names, loss=round(loss, 4), bytes=link.bytes))
         return rows

@@ -25,9 +25,11 @@ from world.wire import Wire
 
 FAREWELL_S = 1.0
 """At the end of a run, robots have this long to go by themselves before the router closes."""
-
 PROGRESS_S = 0.2
 """Clock and progress are published this often, so that a viewer looks alive."""
+
+
+OnProgress = Callable[[Progress], None]
 
 
 class Interrupted(Exception):  # noqa: N818
@@ -42,7 +44,7 @@ def serve(
     secrets: Secrets | None = None,
     inbox: WorldInbox | None = None,
     listening: Callable[[str], None] = lambda endpoint: None,
-    progress: Callable[[Progress], None] = lambda progress: None,
+    progress: OnProgress = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
@@ -72,20 +74,13 @@ class Shell:
     """An episode among its robots' processes."""
 
     def __init__(
-        self,
-        episode: Episode,
-        config: ServerConfig,
-        session: zenoh.Session,
-        inbox: WorldInbox,
-        progress: Callable[[Progress], None],
+        self, episode: Episode, config: ServerConfig, session: zenoh.Session, inbox: WorldInbox, progress: OnProgress
     ) -> None:
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
-        self._session = session
-        self._declared = ExitStack()
+        self._session, self._declared = session, ExitStack()
         self._participants = Participants(episode.robots, episode.dead)
-        self._lockstep_answers = LockstepAnswers(episode.robots)
-        self._answers = self._lockstep_answers if self._lockstep else RealTimeAnswers(episode.robots)
+        self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
         self._began: float | None = None
@@ -98,11 +93,9 @@ class Shell:
         congestion = zenoh.CongestionControl.BLOCK if self._lockstep else zenoh.CongestionControl.DROP
         for robot in self.episode.robots:
             for channel in keys.INPUTS:
-                self._put[robot, channel] = declare(
-                    session.declare_publisher(
-                        keys.to_robot(robot, channel), congestion_control=congestion, express=True
-                    )
-                )
+                key = keys.to_robot(robot, channel)
+                publisher = session.declare_publisher(key, congestion_control=congestion, express=True)
+                self._put[robot, channel] = declare(publisher)
         self._clock = declare(session.declare_publisher(keys.CLOCK))
         self._links = declare(session.declare_publisher(keys.LINKS))
         self._progress = declare(session.declare_publisher(keys.PROGRESS))
@@ -144,7 +137,9 @@ class Shell:
             if self.config.real_time is None:
                 self._wait_for_all(time.monotonic() + self.config.silence_s)
             else:
-                self._wait_until(self._began + (tick + 1) * self.episode.period_s / self.config.real_time)
+                deadline = self._began + (tick + 1) * self.episode.period_s / self.config.real_time
+                while self._take(deadline):
+                    pass
             if self.episode.ended is None:
                 self._advance({robot: self._answers.take(robot, tick) for robot in self._participants.ready})
             if time.monotonic() - self._told > PROGRESS_S:
@@ -155,12 +150,10 @@ class Shell:
         self._told = time.monotonic()
         episode = self.episode
         episode.late_ticks = self._answers.late_ticks
-        clock = Clock(
-            tick=episode.tick, t=episode.t, status={robot: self._status(robot) for robot in episode.robots}, ended=ended
-        )
-        progress = Progress(
-            clock=clock, coverage=episode.coverage, team=episode.team_coverage, late_ticks=episode.late_ticks
-        )
+        status = {robot: self._status(robot) for robot in episode.robots}
+        clock = Clock(tick=episode.tick, t=episode.t, status=status, ended=ended)
+        coverage, team = episode.coverage, episode.team_coverage
+        progress = Progress(clock=clock, coverage=coverage, team=team, late_ticks=episode.late_ticks)
         self._clock.put(encode(clock))
         self._links.put(encode(LinkTable(tick=episode.tick, links=episode.links)))
         self._progress.put(encode(progress))
@@ -168,12 +161,12 @@ class Shell:
 
     def close(self, ended: str) -> None:
         """Write the run directory, tell everybody that the run is over, and give robots a moment to go."""
+        episode = self.episode
         if self._began is not None:
-            self.episode.wall_s = time.monotonic() - self._began
+            episode.wall_s = time.monotonic() - self._began
         self._began = None
-        self.episode.wire = self._wire.as_dict()
-        self.episode.late_ticks = self._answers.late_ticks
-        self.episode.close(ended)
+        episode.wire, episode.late_ticks = self._wire.as_dict(), self._answers.late_ticks
+        episode.close(ended)
         self.tell(ended)
         for robot in self._participants.ready:
             self._say(robot, keys.END, encode(End(reason=ended)))
@@ -198,14 +191,10 @@ class Shell:
         return "complete" if self.episode.complete[robot] else "exploring"
 
     def _wait_for_all(self, deadline: float) -> None:
-        while due := self._lockstep_answers.due(self._participants.ready):
+        while due := self._answers.due(self._participants.ready):
             if not self._take(deadline):
                 for robot in due:
                     self._kill(robot, f"said nothing for {self.config.silence_s:g} s")
-
-    def _wait_until(self, deadline: float) -> None:
-        while self._take(deadline):
-            pass
 
     def _advance(self, outputs: dict[str, Outputs]) -> None:
         while True:
@@ -219,10 +208,9 @@ class Shell:
         arrival = self.inbox.take(deadline)
         if arrival is None:
             return False
-        if arrival.query is not None:  # first, because the question's key is the robot's choice
-            self._reply(arrival, arrival.query)
-            return True
         match arrival.what:
+            case _ if arrival.query is not None:  # first, because the question's key is the robot's choice
+                self._reply(arrival, arrival.query)
             case Inbox.STOP:
                 raise Interrupted
             case WorldInbox.ALIVE:

@@ -39,13 +39,13 @@ class Flow:
 
     def as_dict(self, wire: int) -> dict[str, Any]:
         """For JSON; `wire` is the socket's count of bytes."""
-        explained = self.payload + self.overhead
+        unexplained = wire - self.payload - self.overhead
         return {
             "messages": self.messages,
             "payload_bytes": self.payload,
             "overhead_bytes": self.overhead,
             "wire_bytes": wire,
-            "unexplained_share": round((wire - explained) / wire, 6) if wire else 0.0,
+            "unexplained_share": round(unexplained / wire, 6) if wire else 0.0,
         }
 
 
@@ -61,8 +61,7 @@ class Wire:
 
     def begin(self, ports: Mapping[str, int]) -> None:
         """Begin to count; `ports` are those of the robots' ends of the links."""
-        self._ports = dict(ports)
-        self._before = tcp_bytes(self._ports.values())
+        self._ports, self._before = dict(ports), tcp_bytes(ports.values())
         self.to_robot.clear()
         self.from_robot.clear()
 
@@ -81,19 +80,16 @@ class Wire:
         for robot, port in self._ports.items():
             if port in now and port in self._before:
                 sent, received = (after - before for after, before in zip(now[port], self._before[port], strict=True))
-                robots[robot] = {
-                    "to_robot": self.to_robot[robot].as_dict(sent),
-                    "from_robot": self.from_robot[robot].as_dict(received),
-                }
+                to_robot, from_robot = self.to_robot[robot].as_dict(sent), self.from_robot[robot].as_dict(received)
+                robots[robot] = {"to_robot": to_robot, "from_robot": from_robot}
         return robots or None
 
 
 def tcp_bytes(ports: Iterable[int]) -> dict[int, tuple[int, int]]:
     """Bytes sent and received on this process's TCP connections to these ports of others."""
-    wanted = set(ports)
-    found: dict[int, tuple[int, int]] = {}
+    wanted, found = set(ports), {}
     if not sys.platform.startswith("linux"):
-        return found
+        return {}
     for entry in Path("/proc/self/fd").iterdir():
         try:
             if not str(entry.readlink()).startswith("socket:"):
