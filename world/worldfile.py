@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -22,27 +22,38 @@ BUNDLED = Path(__file__).parent / "bundled"
 
 SLIT_M = 2e-3
 """Narrower gaps between abutting solids are closed (as in the scorer): a yaw of 1.5708 is not pi/2."""
-
 THIN_M = 2e-4
 """Thickness given to walls without one, because a solid needs an inside (as in the scorer)."""
-
 STRAIGHT_M = 5e-5
 """Vertices nearer than this to the chord of their neighbours are no corners; a quarter of THIN_M."""
-
 FRAME_M = 1.0
 """Free space ends this far around the solids (as in the scorer)."""
-
 SPAWN_DISTANCE_M = 1.0
 """Drawn starts keep this distance where there is room, so that no robot blocks another."""
-
 SPAWN_CLEARANCE_M = 0.1
 """Drawn starts leave this between body and walls, so that a robot can turn and leave."""
-
 MAX_COORDINATE_M = 1000.0
 """A file with larger coordinates is probably not in metres."""
-
 MAX_BYTES = 10_000_000
 """Largest world file; a thousand walls take 50 kB."""
+
+
+Level = tuple[str, float, float]
+"""What a list must be, in words, and its least and greatest length."""
+
+_ANY: Level = ("must be a list", 0, math.inf)
+LISTS: Mapping[str, Sequence[Level]] = {
+    "boxes": (_ANY, ("must be a list of 5 numbers", 5, 5)),
+    "walls": (_ANY, ("must be a list of 4 numbers", 4, 4)),
+    "polygons": (
+        _ANY,
+        ("must be a list of rings", 1, math.inf),
+        ("a ring must be a list of at least 3 points", 3, math.inf),
+        ("a point must be a list of 2 numbers", 2, 2),
+    ),
+    "spawns": (_ANY, ("must be a list of 3 numbers", 3, 3)),
+}
+"""The fields of numbers, as lists in lists."""
 
 
 class WorldFileError(ValueError):
@@ -66,7 +77,7 @@ class World:
     @cached_property
     def hash(self) -> str:
         """SHA-256 of the world's geometry and spawns; layout and comments of the file do not count."""
-        known = {key: self.document.get(key) or [] for key in ("boxes", "walls", "polygons", "spawns")}
+        known = {key: self.document.get(key) or [] for key in LISTS}
         return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
     @cached_property
@@ -132,7 +143,7 @@ class World:
         Drawn ones lie in one region: that of the first spawn, else the largest that is closed.
         Raises WorldFileError where a spawn leaves no room for a robot, or the world for so many.
         """
-        starts = [] if drawn else [tuple(map(float, spawn)) for spawn in self.spawns[:robots]]
+        starts = [] if drawn else self.spawns[:robots].tolist()
         for i, (x, y, _) in enumerate(starts):
             if self.region_of(x, y, radius_m) is None:
                 raise WorldFileError(f"{self.source}: spawns[{i}]: no free space for a robot of radius {radius_m} m")
@@ -151,7 +162,7 @@ class World:
             spots = rng.uniform((x0, y0, -math.pi), (x1, y1, math.pi), (200, 3))
             for spot in spots[shapely.contains_xy(roomy, spots[:, 0], spots[:, 1])]:
                 if all(math.hypot(spot[0] - x, spot[1] - y) >= distance for x, y, _ in starts):
-                    starts.append((float(spot[0]), float(spot[1]), float(spot[2])))
+                    starts.append(spot.tolist())
                     break
             else:
                 distance *= 0.8  # in a crowded world robots start closer, but never overlap
@@ -161,13 +172,10 @@ class World:
 
     def _home(self, radius_m: float) -> Polygon:
         """The region that drawn robots start in."""
-        if len(self.spawns):
-            region = self.region_of(float(self.spawns[0, 0]), float(self.spawns[0, 1]), radius_m)
-            if region is not None:
+        for x, y, _ in self.spawns[:1].tolist():
+            if (region := self.region_of(x, y, radius_m)) is not None:
                 return region
-        regions = self.regions(radius_m)
-        x0, y0, x1, y1 = self.solid.bounds
-        inside = shapely.box(x0, y0, x1, y1)
+        regions, inside = self.regions(radius_m), shapely.box(*self.solid.bounds)
         closed = [region for region in regions if region.within(inside)]
         if not regions:
             raise WorldFileError(f"{self.source}: no free space for a robot of radius {radius_m} m")
@@ -181,11 +189,9 @@ def bundled() -> list[str]:
 
 def load(name_or_path: str | Path) -> World:
     """World of a bundled name or of a YAML or JSON file; raises WorldFileError naming file and field."""
-    path = BUNDLED / f"{name_or_path}.yaml"
-    if str(name_or_path) not in bundled():
-        path = Path(name_or_path)
-        if not path.is_file():
-            raise WorldFileError(f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})")
+    path = BUNDLED / f"{name_or_path}.yaml" if str(name_or_path) in bundled() else Path(name_or_path)
+    if not path.is_file():
+        raise WorldFileError(f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})")
     try:
         if path.stat().st_size > MAX_BYTES:
             raise WorldFileError(f"{path}: larger than {MAX_BYTES} bytes")
@@ -199,10 +205,8 @@ def parse(text: str, source: str) -> World:
     """World of a file's text; `source` names it in errors. The same text gives the same object."""
     try:
         document = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, RecursionError, ValueError) as error:  # or nested too deep; an impossible date or number
         raise WorldFileError(f"{source}: no YAML: {' '.join(str(error).split())}") from None
-    except (RecursionError, ValueError) as error:  # nested too deep; an impossible date or number
-        raise WorldFileError(f"{source}: no YAML: {error}") from None
     if not isinstance(document, dict):
         raise WorldFileError(f"{source}: must be a map of fields, not {type(document).__name__}")
     return from_document(document, source)
@@ -216,10 +220,9 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     name = document.get("name", Path(source).stem)
     if not isinstance(name, str) or not name:
         raise WorldFileError(f"{source}: name: must be a text")
-    boxes = list(_rows(document, "boxes", 5, source))
-    walls = list(_rows(document, "walls", 4, source))
-    spawns = list(_rows(document, "spawns", 3, source))
-    polygons = list(_polygons(document, source))
+    given = {key: document[key] for key in LISTS if document.get(key) is not None}
+    lists: dict[str, Any] = {key: _numbers(rows, f"{source}: {key}", LISTS[key]) for key, rows in given.items()}
+    boxes, walls, polygons, spawns = (lists.get(key, []) for key in LISTS)
     if not boxes and not walls and not polygons:
         raise WorldFileError(f"{source}: has no boxes, walls or polygons")
     solids: list[BaseGeometry] = []
@@ -245,26 +248,14 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     for i, (x, y, _) in enumerate(spawns):
         if solid.intersects(Point(x, y)):
             raise WorldFileError(f"{source}: spawns[{i}]: no free space, ({x:g}, {y:g}) lies in a wall")
-    numbers = {"boxes": boxes, "walls": walls, "polygons": polygons, "spawns": spawns}
-    return World(
-        name=name,
-        source=source,
-        solid=solid,
-        spawns=np.array(spawns, np.float64).reshape(-1, 3),
-        document={**document, "name": name, "units": "m", **{k: v for k, v in numbers.items() if v}},
-    )
+    known = {"name": name, "units": "m", **{key: rows for key, rows in lists.items() if rows}}
+    return World(name, source, solid, np.array(spawns, np.float64).reshape(-1, 3), {**document, **known})
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:
     """Text of a world file, one shape a line."""
-    text: str = yaml.dump(
-        dict(document),
-        Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper),
-        default_flow_style=None,
-        sort_keys=False,
-        width=120,
-    )
-    return text
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return str(yaml.dump(dict(document), Dumper=dumper, default_flow_style=None, sort_keys=False, width=120))
 
 
 def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
@@ -273,39 +264,14 @@ def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
     return [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
 
 
-def _rows(document: Mapping[Any, Any], key: str, width: int, source: str) -> Iterator[list[float]]:
-    rows = document.get(key)
-    if rows is None:
-        return
-    if not isinstance(rows, list):
-        raise WorldFileError(f"{source}: {key}: must be a list")
-    for i, row in enumerate(rows):
-        if not isinstance(row, list) or len(row) != width:
-            raise WorldFileError(f"{source}: {key}[{i}]: must be a list of {width} numbers")
-        yield [_number(value, f"{source}: {key}[{i}][{k}]") for k, value in enumerate(row)]
-
-
-def _polygons(document: Mapping[Any, Any], source: str) -> Iterator[list[list[list[float]]]]:
-    polygons = document.get("polygons")
-    if polygons is None:
-        return
-    if not isinstance(polygons, list):
-        raise WorldFileError(f"{source}: polygons: must be a list")
-    for i, rings in enumerate(polygons):
-        if not isinstance(rings, list) or not rings:
-            raise WorldFileError(f"{source}: polygons[{i}]: must be a list of rings")
-        made = []
-        for k, ring in enumerate(rings):
-            where = f"{source}: polygons[{i}][{k}]"
-            if not isinstance(ring, list) or len(ring) < 3:
-                raise WorldFileError(f"{where}: a ring must be a list of at least 3 points")
-            points = []
-            for n, point in enumerate(ring):
-                if not isinstance(point, list) or len(point) != 2:
-                    raise WorldFileError(f"{where}[{n}]: a point must be a list of 2 numbers")
-                points.append([_number(value, f"{where}[{n}]") for value in point])
-            made.append(points)
-        yield made
+def _numbers(value: object, where: str, levels: Sequence[Level]) -> Any:
+    """Lists in lists of finite floats, as deep as there are levels."""
+    if not levels:
+        return _number(value, where)
+    words, least, most = levels[0]
+    if not isinstance(value, list) or not least <= len(value) <= most:
+        raise WorldFileError(f"{where}: {words}")
+    return [_numbers(inner, f"{where}[{i}]", levels[1:]) for i, inner in enumerate(value)]
 
 
 def _number(value: object, where: str) -> float:
