@@ -16,9 +16,6 @@ from protocol.errors import LinkError
 VIEWER = "viewer"
 """Name of recorders and displays, which may read everything, the truth included, and write nothing."""
 
-SECRET_BYTES = 24
-"""192 random bits, which nobody guesses within a run."""
-
 Secrets = Mapping[str, str]
 """Secrets by name: robots, and VIEWER."""
 
@@ -26,20 +23,18 @@ _LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
 
 
 def new_secrets(robots: Iterable[str]) -> dict[str, str]:
-    """A fresh secret for each robot and for the viewer."""
-    return {name: random_secrets.token_urlsafe(SECRET_BYTES) for name in (*robots, VIEWER)}
-
-
-def as_lines(secrets: Secrets) -> str:
-    """One line NAME:SECRET for each, the form that Zenoh and `read_secrets` read."""
-    return "".join(f"{name}:{secret}\n" for name, secret in secrets.items())
+    """A fresh secret for each robot and for the viewer: 192 random bits, which nobody guesses within a run."""
+    return {name: random_secrets.token_urlsafe(24) for name in (*robots, VIEWER)}
 
 
 def write_secrets(file: Path, secrets: Secrets) -> None:
-    """Write a new file that only its owner may read. Raises LinkError where that cannot be done."""
+    """Write a new file that only its owner may read, a line NAME:SECRET for each, as Zenoh and `read_secrets` read.
+
+    Raises LinkError where that cannot be done.
+    """
     try:
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as lines:
-            lines.write(as_lines(secrets))
+            lines.writelines(f"{name}:{secret}\n" for name, secret in secrets.items())
     except OSError as error:
         raise LinkError(f"--secrets {file}: cannot be written: {error.strerror}") from None
 
@@ -61,12 +56,10 @@ def access_control(robots: Iterable[str]) -> dict[str, Any]:
     """Zenoh's access_control: robots use their own and the public keys, viewers read all, everybody else nothing."""
     rules, subjects, policies = [], [], []
     for name, allowed in [*((robot, _of_robot(robot)) for robot in robots), (VIEWER, _OF_VIEWER)]:
-        ids = []
-        for number, (flow, messages, expressions) in enumerate(allowed):
-            ids.append(f"{name}-{number}")
-            rules.append(
-                {"id": ids[-1], "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": expressions}
-            )
+        ids = [f"{name}-{number}" for number in range(len(allowed))]
+        for rule, (flow, messages, expressions) in zip(ids, allowed, strict=True):
+            what = {"flows": [flow], "messages": messages, "key_exprs": expressions}
+            rules.append({"id": rule, "permission": "allow", **what})
         subjects.append({"id": name, "usernames": [name]})
         policies.append({"id": name, "subjects": [name], "rules": ids})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
@@ -90,15 +83,15 @@ _OF_VIEWER: list[Rule] = [
 
 
 def _of_robot(robot: str) -> list[Rule]:
-    services = [keys.service(robot, "**")]
+    heard, said, services = [keys.to_robot(robot)], [keys.from_robot(robot)], [keys.service(robot)]
     return [
         *_PUBLIC,
-        ("ingress", _SAMPLES, [keys.all_out(robot)]),
+        ("ingress", _SAMPLES, said),
         ("ingress", ["liveliness_token"], [keys.alive(robot)]),
-        ("ingress", ["declare_subscriber"], [keys.all_in(robot)]),
-        ("egress", _SAMPLES, [keys.all_in(robot)]),
+        ("ingress", ["declare_subscriber"], heard),
+        ("egress", _SAMPLES, heard),
         # with the world's and the viewers' wildcards, else the robot's publishers see no subscriber and drop silently
-        ("egress", ["declare_subscriber"], [keys.all_out(robot), keys.ALL_OUT]),
+        ("egress", ["declare_subscriber"], [*said, keys.ALL_OUT]),
         ("ingress", ["query"], services),
         # likewise with the wildcard of the world's queryable
         ("egress", ["declare_queryable", "reply"], [*services, keys.ALL_SRV]),

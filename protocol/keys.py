@@ -22,9 +22,6 @@ OUTPUTS = (*NEEDED, SCAN, POSE)
 # Robot asks world: the last part of robots/ID/srv/...
 JOIN = "join"
 
-ALL_OUT = "robots/*/out/**"
-ALL_ALIVE = "robots/*/alive"
-ALL_SRV = "robots/*/srv/**"
 ALL_PUBLIC = "world/pub/**"
 ALL_TRUTH = "world/truth/**"
 
@@ -38,29 +35,14 @@ PROGRESS = "world/truth/progress"
 """Coverage. It is judged against the truth, so no robot may read it."""
 
 
-def all_in(robot: str) -> str:
-    """Everything that a robot hears. It has one subscriber for all, which keeps the order of a tick's messages."""
-    return f"robots/{robot}/in/**"
-
-
-def all_out(robot: str) -> str:
-    """Everything that a robot writes."""
-    return f"robots/{robot}/out/**"
-
-
-def to_robot(robot: str, channel: str) -> str:
-    """World to robot: one of INPUTS."""
+def to_robot(robot: str, channel: str = "**") -> str:
+    """World to robot: one of INPUTS, or all, for the robot's only subscriber, which keeps the order of a tick."""
     return f"robots/{robot}/in/{channel}"
 
 
-def from_robot(robot: str, channel: str) -> str:
-    """Robot to world: one of OUTPUTS."""
+def from_robot(robot: str, channel: str = "**") -> str:
+    """Robot to world: one of OUTPUTS, or all; of any robot where its ID is *."""
     return f"robots/{robot}/out/{channel}"
-
-
-def from_all(channel: str) -> str:
-    """One of OUTPUTS, from all robots."""
-    return f"robots/*/out/{channel}"
 
 
 def alive(robot: str) -> str:
@@ -68,9 +50,12 @@ def alive(robot: str) -> str:
     return f"robots/{robot}/alive"
 
 
-def service(robot: str, name: str) -> str:
-    """Robot asks, world answers: JOIN."""
+def service(robot: str, name: str = "**") -> str:
+    """Robot asks, world answers: JOIN, or all."""
     return f"robots/{robot}/srv/{name}"
+
+
+ALL_OUT, ALL_ALIVE, ALL_SRV = from_robot("*"), alive("*"), service("*")
 
 
 def robot_of(key: str) -> str:

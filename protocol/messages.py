@@ -26,18 +26,13 @@ MAX_EVENT_NODES = 10_000
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
 
-RobotId = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
-Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
+RobotId = Kind
+Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Text = Annotated[str, StringConstraints(max_length=MAX_TEXT)]
-Tick = Annotated[int, Field(ge=0, le=2**40)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("not finite")
-    return value
+Tick = Count
+Payload = Annotated[bytes, Field(max_length=2**20)]
 
 
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
@@ -58,8 +53,9 @@ def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
                     if len(node) > MAX_TEXT:
                         raise ValueError(f"a text of more than {MAX_TEXT} characters")
                 case float():
-                    _finite(node)
-                case None | bool() | int():
+                    if not math.isfinite(node):
+                        raise ValueError("not finite")
+                case bool() | int() | None:
                     pass
                 case _:
                     raise ValueError(f"{type(node).__name__} is no JSON value")
@@ -75,13 +71,12 @@ def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
 def _ranges(value: bytes) -> bytes:
     if len(value) % 4:
         raise ValueError("not a whole number of float32")
-    ranges = np.frombuffer(value, "<f4")
-    if not (ranges >= 0).all():  # NaN is not
+    if not (np.frombuffer(value, "<f4") >= 0).all():  # NaN is not
         raise ValueError("a range is negative or not a number")
     return value
 
 
-Finite = Annotated[float, AfterValidator(_finite)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 FinitePose = Annotated[tuple[Finite, Finite, Finite], Strict(False)]
 
 
@@ -195,7 +190,7 @@ class Heard(Message):
     tick: Tick
     sender: RobotId
     kind: Kind
-    payload: Annotated[bytes, Field(max_length=2**20)]
+    payload: Payload
 
 
 class Send(Message):
@@ -204,7 +199,7 @@ class Send(Message):
     tick: Tick
     to: Receiver
     kind: Kind
-    payload: Annotated[bytes, Field(max_length=2**20)]
+    payload: Payload
 
 
 class Event(Message):
@@ -237,14 +232,14 @@ class ScanReport(Message):
     """Telemetry on robots/ID/out/scan: the corner scan in the robot's frame."""
 
     tick: Tick
-    wireframe: Annotated[bytes, Field(max_length=2**20)]
+    wireframe: Payload
 
 
 class MapReport(Message):
     """Telemetry on robots/ID/out/map: the robot's map in its own frame, sent when it changed."""
 
     tick: Tick
-    wireframe: Annotated[bytes, Field(max_length=2**20)]
+    wireframe: Payload
 
 
 class TeammatePose(Message):
@@ -255,7 +250,7 @@ class TeammatePose(Message):
     """When it was there."""
     pose: FinitePose
     """In the frame of the robot that knows it."""
-    covariance: Annotated[tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite, Finite], Strict(False)]
+    covariance: Annotated[tuple[Finite, ...], Strict(False), Field(min_length=9, max_length=9)]
     """3 x 3 of x, y, theta, row by row: m2, m rad, rad2; grows while the peer is not heard."""
     status: Annotated[str, StringConstraints(pattern=r"^(proposed|merged)$")]
     """Whether the peer's transform is on trial or accepted."""

@@ -22,21 +22,12 @@ from protocol.errors import LinkError
 
 # Zenoh's log is never initialised, because it would go to stdout, which is for tables and JSON.
 
-LEASE_MS = 500
-"""A stopped or unplugged process is noticed after this time. Each side announces its own lease."""
-
-WAIT_BEFORE_CLOSE_US = 300_000
-"""A blocking put waits this long for a receiver that does not read. The default of 5 s stalls all other robots."""
-
-RETRY_MS = (100, 400)
-"""A client that found no router tries again after the first time, doubled up to the second one."""
-
 FREE_PORT_TRIES = 8
 """Another run may take a free port between its being found and being used; then another port is tried."""
 
 
 def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
-    common: dict[str, object] = {
+    common = {
         "mode": mode,
         "scouting/multicast/enabled": False,  # two runs on one machine must not find each other
         "scouting/gossip/enabled": False,
@@ -44,9 +35,10 @@ def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
         "timestamping/enabled": {"router": False, "peer": False, "client": False},
         "adminspace/enabled": False,
         "transport/shared_memory/enabled": False,  # no gain at these sizes, and a race (zenoh #2628)
-        "transport/link/tx/lease": LEASE_MS,
+        "transport/link/tx/lease": 500,  # ms until a stopped process is noticed; each side announces its own
         "transport/link/tx/keep_alive": 4,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": WAIT_BEFORE_CLOSE_US,
+        # us that a blocking put waits for a receiver that does not read; the default of 5 s stalls all other robots
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": 300_000,
         "transport/link/rx/max_message_size": MAX_FRAME_BYTES,  # 1 GiB by default
     }
     config = zenoh.Config()
@@ -55,12 +47,9 @@ def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
     return config
 
 
-_ENDPOINT = re.compile(r"[a-z][a-z0-9-]*/\S+:(\d{1,5})")
-
-
 def check_endpoint(endpoint: str) -> None:
     """Raise LinkError unless endpoint looks like tcp/127.0.0.1:7447."""
-    match = _ENDPOINT.fullmatch(endpoint)
+    match = re.fullmatch(r"[a-z][a-z0-9-]*/\S+:(\d{1,5})", endpoint)
     if not match or int(match[1]) > 65535:
         raise LinkError(f"{endpoint!r} is no endpoint: write it like tcp/127.0.0.1:7447")
 
@@ -81,8 +70,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
     """
     if listen:
         check_endpoint(listen)
-    tries = 1 if listen else FREE_PORT_TRIES
-    for left in reversed(range(tries)):
+    for left in reversed(range(1 if listen else FREE_PORT_TRIES)):
         endpoint = listen or _free_endpoint()
         try:
             with _guarded(secrets) as guard:
@@ -125,7 +113,7 @@ def open_client(
         "listen/endpoints": [],
         "connect/endpoints": [connect],
         "connect/timeout_ms": int(timeout_s * 1000),
-        "connect/retry": {"period_init_ms": RETRY_MS[0], "period_max_ms": RETRY_MS[1], "period_increase_factor": 2},
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 400, "period_increase_factor": 2},
     }
     if secret is not None:
         settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}

@@ -100,7 +100,7 @@ class Shell:
         self._links = declare(session.declare_publisher(keys.LINKS))
         self._progress = declare(session.declare_publisher(keys.PROGRESS))
         for channel in keys.NEEDED:
-            declare(session.declare_subscriber(keys.from_all(channel), at_once(self.inbox.hear)))
+            declare(session.declare_subscriber(keys.from_robot("*", channel), at_once(self.inbox.hear)))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
         declare(session.declare_queryable(keys.ALL_SRV, self.inbox.ask))
         declare(session.liveliness().declare_token(keys.WORLD_ALIVE))

@@ -138,7 +138,7 @@ def declared(
     congestion = zenoh.CongestionControl.BLOCK if lockstep else zenoh.CongestionControl.DROP
     with ExitStack() as stack:
         declare = stack.enter_context
-        declare(session.declare_subscriber(keys.all_in(robot), at_once(inbox.hear)))
+        declare(session.declare_subscriber(keys.to_robot(robot), at_once(inbox.hear)))
         publishers: dict[str, zenoh.Publisher] = {}
         for channel in keys.OUTPUTS:
             key = keys.from_robot(robot, channel)
