@@ -60,11 +60,9 @@ class BitReader:
 
     def number(self, k: int = 0) -> int:
         """A number as `BitWriter.number` writes it."""
-        zeros = 0
-        while not self.bits(1):
-            zeros += 1
-            if zeros > MAX_PREFIX:
-                raise ProtocolError("a number in a message is too large")
+        zeros = next((zeros for zeros in range(MAX_PREFIX + 1) if self.bits(1)), None)
+        if zeros is None:
+            raise ProtocolError("a number in a message is too large")
         return (1 << zeros + k | self.bits(zeros + k)) - (1 << k)
 
     def signed(self, k: int = 0) -> int:

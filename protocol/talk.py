@@ -70,10 +70,9 @@ class Part(NamedTuple):
 
     def encode(self) -> bytes:
         """The part's message: four to ten bytes more than the body."""
-        single = self.parts == 1
         numbers = [self.version, self.version - self.base if self.base else 0]
-        numbers += [] if single else [self.number, self.parts]
-        return first_byte(single * _SINGLE) + b"".join(map(varint, numbers)) + self.body
+        numbers += [self.number, self.parts] if self.parts > 1 else []
+        return first_byte(_SINGLE if self.parts == 1 else 0) + b"".join(map(varint, numbers)) + self.body
 
     @classmethod
     def decode(cls, data: bytes) -> "Part":
@@ -126,8 +125,7 @@ def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
     whole = Part(version, base, 0, 1, body)
     if len(whole.encode()) <= mtu:
         return [whole]
-    head = len(Part(version, base, MAX_PARTS - 1, MAX_PARTS, b"").encode())
-    room = mtu - head
+    room = mtu - len(Part(version, base, MAX_PARTS - 1, MAX_PARTS, b"").encode())
     pieces = [body[at : at + room] for at in range(0, len(body), room)]
     if len(pieces) > MAX_PARTS:
         raise ProtocolError(f"a map of {len(pieces)} parts; at most {MAX_PARTS} travel")

@@ -61,8 +61,8 @@ class Views(NamedTuple):
         last = step = (0, 0)
         order = _FIRST
         for x, y in self.cells.tolist():
-            for value in (x - last[0] - step[0], y - last[1] - step[1]):
-                bits.signed(value, order)
+            bits.signed(x - last[0] - step[0], order)
+            bits.signed(y - last[1] - step[1], order)
             step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
             last, order = (x, y), _STEP
         return first_byte(0) + varint(self.until) + varint(self.until - self.since) + bits.data()
@@ -87,8 +87,7 @@ def decode_views(data: bytes) -> AskViews | Views:
     last = step = (0, 0)
     order = _FIRST
     for _ in range(count):
-        off = [reader.signed(order) for _ in range(2)]
-        x, y = last[0] + step[0] + off[0], last[1] + step[1] + off[1]
+        x, y = (last[axis] + step[axis] + reader.signed(order) for axis in (0, 1))
         if CELL_M * max(abs(x), abs(y)) > MAX_COORDINATE_M:
             raise ProtocolError("a viewpoint out of bounds")
         step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)

@@ -100,19 +100,20 @@ def _check_count(n: int, m: int) -> None:
         raise ProtocolError(f"a wireframe of {n} vertices and {m} edges; at most {MAX_VERTICES} are taken")
 
 
+_ARRAYS = (
+    ("points", "<f4", np.float64, 2),
+    ("labels", "u1", np.uint8, 1),
+    ("edges", "<u2", np.int32, 2),
+    ("likelihood", "<f4", np.float32, 1),
+    ("own", "u1", np.bool_, 1),
+)
+"""Fields as they follow each other in the bytes, their types there and here, and the columns of each."""
+
+
 def encode_wireframe(wireframe: Wireframe) -> bytes:
     """Bytes of a wireframe: float32 positions (1 um at 10 m), labels, edges, likelihoods and origins."""
-    n, m = len(wireframe.points), len(wireframe.edges)
-    return b"".join(
-        (
-            _HEADER.pack(_MAGIC, _VERSION, n, m),
-            wireframe.points.astype("<f4").tobytes(),
-            wireframe.labels.astype("u1").tobytes(),
-            wireframe.edges.astype("<u2").tobytes(),
-            wireframe.likelihood.astype("<f4").tobytes(),
-            wireframe.own.astype("u1").tobytes(),
-        )
-    )
+    head = _HEADER.pack(_MAGIC, _VERSION, len(wireframe.points), len(wireframe.edges))
+    return head + b"".join(getattr(wireframe, name).astype(sent).tobytes() for name, sent, _, _ in _ARRAYS)
 
 
 def decode_wireframe(data: bytes) -> Wireframe:
@@ -127,21 +128,14 @@ def decode_wireframe(data: bytes) -> Wireframe:
     _check_count(n, m)
     if len(data) != _HEADER.size + 9 * n + 9 * m:
         raise ProtocolError(f"a wireframe of {n} vertices and {m} edges is not {len(data)} bytes long")
-    at = _HEADER.size
-
-    def take(dtype: str, count: int) -> NDArray[np.generic]:
-        nonlocal at
-        array = np.frombuffer(data, dtype, count, at)
-        at += array.nbytes
-        return array
-
-    points = take("<f4", 2 * n).astype(np.float64).reshape(n, 2)
-    labels = take("u1", n).astype(np.uint8)
-    edges = take("<u2", 2 * m).astype(np.int32).reshape(m, 2)
-    likelihood = take("<f4", m).astype(np.float32)
-    own = take("u1", m)
-    if m and own.max() > 1:
+    if m and max(data[-m:]) > 1:
         raise ProtocolError("an edge's origin is neither own nor heard")
-    wireframe = Wireframe(points, labels, edges, likelihood, own.astype(np.bool_))
+    arrays: dict[str, Any] = {}
+    at = _HEADER.size
+    for (name, sent, kept, columns), rows in zip(_ARRAYS, (n, n, m, m, m), strict=True):
+        array = np.frombuffer(data, sent, rows * columns, at)
+        at += array.nbytes
+        arrays[name] = array.astype(kept).reshape((rows, columns) if columns > 1 else rows)
+    wireframe = Wireframe(**arrays)
     wireframe.check()
     return wireframe

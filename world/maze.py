@@ -8,29 +8,23 @@ import numpy as np
 MIN_SIDE_M, MAX_SIDE_M = 8.0, 20.0
 """Smaller mazes have no branches; larger ones take robots of 0.22 m/s an hour."""
 
-QUARTER_TURN = round(math.pi / 2, 12)
+CORRIDOR_M, THICKNESS_M = 2.0, 0.15
+"""Width of corridors, about, and of walls."""
 
 
 def generate(
-    width_m: float,
-    height_m: float,
-    rng: np.random.Generator,
-    *,
-    loops: float = 0.15,
-    corridor_m: float = 2.0,
-    thickness_m: float = 0.15,
-    robots: int = 6,
+    width_m: float, height_m: float, rng: np.random.Generator, *, loops: float = 0.15, robots: int = 6
 ) -> dict[str, Any]:
     """Fields of a world file with a maze of this outer size, lower left corner at the origin (ours).
 
-    A depth-first maze on cells of about `corridor_m`; then the share `loops` of the walls that it left is
-    opened. Spawns lie in the middle of distinct cells. Raises ValueError for a side that is not 8 to 20 m.
+    A depth-first maze on cells of about CORRIDOR_M; then the share `loops` of the walls that it left is opened.
+    Spawns lie in the middle of distinct cells. Raises ValueError for a side that is not 8 to 20 m.
     """
     for side in (width_m, height_m):
         if not MIN_SIDE_M <= side <= MAX_SIDE_M:
             raise ValueError(f"a maze has sides of {MIN_SIDE_M:g} to {MAX_SIDE_M:g} m, not {side:g} m")
-    columns, rows = (round((side - thickness_m) / (corridor_m + thickness_m)) for side in (width_m, height_m))
-    pitch = np.array([(width_m - thickness_m) / columns, (height_m - thickness_m) / rows])
+    columns, rows = (round((side - THICKNESS_M) / (CORRIDOR_M + THICKNESS_M)) for side in (width_m, height_m))
+    pitch = np.array([(width_m - THICKNESS_M) / columns, (height_m - THICKNESS_M) / rows])
     # east[i, j]: a wall between cells (i, j) and (i + 1, j); north[i, j]: between (i, j) and (i, j + 1)
     east, north = np.ones((columns - 1, rows), bool), np.ones((columns, rows - 1), bool)
     _carve(east, north, rng)
@@ -39,25 +33,23 @@ def generate(
         opened = rng.permutation(len(left))[: round(loops * len(left))]
         walls[tuple(left[opened].T)] = False
 
-    half = thickness_m / 2
+    half = THICKNESS_M / 2
     # grid lines on even millimetres, so that centres and lengths are short numbers and walls stay flush
     lines_x, lines_y = (
         np.round((half + np.arange(n + 1) * step) / 0.002) * 0.002
-        for n, step in zip((columns, rows), pitch, strict=True)
+        for n, step in ((columns, pitch[0]), (rows, pitch[1]))
     )
     boxes = []
 
     def wall(i0: int, j0: int, i1: int, j1: int) -> None:
         """A box along the line from one grid corner to another; both ends fill their corner."""
         x0, x1, y0, y1 = lines_x[i0], lines_x[i1], lines_y[j0], lines_y[j1]
-        yaw = 0.0 if j0 == j1 else QUARTER_TURN
-        length = abs(x1 - x0) + abs(y1 - y0) + thickness_m
-        boxes.append([_mm((x0 + x1) / 2), _mm((y0 + y1) / 2), yaw, _mm(length), thickness_m])
+        yaw = 0.0 if j0 == j1 else round(math.pi / 2, 12)
+        length = abs(x1 - x0) + abs(y1 - y0) + THICKNESS_M
+        boxes.append([_mm((x0 + x1) / 2), _mm((y0 + y1) / 2), yaw, _mm(length), THICKNESS_M])
 
-    wall(0, 0, columns, 0)
-    wall(0, rows, columns, rows)
-    wall(0, 0, 0, rows)
-    wall(columns, 0, columns, rows)
+    for ends in ((0, 0, columns, 0), (0, rows, columns, rows), (0, 0, 0, rows), (columns, 0, columns, rows)):
+        wall(*ends)
     for i in range(columns - 1):
         for low, high in _runs(east[i]):
             wall(i + 1, low, i + 1, high)
@@ -79,11 +71,8 @@ def _carve(east: np.ndarray[Any, Any], north: np.ndarray[Any, Any], rng: np.rand
     seen[path[0]] = True
     while path:
         i, j = path[-1]
-        ways = [
-            (u, v)
-            for u, v in ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
-            if 0 <= u < columns and 0 <= v < rows and not seen[u, v]
-        ]
+        around = ((i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1))
+        ways = [(u, v) for u, v in around if 0 <= u < columns and 0 <= v < rows and not seen[u, v]]
         if not ways:
             path.pop()
             continue

@@ -14,27 +14,24 @@ class Odometry:
 
     def __init__(self, start: Floats, config: OdometrySpec, rng: np.random.Generator) -> None:
         """`start` is (3,), the pose in the world that becomes the origin of the robot's own frame."""
-        self._start: Pose = _pose(start)
-        self._config = config
-        self._rng = rng
-        self._true: Pose = self._start
+        self._start = self._true = _pose(start)
+        self._config, self._rng = config, rng
         self.pose: Pose = (0.0, 0.0, 0.0)
         """Where the robot believes to be, in its own frame; theta in (-pi, pi]."""
 
     def update(self, true: Floats) -> Pose:
         """The believed pose after the robot moved to `true`, (3,) in the world."""
         before, self._true = self._true, _pose(true)
-        if not self._config.noisy:
+        config = self._config
+        if not config.noisy:
             self.pose = relative(self._start, self._true)
             return self.pose
         dx, dy, turn = relative(before, self._true)
         distance = math.hypot(dx, dy)
         along, spin = self._rng.standard_normal(2).tolist()
         # variances, not deviations, add up over steps: the walk is the same however time is cut
-        scale = 1 + along * self._config.distance_sd / math.sqrt(distance) if distance > 1e-9 else 1.0
-        turn += spin * math.sqrt(
-            math.radians(self._config.heading_sd_deg) ** 2 * distance + self._config.turn_sd**2 * abs(turn)
-        )
+        scale = 1 + along * config.distance_sd / math.sqrt(distance) if distance > 1e-9 else 1.0
+        turn += spin * math.sqrt(math.radians(config.heading_sd_deg) ** 2 * distance + config.turn_sd**2 * abs(turn))
         self.pose = compose(self.pose, (scale * dx, scale * dy, turn))
         return self.pose
 
