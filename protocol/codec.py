@@ -10,7 +10,6 @@ from protocol.messages import Message
 
 MAX_FRAME_BYTES = 1 << 20
 """The transport refuses larger frames (protocol.session). A map of 20,000 vertices has 360 kB."""
-
 MAX_MESSAGE_BYTES = MAX_FRAME_BYTES - 4096
 """Room in a frame beside key and framing, which take less than 100 B (ours)."""
 

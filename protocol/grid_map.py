@@ -20,10 +20,8 @@ from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
 
 AXIS_STEPS = 4096
 """Steps of a right angle, 0.02 degrees each: over 10 m, a wall leaves its row of cells by less than half a cell."""
-
 MAX_CELL_MM = 1000
 """Largest cell; a coarser grid shows no building (ours)."""
-
 LEVELS = 8
 """Steps of an edge's likelihood: 3 bits."""
 

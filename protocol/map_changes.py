@@ -10,7 +10,6 @@ from protocol.grid_map import GridMap, matched
 
 NEAR_CELLS = 64.0
 """A vertex this near to one of the base is told as that one moved; beyond, a new one costs no more bits."""
-
 OTHER_LABEL_CELLS = 0.5
 """Added to the distance of two vertices with different labels, so that of two in one place the like one is taken."""
 

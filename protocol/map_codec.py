@@ -26,7 +26,6 @@ AT_ENDS = (Label.FRONTIER, Label.OCCLUSION, Label.NOMINAL)
 """Labels inside and at the ends of a chain, the most frequent first."""
 SURE = LEVELS - 1
 """Likelihood level of an edge unless told otherwise."""
-
 THREE = ((0, 1), (2, 2), (3, 2))
 """Value and number of bits that tell one of three, the most frequent first."""
 

@@ -15,14 +15,12 @@ PROTOCOL_VERSION = 1
 
 EVERYONE = "*"
 """The receiver of a broadcast."""
-
 MAX_TEXT = 1000
 """Characters of a text (ours)."""
 MAX_EVENT_DEPTH = 8
 """Levels of nested values in an event (ours). A transform in a list of candidates is at level 4."""
 MAX_EVENT_NODES = 10_000
 """Values in one event (ours)."""
-
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
 

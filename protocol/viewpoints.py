@@ -17,12 +17,10 @@ from protocol.wireframe import MAX_COORDINATE_M
 
 VIEWS = "views"
 """Kind of message, as in radio.csv."""
-
 CELL_M = 0.1
 """A robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen."""
 MAX_VIEWPOINTS = 4000
 """Of one message: 2 km of path (ours)."""
-
 _ASKS = 1
 """Flag in the lowest bit of the first byte."""
 _COUNT, _FIRST, _STEP = 4, 6, 1

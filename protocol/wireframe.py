@@ -13,7 +13,6 @@ from protocol.errors import ProtocolError
 
 MAX_VERTICES = 20_000
 """Bounds memory (ours). A building of 600 m2 has 200 vertices."""
-
 MAX_COORDINATE_M = 10_000.0
 """No robot of 0.2 m/s gets farther (ours)."""
 

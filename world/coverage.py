@@ -16,22 +16,16 @@ from world.worldfile import World
 
 PIECE_M = 0.05
 """Walls are counted in pieces of at most this length (as in the scorer)."""
-
 GRAZING_RAD = math.radians(8.0)
 """A wall seen at a smaller angle than this is not expected to be mapped (as in the scorer)."""
-
 GRID_M = 0.30
 """Distance between the poses from which visibility is tried (as in the scorer)."""
-
 _EYE_M = 2e-4
 """Sight of a piece of wall ends this far before its middle, in free space (as in the scorer)."""
-
 _JOINT_M = 1e-6
 """A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
-
 NEVER = np.iinfo(np.int64).max
 """In place of a tick: not yet."""
-
 _ROW_M = 1e4
 """Key of a place on the outline: index of its segment times this, plus metres along it. No wall is longer."""
 

@@ -105,12 +105,11 @@ class Episode:
         """What a robot must know of its body, clock and seed."""
         rng = generator(self.config.seed, "mind", robot)
         radio = self.config.radio
+        limits = {"radio_range_m": radio.range_m, "radio_mtu_bytes": radio.mtu_bytes}
         return Welcome(
             version=PROTOCOL_VERSION,
             robot=robot,
-            spec=self.config.spec.model_copy(
-                update={"radio_range_m": radio.range_m, "radio_mtu_bytes": radio.mtu_bytes}
-            ),
+            spec=self.config.spec.model_copy(update=limits),
             seed=int(rng.integers(2**63)),
             lockstep=lockstep,
         )
@@ -124,7 +123,8 @@ class Episode:
     def _look(self) -> dict[str, Inputs]:
         """Deliver messages and cast the scans of this tick."""
         heard, passages = self._radio.deliver(self.tick, self.live)
-        rows = np.array([self._rows[robot] for robot in self.live], np.intp)
+        live = self.live
+        rows = np.array([self._rows[robot] for robot in live], np.intp)
         poses = self.poses[rows]
         radius = np.full((len(self.robots), 1), self.config.spec.radius_m)
         ranges, met = self._lidar.trace(poses, np.hstack([self.poses[:, :2], radius]))
@@ -141,7 +141,7 @@ class Episode:
                     heard=len(heard[robot]),
                 ),
             )
-            for robot, row, scan, pose in zip(self.live, rows.tolist(), measured, poses, strict=True)
+            for robot, row, scan, pose in zip(live, rows.tolist(), measured, poses, strict=True)
         }
 
     def book(self) -> None:
@@ -169,10 +169,8 @@ class Episode:
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
         self._ledger.drive(self.tick, before, self._physics.advance(commands))
-        self.tick += 1
-        self._inputs = None
-        if self.ended is None:
-            self.ended = self._end()
+        self.tick, self._inputs = self.tick + 1, None
+        self.ended = self.ended or self._end()
 
     def _end(self) -> str | None:
         until = self.config.until
@@ -205,21 +203,15 @@ class Episode:
 
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""
+        how = {robot: "complete" if self.complete[robot] else self.ended or "interrupted" for robot in self.robots}
+        how |= dict.fromkeys(self.dead, "dead")
         figures = self._ledger.robot_figures(self._physics)
         return {
-            "robots": {robot: fields | {"ended": self._how(robot)} for robot, fields in figures.items()},
+            "robots": {robot: fields | {"ended": how[robot]} for robot, fields in figures.items()},
             "team": self._ledger.team_figures(),
             "real_time_factor": round(self.t / self.wall_s, 2) if self.wall_s else None,
             "late_ticks": self.late_ticks,
         }
-
-    def _how(self, robot: str) -> str:
-        """How a robot ended: complete, time, dead, interrupted."""
-        if robot in self.dead:
-            return "dead"
-        if self.complete[robot]:
-            return "complete"
-        return self.ended or "interrupted"
 
 
 def generator(seed: int, purpose: str, robot: str = "") -> np.random.Generator:

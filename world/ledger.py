@@ -1,6 +1,6 @@
 """What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats, Ints
-from protocol.messages import EVERYONE, Action, Send
+from protocol.messages import EVERYONE, Action
 from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
@@ -62,9 +62,9 @@ class Ledger:
         self.coverage.update(self._t(tick), tick, look.rows, look.poses, look.ranges, look.met)
         if self._recorder:
             self._recorder.radio(look.passages)
-            self._record_poses(tick, poses)
+            self._recorder.trajectories(self._t(tick), poses)
             if self._due(tick, METRICS_S):
-                self._record_metrics(tick)
+                self._recorder.metrics(self._metrics(tick))
 
     def answer(self, tick: int, robot: str, outputs: Outputs, wireframe: Wireframe | None) -> None:
         """Account for a robot's answer to a tick; `wireframe` is its new map, if it sent one."""
@@ -77,13 +77,15 @@ class Ledger:
             self._maps[robot] = wireframe
         if not self._recorder:
             return
+        t = self._t(tick)
         for event in action.events:
-            self._recorder.event(self._t(tick), tick, robot, event.event, event.data)
-        if robot in self._maps:
-            if self._due(tick, self._snapshot_s):
-                self._recorder.snapshot(self._t(tick), robot, self._maps[robot])
-            if told := self._told(outputs.sends):
-                self._recorder.update(self._t(tick), tick, robot, told, self._maps[robot])
+            self._recorder.event(t, tick, robot, event.event, event.data)
+        if robot in self._maps and self._due(tick, self._snapshot_s):
+            self._recorder.snapshot(t, robot, self._maps[robot])
+        # to whom something new of the map is told: what other forms of the map are charged for
+        told = {send.to for send in outputs.sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}
+        if robot in self._maps and told:
+            self._recorder.update(t, tick, robot, sorted(told, key=self._row.__getitem__), self._maps[robot])
 
     def drive(self, tick: int, before: Floats, after: Floats) -> None:
         """Account for the moves (k, 3) to (k, 3) that end a tick."""
@@ -113,8 +115,8 @@ class Ledger:
             return
         self._recorder.radio(passages)
         if moved_to is not None:
-            self._record_poses(tick, moved_to)
-        self._record_metrics(tick)
+            self._recorder.trajectories(self._t(tick), moved_to)
+        self._recorder.metrics(self._metrics(tick))
         for robot, wireframe in self._maps.items():
             self._recorder.snapshot(self._t(tick), robot, wireframe)
         bandwidth = self._books.as_dict(self._robots) | ({"wire": wire} if wire else {})
@@ -122,7 +124,7 @@ class Ledger:
 
     def robot_figures(self, physics: Physics) -> dict[str, dict[str, Any]]:
         """Each robot's fields of summary.json but how it ended."""
-        figures = {}
+        figures: dict[str, dict[str, Any]] = {}
         for row, robot in enumerate(self._robots):
             last, steps = self._last.get(robot), self._step_ms[robot]
             figures[robot] = {
@@ -153,26 +155,14 @@ class Ledger:
     def _due(self, tick: int, every_s: float) -> bool:
         return tick % max(1, round(every_s / self._period_s)) == 0
 
-    def _told(self, sends: Sequence[Send]) -> list[str]:
-        """Peers to whom messages tell something new of the map: what other forms of the map are charged for."""
-        told = {send.to for send in sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}
-        return sorted(told, key=self._row.__getitem__)
-
-    def _record_poses(self, tick: int, poses: Floats) -> None:
-        assert self._recorder is not None
-        for robot, pose in zip(self._robots, poses.tolist(), strict=True):
-            self._recorder.trajectory(self._t(tick), robot, pose)
-
-    def _record_metrics(self, tick: int) -> None:
-        assert self._recorder is not None
+    def _metrics(self, tick: int) -> Iterator[MetricsRow]:
         t, books, cover = self._t(tick), self._books, self.coverage
         for row, robot in enumerate(self._robots):
             vertices = len(self._maps[robot].points) if robot in self._maps else None
             covered, path_m = float(cover.covered[row]), float(self.path_m[row])
-            sent, received = books.sent[robot], books.received[robot]
-            self._recorder.metrics(MetricsRow(t, robot, covered, path_m, vertices, sent, received))
-        sent, received = sum(books.sent.values()), sum(books.received.values())
-        self._recorder.metrics(MetricsRow(t, TEAM, cover.team, float(self.path_m.sum()), None, sent, received))
+            yield MetricsRow(t, robot, covered, path_m, vertices, books.sent[robot], books.received[robot])
+        path_m = float(self.path_m.sum())
+        yield MetricsRow(t, TEAM, cover.team, path_m, None, books.sent.total(), books.received.total())
 
 
 def _milestones(reached: Mapping[float, float]) -> dict[str, float | None]:

@@ -19,7 +19,6 @@ CHUNK = 20
 
 NOTHING, DISC = -1, -2
 """In place of a wall's index: the beam met nothing within range, or a teammate."""
-
 _ROUNDING_BEAMS = 1e-9
 """Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
 _TOUCHING_M = 1e-9

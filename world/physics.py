@@ -10,13 +10,10 @@ from protocol.messages import RobotSpec
 
 STEP_S = 0.02
 """Time of one physics step: at 0.22 m/s a robot moves 4 mm in it."""
-
 ITERATIONS = 10
 """Rounds of the contact solver in each step, measured to be enough; pymunk's default."""
-
 SLOP_M = 1e-3
 """Bodies may sink into each other by this much at rest; pymunk's default of 0.1 is meant for pixels."""
-
 MASS_KG = 1.0
 """Mass of a TurtleBot3 Burger; it decides only who pushes whom."""
 

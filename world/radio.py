@@ -25,7 +25,6 @@ ENDED = "ended"  # the run ended before the delivery
 
 MAX_SENDS = 256
 """Messages of one robot in one tick. A map of 20,000 vertices has 60 parts."""
-
 TABLE_S = 10.0
 """Simulated seconds over which the link table counts losses: two beacons are due in them."""
 

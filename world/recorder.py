@@ -19,7 +19,6 @@ from world.worldfile import World, to_yaml
 
 TEAM = "team"
 """The name of the union of all robots in metrics.csv."""
-
 PLACE_DIGITS = 6
 """Decimals of places in maps: micrometres, as wireframes travel as float32."""
 
@@ -59,26 +58,29 @@ class Recorder:
         self._radio.writerow(Passage._fields)
         self._updates = self._open("updates.jsonl")
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
-        self._trajectories = {robot: self._open(f"trajectories/{robot}.tum") for robot in robots}
+        self._trajectories = [self._open(f"trajectories/{robot}.tum") for robot in robots]
 
     def event(self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any]) -> None:
         """One line of events.jsonl. Keys of `data` cannot replace time, tick, robot and event."""
         line = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
         self._events.write(_dump(line | {key: value for key, value in data.items() if key not in line}))
 
-    def trajectory(self, t: float, robot: str, pose: Sequence[float]) -> None:
-        """One line of trajectories/ID.tum: time, position, quaternion of the true pose in the world."""
-        x, y, theta = pose
-        spin = f"{math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}"
-        self._trajectories[robot].write(f"{t:.3f} {x:.9f} {y:.9f} 0 0 0 {spin}\n")
+    def trajectories(self, t: float, poses: Floats) -> None:
+        """A line of each trajectories/ID.tum: time, position, quaternion of the true pose (k, 3) in the world."""
+        for file, (x, y, theta) in zip(self._trajectories, poses.tolist(), strict=True):
+            spin = f"{math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}"
+            file.write(f"{t:.3f} {x:.9f} {y:.9f} 0 0 0 {spin}\n")
 
     def radio(self, passages: Iterable[Passage]) -> None:
         """Lines of radio.csv."""
         self._radio.writerows(passages)
 
-    def metrics(self, row: MetricsRow) -> None:
-        """One line of metrics.csv."""
-        self._metrics.writerow(row._replace(coverage=f"{row.coverage:.6f}", path_m=f"{row.path_m:.4f}"))  # type: ignore[arg-type]
+    def metrics(self, rows: Iterable[MetricsRow]) -> None:
+        """Lines of metrics.csv."""
+        for row in rows:
+            self._metrics.writerow(
+                {**row._asdict(), "coverage": f"{row.coverage:.6f}", "path_m": f"{row.path_m:.4f}"}.values()
+            )
 
     def snapshot(self, t: float, robot: str, wireframe: Wireframe) -> None:
         """One line of snapshots/ID.jsonl."""
@@ -86,8 +88,8 @@ class Recorder:
 
     def update(self, t: float, tick: int, robot: str, told: Sequence[str], wireframe: Wireframe) -> None:
         """One line of updates.jsonl."""
-        line = {"t": seconds(t), "tick": tick, "robot": robot, "told": told, "map": map_fields(robot, wireframe)}
-        self._updates.write(_dump(line))
+        fields = map_fields(robot, wireframe)
+        self._updates.write(_dump({"t": seconds(t), "tick": tick, "robot": robot, "told": told, "map": fields}))
 
     def flush(self) -> None:
         """Hand what was written so far to the system, so that a killed process loses nothing of it."""
@@ -126,17 +128,11 @@ def map_fields(robot: str, wireframe: Wireframe) -> dict[str, Any]:
 def own_part(wireframe: Wireframe) -> Wireframe:
     """The map without walls that only others saw, and without the vertices of only such walls."""
     own = wireframe.own
-    gone = np.zeros(len(wireframe.points), np.bool_)
-    gone[wireframe.edges[~own].reshape(-1)] = True
-    gone[wireframe.edges[own].reshape(-1)] = False
-    renumbered = np.cumsum(~gone) - 1
-    return Wireframe(
-        points=wireframe.points[~gone],
-        labels=wireframe.labels[~gone],
-        edges=renumbered[wireframe.edges[own]].astype(np.int32),
-        likelihood=wireframe.likelihood[own],
-        own=own[own],
-    )
+    kept = np.ones(len(wireframe.points), np.bool_)
+    kept[wireframe.edges[~own]] = False
+    kept[wireframe.edges[own]] = True
+    edges = (np.cumsum(kept) - 1)[wireframe.edges[own]].astype(np.int32)
+    return Wireframe(wireframe.points[kept], wireframe.labels[kept], edges, wireframe.likelihood[own], own[own])
 
 
 def seconds(t: float) -> float:
