@@ -171,19 +171,16 @@ def _silence(model: Blackout, robots: list[str], period_s: float) -> Loses:
     return loses
 
 
-class Delay:
+def delays(models: list[Model], seed: int) -> Callable[[Hop], int]:
     """Ticks from sending to hearing: the sum of what the latency models say, at least one."""
+    latencies = [model for model in models if isinstance(model, Latency)]
+    jitters = [(model.jitter, Luck(seed, "latency", place)) for place, model in enumerate(latencies) if model.jitter]
 
-    def __init__(self, models: list[Model], seed: int) -> None:
-        self._models = [model for model in models if isinstance(model, Latency)]
-        self._lucks = [Luck(seed, "latency", place) for place in range(len(self._models))]
+    def ticks(hop: Hop) -> int:
+        late = sum(int(luck.of_hop(hop).integers(jitter + 1)) for jitter, luck in jitters)
+        return max(1, sum(model.ticks for model in latencies) + late)
 
-    def ticks(self, hop: Hop) -> int:
-        """For one message and receiver."""
-        return max(1, sum(
-            model.ticks + (int(luck.of_hop(hop).integers(model.jitter + 1)) if model.jitter else 0)
-            for model, luck in zip(self._models, self._lucks, strict=True)
-        ))  # fmt: skip
+    return ticks
 
 
 class Budget:

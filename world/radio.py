@@ -1,7 +1,7 @@
 """The gate that every message between robots must pass, and the books of what passed and what was dropped."""
 
 import math
-from collections import Counter, defaultdict, deque
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Heard, LinkReport, Send
-from world.air import Budget, Delay, Hop, losses
+from world.air import Budget, Hop, delays, losses
 from world.radio_config import Capacity, RadioConfig
 
 # Outcomes; all but the first are reasons of a drop, as are those of the models of the air.
@@ -103,21 +103,21 @@ class Flying(NamedTuple):
 class Reception:
     """What became of the latest messages of one directed link."""
 
-    recent: deque[tuple[int, int, int]] = field(default_factory=deque)
-    """Tick, messages judged in it, and how many of these were delivered; for the last TABLE_S."""
+    recent: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """By tick: messages judged in it, and how many of these were delivered; for the last TABLE_S."""
     bytes: int = 0
     """Delivered since the start."""
 
     def count(self, tick: int, delivered: bool, since: int) -> None:
         """Count one message, and forget those judged at tick `since` or before."""
-        judged, got = self.recent.pop()[1:] if self.recent and self.recent[-1][0] == tick else (0, 0)
-        self.recent.append((tick, judged + 1, got + delivered))
+        judged, got = self.recent.get(tick, (0, 0))
+        self.recent[tick] = judged + 1, got + delivered
         self.forget(since)
 
     def forget(self, since: int) -> None:
         """Forget messages judged at tick `since` or before."""
-        while self.recent and self.recent[0][0] <= since:
-            self.recent.popleft()
+        while self.recent and (first := next(iter(self.recent))) <= since:
+            del self.recent[first]
 
 
 class Radio:
@@ -139,7 +139,7 @@ class Radio:
         self._mtu = config.mtu_bytes
         walls = np.zeros((0, 4)) if walls is None else walls
         self._losses = losses(config.models, self._robots, seed, period_s, walls)
-        self._delay = Delay(config.models, seed)
+        self._delay = delays(config.models, seed)
         limits = [model.bytes_per_s for model in config.models if isinstance(model, Capacity)]
         self._budget = Budget(min(limits, default=None), max(1, round(1 / period_s)))
         self._flying: list[Flying] = []
@@ -172,7 +172,7 @@ class Radio:
                     numbers[receiver] += 1
                     self.books.addressed[name, self._robots[receiver], send.kind].update(tally(1, size))
                     lost = held_back or (self._lost_to(hop) if near[receiver] else RANGE)
-                    due = tick + (1 if lost else self._delay.ticks(hop))
+                    due = tick + (1 if lost else self._delay(hop))
                     self._flying.append(Flying(due, sender, receiver, send, lost))
 
     def _lost_to(self, hop: Hop) -> str | None:
@@ -215,9 +215,9 @@ class Radio:
         rows = []
         for (sender, receiver), link in sorted(self._receptions.items()):
             link.forget(tick - self._table_ticks)
-            got = sum(delivered for _, _, delivered in link.recent)
+            judged, got = map(sum, zip((0, 0), *link.recent.values(), strict=True))
             if got:
-                loss = 1 - got / sum(judged for _, judged, _ in link.recent)
+                loss = 1 - got / judged
                 names = {"sender": self._robots[sender], "receiver": self._robots[receiver]}
                 rows.append(LinkReport(**names, loss=round(loss, 4), bytes=link.bytes))
         return rows

@@ -233,7 +233,6 @@ class Shell:
             self._kill(robot, str(error))
 
     def _kill(self, robot: str, reason: str) -> None:
-        self._participants.give_up(robot)
         self.episode.kill(robot, reason)
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
