@@ -7,6 +7,7 @@ numbers; in rectilinear buildings, successive steps are at right angles. A whole
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -74,16 +75,10 @@ def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: b
         if grid_map.cell_mm != USUAL_CELL_MM:
             script.bits(grid_map.cell_mm, MAX_CELL_MM.bit_length())
     head = len(script.tokens)
-    kept, built, dropped = changes(grid_map, known)
-    script.number(len(built))
-    last: Place = (0, 0)
-    for chain, runs in built.items():
-        last = _write_chain(script, grid_map, known, chain, runs, last, likelihoods)
-    if len(known.rings):
-        script.number(len(dropped))
-        for before, chain in zip([-1, *dropped], dropped, strict=False):
-            script.number(chain - before - 1, 1)
-    return Coded(script.data(head), grid_map.of_chains([*kept, *built]))
+    _, built, dropped = changes(grid_map, known)
+    told = [_told(grid_map, chain, runs) for chain, runs in built.items()]
+    there = _Walk(script, known, likelihoods).map(told, dropped)
+    return Coded(script.data(head), there)
 
 
 def decode_map(data: bytes, base: GridMap | None = None) -> GridMap:
@@ -107,29 +102,45 @@ def decode_map(data: bytes, base: GridMap | None = None) -> GridMap:
             raise ProtocolError(f"cells of a map are 1 to {MAX_CELL_MM} mm, not {cell_mm}")
         known = GridMap(cell_mm, axis)
     orders = tuple(reader.bits(width) for width in WIDTHS) if reader.bits(1) else USUAL_ORDERS
-    return _Rebuilt(reader, orders, known, likelihoods).read()
+    found = _Walk(_Reader(reader, orders), known, likelihoods).map()
+    reader.finish()
+    return found
+
+
+def _told(new: GridMap, chain: int, runs: list[VertexRun]) -> "_Told":
+    first, end = new.bounds(chain)
+    vertices, edges = slice(first, end), slice(first, end if new.rings[chain] else end - 1)
+    cells, labels = new.cells[vertices].tolist(), new.labels[vertices].tolist()
+    return _Told(bool(new.rings[chain]), runs, cells, labels, new.own[edges].tolist(), new.level[edges].tolist())
 
 
 class _Script:
-    """The bits and numbers of a message, before the orders of its numbers are chosen."""
+    """The bits and numbers of a message, before the orders of its numbers are chosen. Returns what it is told."""
 
     def __init__(self) -> None:
         self.tokens: list[tuple[int, int, bool]] = []
         """A value with its count of bits; or, where the last is True, a number with its row of the orders."""
 
-    def bits(self, value: int, count: int) -> None:
+    def bits(self, value: int, count: int) -> int:
         self.tokens.append((int(value), count, False))
+        return value
 
-    def three(self, value: int) -> None:
+    def three(self, value: int) -> int:
         self.bits(*THREE[value])
+        return value
 
-    def number(self, value: int, order: int = 0) -> None:
+    def number(self, value: int, order: int = 0) -> int:
         self.bits(value + (1 << order), bits_of(value, order))
+        return value
 
-    def offset(self, here: Place, there: Place, *which: int) -> None:
-        """From one place to another, as numbers whose orders the message may choose."""
-        for a, b, row in zip(here, there, which, strict=True):
-            self.tokens.append((folded(b - a), row, True))
+    def signed(self, value: int, order: int) -> int:
+        self.number(folded(value), order)
+        return value
+
+    def chosen(self, value: int, which: int) -> int:
+        """A number of any sign whose order the message may choose: that of row `which` of the orders."""
+        self.tokens.append((folded(value), which, True))
+        return value
 
     def data(self, head: int) -> bytes:
         """The bytes. The message's own orders follow `head` tokens, where they save more than they cost."""
@@ -155,146 +166,104 @@ class _Script:
         return writer.data()
 
 
-def _write_chain(
-    script: _Script, new: GridMap, base: GridMap, chain: int, runs: list[VertexRun], last: Place, likelihoods: bool
-) -> Place:
-    """Write one chain: whether it is a ring, its runs with their vertices, who saw its edges, their likelihoods.
+class _Reader:
+    """The counterpart of _Script: returns what a message says, whatever value it is told."""
 
-    Returns the place of its last vertex.
+    def __init__(self, reader: BitReader, orders: Sequence[int]) -> None:
+        self._reader, self._orders = reader, orders
+
+    def bits(self, value: int, count: int) -> int:
+        return self._reader.bits(count)
+
+    def three(self, value: int) -> int:
+        return 1 + self._reader.bits(1) if self._reader.bits(1) else 0
+
+    def number(self, value: int, order: int = 0) -> int:
+        return self._reader.number(order)
+
+    def signed(self, value: int, order: int) -> int:
+        return self._reader.signed(order)
+
+    def chosen(self, value: int, which: int) -> int:
+        return self._reader.signed(self._orders[which])
+
+
+class _Told(NamedTuple):
+    """One chain that is to be written; a blank one where it is read."""
+
+    ring: bool = False
+    runs: Sequence[VertexRun] = ()
+    cells: Sequence[Place] = ()
+    labels: Sequence[int] = ()
+    own: Sequence[int] = ()
+    levels: Sequence[int] = ()
+    """Of its edges, as `own`."""
+
+
+class _Walk:
+    """One walk through a message, which writes a map, or reads one; so there is one description of the format.
+
+    What is read may be hostile: every number is checked before it is used.
     """
-    rows, ring, changes_only = slice(*new.bounds(chain)), bool(new.rings[chain]), bool(len(base.cells))
-    cells: list[Place] = new.cells[rows].tolist()
-    labels, own, levels = new.labels[rows].tolist(), new.own[rows].tolist(), new.level[rows].tolist()
-    inside = range(len(cells)) if ring else range(1, len(cells) - 1)
-    plain = not any(labels[v] for v in inside)
-    script.bits(ring, 1)
-    script.bits(plain, 1)
-    if changes_only:
-        script.number(len(runs) - 1)
-    due = 0
-    base_rows: list[int] = []
-    for run in runs:
-        if changes_only:
-            script.three(run.origin)
-        script.number(run.length - 1, 0 if changes_only else 1)
-        if run.origin != VertexOrigin.NEW:
-            script.number(folded(run.row - due), 2)
-            due = run.row + run.length
-        for row in run.rows or [-1] * run.length:
-            v = len(base_rows)
-            here = cells[v]
-            base_rows.append(row)
-            if run.origin == VertexOrigin.MOVED:
-                script.offset(base.cells[row].tolist(), here, ACROSS, ACROSS)
-            elif run.origin == VertexOrigin.NEW and v == 0:
-                script.offset(last, here, START, START)
-            elif run.origin == VertexOrigin.NEW:
-                axis = _across(cells[:v])
-                usual = abs(here[axis] - last[axis]) >= abs(here[1 - axis] - last[1 - axis])
-                script.bits(usual, 1)
-                turn = 1 if (axis if usual else 1 - axis) == 0 else -1
-                script.offset(last[::turn], here[::turn], ALONG, ACROSS)
-            if run.origin != VertexOrigin.COPY and not (plain and v in inside):
-                script.three((INSIDE if v in inside else AT_ENDS).index(Label(labels[v])))
-            last = here
-    edges = len(cells) if ring else len(cells) - 1
-    _write_own(script, own[:edges])
-    if likelihoods:
-        _write_levels(script, levels[:edges], _expected_levels(base_rows, base, ring))
-    return last
 
-
-def _write_own(script: _Script, own: list[bool]) -> None:
-    """Write which edges of a chain the sender saw itself: all, none, or a bit each."""
-    if not own:
-        return
-    script.bits(*((1, 1) if all(own) else (1, 2) if any(own) else (0, 2)))
-    if any(own) and not all(own):
-        for one in own:
-            script.bits(one, 1)
-
-
-def _write_levels(script: _Script, levels: list[int], expected: list[int]) -> None:
-    script.bits(levels == expected, 1)
-    if levels != expected:
-        for level, usual in zip(levels, expected, strict=True):
-            script.bits(*((1, 1) if level == usual else (level, 4)))
-
-
-def _across(before: list[Place]) -> int:
-    """Axis along which a chain is expected to go on: across its last edge; 0 where there is none."""
-    if len(before) < 2:
-        return 0
-    (ax, ay), (bx, by) = before[-2:]
-    return int(abs(bx - ax) >= abs(by - ay))
-
-
-def _expected_levels(base_rows: list[int], base: GridMap, ring: bool) -> list[int]:
-    """Level of each edge of a chain: as in the base where it is an edge there, else SURE."""
-    after = base.successors()
-    tips = [*base_rows[1:], base_rows[0]] if ring else base_rows[1:]
-    pairs = zip(base_rows, tips, strict=False)
-    return [int(base.level[a]) if a >= 0 and b >= 0 and after[a] == b else SURE for a, b in pairs]
-
-
-class _Rebuilt:
-    """The map that a message tells, read vertex by vertex."""
-
-    def __init__(self, reader: BitReader, orders: Sequence[int], base: GridMap, likelihoods: bool) -> None:
-        self.reader, self.orders, self.base, self.likelihoods = reader, orders, base, likelihoods
-        self.places = base.cells.tolist()
+    def __init__(self, coder: _Script | _Reader, base: GridMap, likelihoods: bool) -> None:
+        self.coder, self.base, self.likelihoods = coder, base, likelihoods
+        self.places: list[Place] = base.cells.tolist()
+        self.after = base.successors()
+        self.changes_only = bool(len(base.cells))
         self.used = np.zeros(len(base.cells), np.bool_)
         self.vertices: list[tuple[int, ...]] = []
         """Place, label, whether the sender saw the edge that leaves it, and its level."""
         self.starts = [0]
         self.rings: list[bool] = []
 
-    def read(self) -> GridMap:
-        """The map; raises ProtocolError."""
-        reader, base = self.reader, self.base
+    def map(self, told: Sequence[_Told] = (), gone: Sequence[int] = ()) -> GridMap:
+        """The map that the receiver has, from the chains that are built and those of the base that are dropped.
+
+        Raises ProtocolError.
+        """
+        coder, base = self.coder, self.base
         last: Place = (0, 0)
-        for _ in range(reader.number()):
-            last = self._chain(last)
+        for k in range(coder.number(len(told))):
+            last = self._chain(told[k] if told else _Told(), last)
         dropped = np.array([self.used[slice(*base.bounds(chain))].any() for chain in range(len(base.rings))], np.bool_)
         if len(base.rings):
             chain = -1
-            for _ in range(reader.number()):
-                chain += reader.number(1) + 1
+            for k in range(coder.number(len(gone))):
+                chain += coder.number(gone[k] - chain - 1 if gone else 0, 1) + 1
                 if chain >= len(dropped) or dropped[chain]:
                     raise ProtocolError("changes to a map drop a chain that is not there")
                 dropped[chain] = True
-        reader.finish()
         x, y, labels, own, level = np.array(self.vertices, np.int64).reshape(-1, 5).T
         cells = np.stack([x, y], 1)
         check_places(cells, base.cell_mm)
-        built = GridMap(
-            base.cell_mm,
-            base.axis,
-            cells.astype(np.int32),
-            labels.astype(np.uint8),
-            own.astype(np.bool_),
-            level.astype(np.uint8),
-            np.array(self.starts),
-            np.array(self.rings, np.bool_),
-        )
+        vertices = cells.astype(np.int32), labels.astype(np.uint8), own.astype(np.bool_), level.astype(np.uint8)
+        chains = np.array(self.starts), np.array(self.rings, np.bool_)
+        built = GridMap(base.cell_mm, base.axis, *vertices, *chains)
         whole = base.of_chains(np.flatnonzero(~dropped).tolist()).joined(built)
         check_size(len(whole.cells))
         return whole
 
-    def _chain(self, last: Place) -> Place:
-        reader, base = self.reader, self.base
-        ring, plain, changes_only = bool(reader.bits(1)), bool(reader.bits(1)), bool(len(base.cells))
+    def _chain(self, told: _Told, last: Place) -> Place:
+        """Whether it is a ring, its runs with their vertices, who saw its edges, their likelihoods.
+
+        Returns the place of its last vertex.
+        """
+        coder, base = self.coder, self.base
+        ring = bool(coder.bits(told.ring, 1))
+        plain = coder.bits(not any(told.labels if ring else told.labels[1:-1]), 1)
         cells: list[Place] = []
         labels: list[int] = []
         base_rows: list[int] = []
         due = 0
-        for left in reversed(range(reader.number() + 1 if changes_only else 1)):
-            origin = self._three() if changes_only else VertexOrigin.NEW
-            count = reader.number(0 if changes_only else 1) + 1
+        for left in reversed(range(coder.number(len(told.runs) - 1) + 1 if self.changes_only else 1)):
+            run = told.runs[-1 - left] if told.runs else VertexRun(VertexOrigin.NEW, 1, 0)
+            origin = coder.three(run.origin) if self.changes_only else VertexOrigin.NEW
+            count = coder.number(run.length - 1, 0 if self.changes_only else 1) + 1
             check_size(len(self.vertices) + len(cells) + count)
             rows = [-1] * count
             if origin != VertexOrigin.NEW:
-                first = due + reader.signed(2)
+                first = due + coder.signed(run.row - due, 2)
                 due = first + count
                 if first < 0 or due > len(base.cells) or self.used[first:due].any():
                     raise ProtocolError("changes to a map take a vertex that is not there, or twice")
@@ -303,50 +272,64 @@ class _Rebuilt:
             base_rows += rows
             for k, row in enumerate(rows):
                 at_end = not ring and (not cells or (not left and k == count - 1))
-                last = self._place(origin, row, last, cells)
+                here, label = (told.cells[len(cells)], told.labels[len(cells)]) if told.cells else (last, 0)
+                last = self._place(origin, row, last, cells, here)
                 cells.append(last)
                 if origin == VertexOrigin.COPY:
                     labels.append(int(base.labels[row]))
+                elif plain and not at_end:
+                    labels.append(Label.NOMINAL)
                 else:
-                    labels.append(Label.NOMINAL if plain and not at_end else (INSIDE, AT_ENDS)[at_end][self._three()])
+                    ranks = AT_ENDS if at_end else INSIDE
+                    labels.append(ranks[coder.three(ranks.index(Label(label)))])
         if ring and len(cells) < 2:
             raise ProtocolError("a ring of a map has one vertex")
         edges = len(cells) if ring else len(cells) - 1
         none = [0] * (len(cells) - edges)
-        own, levels = self._own(edges) + none, self._levels(base_rows, ring, edges) + none
-        for (x, y), *rest in zip(cells, labels, own, levels, strict=True):
+        own, levels = self._own(told.own, edges), self._levels(told.levels, base_rows, edges)
+        for (x, y), *rest in zip(cells, labels, own + none, levels + none, strict=True):
             self.vertices.append((x, y, *rest))
         self.starts.append(len(self.vertices))
         self.rings.append(ring)
         return last
 
-    def _place(self, origin: int, row: int, last: Place, before: list[Place]) -> Place:
-        if origin == VertexOrigin.NEW and before:
-            axis = _across(before)
-            main = axis if self.reader.bits(1) else 1 - axis
-            along, across = self._signed(ALONG), self._signed(ACROSS)
-            return last[0] + (across if main else along), last[1] + (along if main else across)
-        near = last if origin == VertexOrigin.NEW else self.places[row]
+    def _place(self, origin: int, row: int, last: Place, before: list[Place], here: Place) -> Place:
+        coder = self.coder
         if origin == VertexOrigin.COPY:
-            return near
-        which = ACROSS if origin == VertexOrigin.MOVED else START
-        return near[0] + self._signed(which), near[1] + self._signed(which)
+            return self.places[row]
+        if origin == VertexOrigin.NEW and before:
+            step, axis = (here[0] - last[0], here[1] - last[1]), _across(before)
+            main = axis if coder.bits(abs(step[axis]) >= abs(step[1 - axis]), 1) else 1 - axis
+            along, across = coder.chosen(step[main], ALONG), coder.chosen(step[1 - main], ACROSS)
+            return last[0] + (across if main else along), last[1] + (along if main else across)
+        near, which = (last, START) if origin == VertexOrigin.NEW else (self.places[row], ACROSS)
+        return near[0] + coder.chosen(here[0] - near[0], which), near[1] + coder.chosen(here[1] - near[1], which)
 
-    def _signed(self, which: int) -> int:
-        return self.reader.signed(self.orders[which])
-
-    def _three(self) -> int:
-        return 1 + self.reader.bits(1) if self.reader.bits(1) else 0
-
-    def _own(self, edges: int) -> list[int]:
-        if not edges or self.reader.bits(1):
+    def _own(self, told: Sequence[int], edges: int) -> list[int]:
+        """Which edges of a chain the sender saw itself: all, none, or a bit each."""
+        if not edges or self.coder.bits(all(told), 1):
             return [1] * edges
-        return [self.reader.bits(1) for _ in range(edges)] if self.reader.bits(1) else [0] * edges
+        some = self.coder.bits(any(told), 1)
+        return [self.coder.bits(one, 1) for one in told or [0] * edges] if some else [0] * edges
 
-    def _levels(self, base_rows: list[int], ring: bool, edges: int) -> list[int]:
+    def _levels(self, told: Sequence[int], base_rows: list[int], edges: int) -> list[int]:
+        """Levels of the edges of a chain. As in the base is expected where it has the edge, else SURE."""
         if not self.likelihoods:
             return [SURE] * edges
-        expected = _expected_levels(base_rows, self.base, ring)
-        if self.reader.bits(1):
-            return expected
-        return [usual if self.reader.bits(1) else self.reader.bits(3) for usual in expected]
+        pairs = list(pairwise([*base_rows, base_rows[0]]))[:edges]
+        in_base = [a >= 0 and b >= 0 and self.after[a] == b for a, b in pairs]
+        usual = [int(self.base.level[a]) if same else SURE for (a, _), same in zip(pairs, in_base, strict=True)]
+        bits = self.coder.bits
+        if bits(told == usual, 1):
+            return usual
+        return [
+            level if bits(new == level, 1) else bits(new, 3) for new, level in zip(told or usual, usual, strict=True)
+        ]
+
+
+def _across(before: list[Place]) -> int:
+    """Axis along which a chain is expected to go on: across its last edge; 0 where there is none."""
+    if len(before) < 2:
+        return 0
+    (ax, ay), (bx, by) = before[-2:]
+    return int(abs(bx - ax) >= abs(by - ay))
