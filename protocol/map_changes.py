@@ -39,10 +39,8 @@ class VertexRun(NamedTuple):
 class Changes(NamedTuple):
     """Everything that turns the base into the new map."""
 
-    kept: list[int]
-    """Chains of the new map that are in the base, in the base's order."""
     built: dict[int, list[VertexRun]]
-    """The other chains of the new map, in the order in which they cost the fewest bits."""
+    """Those chains of the new map that are not in the base, in the order in which they cost the fewest bits."""
     dropped: list[int]
     """Chains of the base that are gone, but those from which a run takes vertices."""
 
@@ -64,7 +62,7 @@ def changes(new: GridMap, base: GridMap) -> Changes:
     runs = _runs(new, base, built, [chain for chain in left if base.key(chain) not in copied])
     touched = {row for chain in built for row in _rows(runs[chain])}
     dropped = [chain for chain in left if touched.isdisjoint(range(*base.bounds(chain)))]
-    return Changes(kept, {chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
+    return Changes({chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
 
 
 def _runs(new: GridMap, base: GridMap, built: list[int], free: list[int]) -> dict[int, list[VertexRun]]:

@@ -33,7 +33,6 @@ THREE = ((0, 1), (2, 2), (3, 2))
 Place = Sequence[int]
 """Cells along and across."""
 
-
 START, ALONG, ACROSS = range(3)
 """Numbers of like size: to the first vertex of a chain; of a step along a wall; of a step across it, or of a moved
 vertex."""
@@ -75,7 +74,7 @@ def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: b
         if grid_map.cell_mm != USUAL_CELL_MM:
             script.bits(grid_map.cell_mm, MAX_CELL_MM.bit_length())
     head = len(script.tokens)
-    _, built, dropped = changes(grid_map, known)
+    built, dropped = changes(grid_map, known)
     told = [_told(grid_map, chain, runs) for chain, runs in built.items()]
     there = _Walk(script, known, likelihoods).map(told, dropped)
     return Coded(script.data(head), there)

@@ -19,6 +19,9 @@ from world.recorder import TEAM, MetricsRow, Recorder, seconds
 from world.tick import Outputs
 from world.worldfile import World
 
+Fields = Mapping[str, Any]
+"""Of a JSON file."""
+
 METRICS_S = 1.0
 """Simulated time between the rows of metrics.csv."""
 
@@ -99,12 +102,7 @@ class Ledger:
             self._recorder.event(self._t(tick), tick, robot, "dead", {"reason": reason})
 
     def close(
-        self,
-        tick: int,
-        passages: Sequence[Passage],
-        moved_to: Floats | None,
-        summary: Mapping[str, Any],
-        wire: Mapping[str, Any] | None,
+        self, tick: int, passages: Sequence[Passage], moved_to: Floats | None, summary: Fields, wire: Fields | None
     ) -> None:
         """Write what is left of the run directory.
 

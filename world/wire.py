@@ -11,7 +11,7 @@ import struct
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,21 +49,17 @@ class Flow:
         }
 
 
-@dataclass
 class Wire:
     """The links to all robots, from the moment that `begin` is called."""
 
-    to_robot: defaultdict[str, Flow] = field(default_factory=lambda: defaultdict(Flow))
-    from_robot: defaultdict[str, Flow] = field(default_factory=lambda: defaultdict(Flow))
-    _ports: dict[str, int] = field(default_factory=dict)
-    """Each robot's end of its link."""
-    _before: dict[int, tuple[int, int]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        self.begin({})
 
     def begin(self, ports: Mapping[str, int]) -> None:
         """Begin to count; `ports` are those of the robots' ends of the links."""
-        self._ports, self._before = dict(ports), tcp_bytes(ports.values())
-        self.to_robot.clear()
-        self.from_robot.clear()
+        self._ports, self._before = ports, tcp_bytes(ports.values())
+        self.to_robot: defaultdict[str, Flow] = defaultdict(Flow)
+        self.from_robot: defaultdict[str, Flow] = defaultdict(Flow)
 
     def told(self, robot: str, channel: str, payload: bytes) -> None:
         """Count a message to a robot."""
