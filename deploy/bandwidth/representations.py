@@ -95,9 +95,7 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     ours = [row for row in passages if row["kind"] in OURS]
     sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
     offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
-    beacon_bytes, viewpoint_bytes = (
-        sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS)
-    )
+    beacons, views = (sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS))
     updates: list[Update] = []
     explored = dict.fromkeys(seen, 0.0)
     for robot, what in seen.items():
@@ -107,7 +105,7 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
                 updates += mine.charge(line)
             explored[robot] = float((mine.states(len(what.ranges) - 1) == 1).sum() * CELL_M**2)
     updates.sort(key=lambda update: update.t)
-    return Measurement(updates, sent, beacon_bytes, viewpoint_bytes, explored)
+    return Measurement(updates, sent, beacons, views, explored)
 
 
 def write(run: Path, measurement: Measurement) -> None:

@@ -11,8 +11,8 @@ from typing import Any
 
 from deploy.report import plan, style
 from deploy.report.picture import MAX_SINGLE, curves_svg
-from deploy.report.rundir import Run
-from deploy.report.words import NONE, headline, mapping, number, seconds, share, size, subtitle
+from deploy.report.rundir import Run, mapping
+from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
 
 MAX_EVENTS = 500  # rows of the events table: the first and the last events; events.jsonl has all
 ROUTINE = "frontier"  # the event left out of the table, because one comes with every new goal
@@ -66,10 +66,8 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, la
 
 
 def _notes(run: Run) -> str:
-    if not run.notes:
-        return ""
     items = "".join(f"<li>{escape(note)}</li>" for note in run.notes)
-    return f'<div class="notes">Some files of this run are missing or broken:<ul>{items}</ul></div>'
+    return items and f'<div class="notes">Some files of this run are missing or broken:<ul>{items}</ul></div>'
 
 
 def _switches(run: Run) -> str:
@@ -99,10 +97,8 @@ def _singles(run: Run) -> str:
     for k, robot in enumerate(run.robots[:MAX_SINGLE]):
         about = f"{len(run.maps[robot].edges)} walls" if robot in run.maps else "no map"
         frame = "" if robot in run.frames else ", in its own frame"
-        figures.append(
-            f'<figure style="--robot:{style.colour(k)}">{plan.single(run, robot)}'
-            f"<figcaption><b>{escape(robot)}</b> {about}{frame}</figcaption></figure>"
-        )
+        caption = f"<figcaption><b>{escape(robot)}</b> {about}{frame}</figcaption>"
+        figures.append(f'<figure style="--robot:{style.colour(k)}">{plan.single(run, robot)}{caption}</figure>')
     more = len(run.robots) - MAX_SINGLE
     rest = f"<p>{more} more robots are not drawn.</p>" if more > 0 else ""
     return f'<h2>The map of each robot</h2>\n<div class="singles">{"".join(figures)}</div>{rest}' if figures else ""
@@ -166,10 +162,9 @@ def _short(value: Any) -> str:
 
 
 def _configuration(run: Run) -> str:
-    if not run.manifest:
-        return ""
     text = escape(json.dumps(run.manifest, indent=2, ensure_ascii=False))
-    return f"<h2>Configuration</h2>\n<details><summary>manifest.json</summary><pre>{text}</pre></details>"
+    page = f"<h2>Configuration</h2>\n<details><summary>manifest.json</summary><pre>{text}</pre></details>"
+    return page if run.manifest else ""
 
 
 def _embedded(value: Any) -> str:

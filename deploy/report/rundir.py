@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from protocol.arrays import Floats
 from protocol.geometry import apply
+from protocol.walls import directions
 from protocol.wireframe import LABELS
 from world.recorder import TEAM
 from world.worldfile import World, load
@@ -48,14 +49,13 @@ class Map:
         So maps of several robots can be drawn side by side. A vertex moves along the mitre of its walls, but at most
         by twice the distance.
         """
-        start, end = self.vertices[self.edges[:, 0]], self.vertices[self.edges[:, 1]]
-        along = (end - start) / np.maximum(np.linalg.norm(end - start, axis=1, keepdims=True), 1e-9)
+        along = directions(self.vertices[self.edges].reshape(-1, 4))
         left = np.column_stack((-along[:, 1], along[:, 0]))
         total = np.zeros_like(self.vertices)
         np.add.at(total, self.edges, left[:, None])
         walls = np.bincount(self.edges.reshape(-1), minlength=len(self.vertices))[:, None]
-        square = (total**2).sum(axis=1, keepdims=True)
-        shift = total * np.minimum(walls / np.maximum(square, 1e-9), 2 / np.sqrt(np.maximum(square, 1e-9)))
+        square = np.maximum((total**2).sum(axis=1, keepdims=True), 1e-9)
+        shift = total * np.minimum(walls / square, 2 / np.sqrt(square))
         return replace(self, vertices=self.vertices + distance * shift)
 
 
@@ -102,9 +102,8 @@ class Run:
     @property
     def robots(self) -> list[str]:
         """All robots that any file names, r2 before r10."""
-        names = {*self.frames, *self.maps, *self.snapshots, *self.paths, *self.metrics} - {TEAM}
-        robots = self.summary.get("robots")
-        names.update(robots if isinstance(robots, dict) else ())
+        told = mapping(self.summary.get("robots"))
+        names = {*self.frames, *self.maps, *self.snapshots, *self.paths, *self.metrics, *told} - {TEAM}
         return sorted(names, key=lambda name: (len(name), name))
 
     @property
@@ -133,6 +132,11 @@ class Run:
         drawn: Axes = axes or pyplot.subplots(figsize=(8, 8), layout="constrained")[1]
         draw_overview(drawn, self) if robot is None else draw_single(drawn, self, robot)
         return drawn
+
+
+def mapping(value: Any) -> dict[str, Any]:
+    """A value of a file that ought to be a mapping; an empty one where it is none."""
+    return value if isinstance(value, dict) else {}
 
 
 def read_run(directory: str | Path) -> Run:
@@ -213,8 +217,7 @@ def _map(value: Mapping[str, Any]) -> Map:
 
 
 def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
-    frames = [(float(line["t"]), _map(line["map"])) for line in lines]
-    return sorted(frames, key=lambda frame: frame[0]) or None
+    return sorted(((float(line["t"]), _map(line["map"])) for line in lines), key=lambda frame: frame[0]) or None
 
 
 def _events(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:

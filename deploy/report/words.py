@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from deploy.report.rundir import Run
+from deploy.report.rundir import Run, mapping
 
 NONE = "—"  # stands for a missing value
 
@@ -29,11 +29,6 @@ def subtitle(run: Run) -> str:
     if "real_time_factor" in run.summary:
         pieces.append(f"{number(run.summary['real_time_factor'], 0)} times real time")
     return "  ·  ".join(pieces)
-
-
-def mapping(value: Any) -> dict[str, Any]:
-    """A value of a file that ought to be a mapping; an empty one where it is none."""
-    return value if isinstance(value, dict) else {}
 
 
 def number(value: Any, digits: int = 1, unit: str = "") -> str:
