@@ -12,15 +12,13 @@ from protocol.geometry import Pose, relative
 RIGHT_M, RIGHT_DEG = 0.25, 5.0  # farther off than either is wrong (the scorer's)
 
 
-def off_by(found: Sequence[float] | Floats, truth: Sequence[float] | Floats, centre: Floats) -> tuple[float, float]:
-    """Metres at a point (2,) of the peer's frame, and degrees, between two transforms (3,)."""
-    metres, radians = distance(np.asarray(found), np.asarray(truth), centre)
-    return metres, math.degrees(radians)
-
-
 def errors(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose, centre: Floats) -> tuple[float, float]:
-    """`off_by` at the centre (2,) of the peer's map. mine and theirs: poses of the two frames in the world."""
-    return off_by(transform, relative(mine, theirs), centre)
+    """Metres at the centre (2,) of the peer's map, and degrees, that a transform (3,) is off.
+
+    mine and theirs: poses of the two frames in the world.
+    """
+    metres, radians = distance(np.asarray(transform), np.array(relative(mine, theirs)), centre)
+    return metres, math.degrees(radians)
 
 
 def right(metres: float, degrees: float) -> bool:

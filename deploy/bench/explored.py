@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from agent.config import AgentConfig
+from agent.exploration.explorer import Explorer
 from agent.robot import Robot, Step
 from agent.shell.mind import MakeMind, Mind
 from deploy import inprocess
@@ -20,7 +21,7 @@ from deploy.launcher import launch
 from deploy.metrics import Truth, score, truth_of
 from protocol.geometry import Pose
 from protocol.messages import Action, Event, Heard, Observation, PoseReport, RobotSpec, ScanReport
-from protocol.wireframe import Label, Wireframe, encode_wireframe
+from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
 from world.episode import Episode
 
@@ -88,23 +89,19 @@ class Explored(NamedTuple):
         return {**found, "ended_at": self.episode.t, "vertices": len(wireframe.points)}
 
     def told(self, robot: str = "r1") -> Figures:
-        """What a robot's events and its last map say.
+        """What a robot's events and its open goals say.
 
         `silent`: frontier or occlusion ends that it neither resolved nor recorded as given up with a reason.
         """
-        mind: Robot = self.robots[robot]
-        explorer = mind.explorer
-        events = [event for _, who, event in self.events if who == robot]
+        explorer: Explorer = self.robots[robot].explorer
         reasons = explorer.goals.reasons
+        events = [event for _, who, event in self.events if who == robot]
         completes = [event.data for event in events if event.event == "complete"]
         return {
             "reason": completes[-1]["reason"] if completes and explorer.complete else "",
-            "frontiers": int((mind.wireframe.labels == Label.FRONTIER).sum()),
             "unreachable": sum(map(bool, reasons)),
             "silent": reasons.count("") if explorer.complete else None,
             "stuck": sum(event.event == "stuck" for event in events),
-            "goals": sum(event.event == "frontier" and event.data["what"] == "chosen" for event in events),
-            "resumed": sum(event.event == "resumed" for event in events),
         }
 
 

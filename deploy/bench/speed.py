@@ -67,10 +67,6 @@ def _stages(figures: Outcomes) -> list[Row]:
     return [{"stage": stage, **found[key]} for stage, key in stages.items()] if found else []
 
 
-def _load(figures: Outcomes) -> str:
-    return f"The whole step has radio and coding, too. Load of the machine {figures['speed/stages']['load']:g}."
-
-
 TABLES = [
     Table(
         "stages",
@@ -78,7 +74,9 @@ TABLES = [
         _stages,
         "stage; median <= 5: median ms; mean: mean ms; p99: 99 % ms",
         judged=lambda row: row["stage"] == "whole step",
-        note=_load,
+        note=lambda figures: (
+            f"The whole step has radio and coding, too. Load of the machine {figures['speed/stages']['load']:g}."
+        ),
     ),
     Table(
         "speed",

@@ -66,15 +66,15 @@ class ForcedRun:
         x0, y0, x1, y1 = load(path_of(world)).solid.bounds
         self.centre = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         self.rng = np.random.default_rng(seed)
-        self.forced: list[dict[str, Any]] = []
-        self._open: dict[tuple[str, str], dict[str, Any]] = {}
+        self.forced: list[Figures] = []
+        self.open: dict[tuple[str, str], Figures] = {}
         self._next: dict[tuple[str, str], int] = {}
         settings = {"world": world, "robots": 3, "seed": seed, "starts": "random", "max_time_s": limit_s}
         explore(settings, {"cooperation": {"verification": evidence or {}}}, self._watch)
 
     def figures(self) -> Figures:
         """All proposals that were decided, and how."""
-        return {"forced": self.forced, "open": len(self._open)}
+        return {"forced": self.forced, "open": len(self.open)}
 
     def _watch(self, robot: Robot, observation: Observation, step: Step) -> None:
         team = robot.team
@@ -86,7 +86,7 @@ class ForcedRun:
                 self._close(robot.robot, event.event, event.data)
         for name, peer in list(team.peers.items()):
             early = observation.tick < self._next.get((robot.robot, name), 0)
-            if early or (robot.robot, name) in self._open:
+            if early or (robot.robot, name) in self.open:
                 continue
             if isinstance(peer, Merged):  # a near miss that later maps put right, or a failure: go on
                 team.undo(peer, "made free for the next", {})
@@ -100,7 +100,7 @@ class ForcedRun:
         robot.team.propose(peer, self._wrong(kind, robot, peer, theirs), robot.own, {"forced": True})
         peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
-        self._open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
+        self.open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
     def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe) -> Pose:
         """A transform of that kind that is wrong."""
@@ -127,7 +127,7 @@ class ForcedRun:
         return compose(compose((x, y, turn), (-x, -y, 0.0)), truth)
 
     def _close(self, one: str, event: str, data: Mapping[str, Any]) -> None:
-        opened = self._open.pop((one, data["peer"]), None)
+        opened = self.open.pop((one, data["peer"]), None)
         if opened is None:
             return
         metres, degrees = errors(data["transform"], self.frames[one], self.frames[data["peer"]], np.zeros(2))

@@ -130,8 +130,7 @@ def _figures(run: Explored, due: Due) -> Figures:
             off = errors(data["transform"], run.frame(robot), run.frame(data["peer"]), centre)
             found = {"t": t, "robot": robot, "error_m": off[0], "error_deg": off[1], "false": not right(*off)}
             accepted.append(data | found)
-    words = [((robot, data["peer"]), f"{name}: {data['reason']}") for _, robot, name, data in events]
-    last = dict(words)
+    last = {(robot, data["peer"]): f"{name}: {data['reason']}" for _, robot, name, data in events}
     pairs = [
         {"robot": one, "peer": two, "since": since, "merged": two in run.robots[one].team.merged_ticks}
         | {"reason": last.get((one, two), "never tried")}
@@ -152,7 +151,6 @@ def _figures(run: Explored, due: Due) -> Figures:
         "alignments": accepted,
         "false": sum(one["false"] for one in accepted),
         **{event: sum(name == event for _, _, name, _ in events) for event in EVENTS},
-        "reasons": dict(sorted(Counter(word for _, word in words).items())),
         "due": pairs,
         "pairs": len(pairs),
         "merged": sum(pair["merged"] for pair in pairs),

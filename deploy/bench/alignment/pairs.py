@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
 
 from deploy.bench.alignment.recordings import Recording, Snapshot
-from deploy.bench.errors import off_by, right
+from deploy.bench.errors import errors, right
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, relative
 from protocol.wireframe import Wireframe
@@ -23,25 +23,6 @@ BINS = ((0.0, NOTHING), (NOTHING, 0.2), (0.2, 0.4), (0.4, 0.6), (0.6, 0.8), (0.8
 """Least and most overlap of each row of the tables; maps of the first row share nothing."""
 
 
-@dataclass(frozen=True)
-class Pair:
-    """Two maps, the second moved by a random pose, and the truth between them."""
-
-    world: str  # name of the world, or of both where the maps are of different buildings
-    mine: Wireframe
-    theirs: Wireframe
-    my_pose: Pose
-    their_pose: Pose
-    truth: Pose | None  # their frame in mine; None in different buildings
-    overlap: float  # true wall in both over that of the smaller (contracts.md)
-    contact: bool  # whether the robots are within radio range where they stand
-    corners: int  # true corners of the smaller map
-
-    def right(self, found: Pose) -> bool:
-        """Whether a transform counts as right, by its error at the middle of their walls."""
-        return self.truth is not None and right(*off_by(found, self.truth, self.theirs.points.mean(0)))
-
-
 def moved(wireframe: Wireframe, by: Sequence[float] | Floats) -> Wireframe:
     """A map in another frame: by (3,) takes the old into the new."""
     return replace(wireframe, points=apply(by, wireframe.points))
@@ -53,28 +34,36 @@ def random_pose(rng: np.random.Generator) -> Pose:
     return x, y, theta
 
 
-class _Choice(NamedTuple):
-    """Which snapshots make a pair."""
+class Pair(NamedTuple):
+    """Two maps without a common frame, and the truth between them."""
 
     one: Recording
     mine: Snapshot
     two: Recording
     theirs: Snapshot
-    overlap: float = 0.0
-    contact: bool = True
+    overlap: float = 0.0  # true wall in both over that of the smaller (contracts.md)
+    contact: bool = True  # whether the robots are within radio range where they stand
+
+    @property
+    def stranger(self) -> bool:
+        """Whether the maps are of different buildings."""
+        return self.one.world != self.two.world
 
     @property
     def corners(self) -> int:
+        """True corners of the smaller map."""
         return min(self.mine.corners, self.theirs.corners)
 
-    def pair(self, rng: np.random.Generator) -> Pair:
-        a, mine, b, theirs, overlap, contact = self
-        by = random_pose(rng)
-        maps, poses = (mine.wireframe, moved(theirs.wireframe, by)), (mine.pose, compose(by, theirs.pose))
-        world, truth = f"{a.world} and {b.world}", None
-        if a.world == b.world:
-            world, truth = a.world, compose(relative(a.frame, b.frame), relative(by, (0.0, 0.0, 0.0)))
-        return Pair(world, *maps, *poses, truth, overlap, contact, self.corners)
+    def right(self, found: Pose) -> bool:
+        """Whether a transform counts as right, by its error at the middle of their walls."""
+        off = errors(found, self.one.frame, self.two.frame, self.theirs.wireframe.points.mean(0))
+        return not self.stranger and right(*off)
+
+    def elsewhere(self, by: Pose) -> "Pair":
+        """The same with their frame moved: by takes the old into the new."""
+        theirs = self.theirs._replace(pose=compose(by, self.theirs.pose), wireframe=moved(self.theirs.wireframe, by))
+        two = self.two._replace(frame=compose(self.two.frame, relative(by, (0.0, 0.0, 0.0))))
+        return self._replace(two=two, theirs=theirs)
 
 
 def pairs_of(
@@ -84,7 +73,7 @@ def pairs_of(
 
     The smaller map has at least `low` true corners and fewer than `high`.
     """
-    bins: list[list[_Choice]] = [[] for _ in BINS]
+    bins: list[list[Pair]] = [[] for _ in BINS]
     for one, two in combinations(recordings, 2):
         for mine, theirs in product(one.snapshots, two.snapshots):
             if low <= min(mine.corners, theirs.corners) < high:
@@ -94,16 +83,16 @@ def pairs_of(
     for choices in bins:
         order = rng.permutation(len(choices))
         chosen = sorted((choices[k] for k in order), key=lambda choice: not choice.contact)[:per_bin]
-        pairs += [choice.pair(rng) for choice in chosen]
+        pairs += [choice.elsewhere(random_pose(rng)) for choice in chosen]
     return pairs
 
 
-def _choice(one: Recording, mine: Snapshot, two: Recording, theirs: Snapshot) -> _Choice:
+def _choice(one: Recording, mine: Snapshot, two: Recording, theirs: Snapshot) -> Pair:
     """Two snapshots in one world, and what they have in common."""
     smaller_m = min(float(one.lengths[snapshot.mapped].sum()) for snapshot in (mine, theirs))
     overlap = float(one.lengths[mine.mapped & theirs.mapped].sum()) / max(smaller_m, 1e-9)
     away_m = math.dist(compose(one.frame, mine.pose)[:2], compose(two.frame, theirs.pose)[:2])
-    return _Choice(one, mine, two, theirs, overlap, BODIES_M <= away_m <= RANGE_M)
+    return Pair(one, mine, two, theirs, overlap, BODIES_M <= away_m <= RANGE_M)
 
 
 def strangers(
@@ -116,5 +105,5 @@ def strangers(
     for _ in range(count if len(large) > 1 else 0):
         a, b = rng.choice(len(large), 2, replace=False)
         one, two = (large[k][int(rng.integers(len(large[k])))] for k in (a, b))
-        pairs.append(_Choice(*one, *two).pair(rng))
+        pairs.append(Pair(*one, *two).elsewhere(random_pose(rng)))
     return pairs

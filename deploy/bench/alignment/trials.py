@@ -70,9 +70,9 @@ def between(quick: bool) -> Figures:
 def trial(pair: Pair, small: bool = False) -> Row:
     """What each method says of one pair; small: without the least size that maps must have."""
     return {
-        "world": pair.world,
+        "world": f"{pair.one.world} and {pair.two.world}" if pair.stranger else pair.one.world,
         "overlap": pair.overlap,
-        "stranger": pair.truth is None,
+        "stranger": pair.stranger,
         "contact": pair.contact,
         "corners": pair.corners,
         "methods": {method: _said(pair, method, small) for method in METHODS},
@@ -82,12 +82,12 @@ def trial(pair: Pair, small: bool = False) -> Row:
 def _said(pair: Pair, method: str, small: bool) -> Row:
     config = AlignmentConfig(min_corners=4) if small else AlignmentConfig()
     begin = time.perf_counter()
-    mine, theirs = prepare(pair.mine, config), prepare(pair.theirs, config)
+    mine, theirs = prepare(pair.mine.wireframe, config), prepare(pair.theirs.wireframe, config)
     found = align_prepared(mine, theirs, config, np.random.default_rng(7), method=METHODS[method])
     ms = (time.perf_counter() - begin) * 1e3
     possible = False
     if found.best is not None and mine is not None and theirs is not None:
-        meeting = Meeting(pair.my_pose, pair.their_pose, RANGE_M, RobotSpec().radius_m)
+        meeting = Meeting(pair.mine.pose, pair.theirs.pose, RANGE_M, RobotSpec().radius_m)
         possible = bool(meeting.possible(np.array([found.best]), mine.place, theirs.place)[0])
     is_right = found.best is not None and pair.right(found.best)
     said = {"ms": ms, "possible": possible, "reason": found.reason, "right": is_right, "best": found.best is not None}

@@ -42,7 +42,7 @@ class Fault:
     samples: Floats  # (s, 2) points in free space beside all that is judged
     inject: Callable[[Records, int], int | None]
     """Spoil one particle's records (count in use) and return the new count; None where it has no such wall."""
-    gone: Callable[[Wireframe], bool]  # whether the map agrees with the truth at the place
+    gone: Callable[[Wireframe], bool | np.bool_]  # whether the map agrees with the truth at the place
 
 
 def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -69,10 +69,7 @@ def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gener
         edges[e] = wall
         return count
 
-    def gone(wireframe: Wireframe) -> bool:
-        return not _covered(samples, unit, wireframe).any()
-
-    return Fault((tail + head) / 2, None, samples, inject, gone)
+    return Fault((tail + head) / 2, None, samples, inject, lambda found: not _covered(samples, unit, found).any())
 
 
 def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -95,10 +92,8 @@ def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
             edges[k]["probation"] = probation
         return count
 
-    def gone(wireframe: Wireframe) -> bool:
-        return bool(_covered(judged, unit, wireframe).all())
-
-    return Fault(middle + OFF_M * normal, normal, judged + OFF_M * normal, inject, gone)
+    samples = judged + OFF_M * normal
+    return Fault(middle + OFF_M * normal, normal, samples, inject, lambda found: _covered(judged, unit, found).all())
 
 
 def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -178,12 +173,9 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
 
     def gone(wireframe: Wireframe) -> bool:
         nominal = wireframe.points[wireframe.labels == Label.NOMINAL]
-        return (
-            bool(np.hypot(*(nominal - corner).T).min(initial=np.inf) < CORNER_NEAR_M)
-            and bool(_covered(before, u, wireframe).all())
-            and bool(_covered(after, v, wireframe).all())
-            and not any(_covered(samples, unit, wireframe).any() for samples, unit in false)
-        )
+        is_there = np.hypot(*(nominal - corner).T).min(initial=np.inf) < CORNER_NEAR_M
+        walls = _covered(before, u, wireframe).all() and _covered(after, v, wireframe).all()
+        return bool(is_there and walls and not any(_covered(some, unit, wireframe).any() for some, unit in false))
 
     inward = (normal_e + normal_f) / np.hypot(*(normal_e + normal_f))
     samples = np.vstack([before + OFF_M * normal_e, after + OFF_M * normal_f])
@@ -191,11 +183,8 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
 
 
 KINDS = {
-    "false-wall": _false_wall,
-    "missing-wall": _missing_wall,
-    "moved-corner": _moved_corner,
-    "false-gap": _false_gap,
-}
+    "false-wall": _false_wall, "missing-wall": _missing_wall, "moved-corner": _moved_corner, "false-gap": _false_gap,
+}  # fmt: skip
 """Each draws a fault from the walls in use of the best particle, the truth, and (2,) a place of the robot, which a wall
 across a room is near to. None where the place drawn is unfit."""
 

@@ -42,7 +42,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         run = explore(world, {}, out=out)
-        books = read_books(out)  # which balance, or there are no figures
+        read_books(out)  # which balance, or there are no figures
         measurement = measure_run(out, run.episode.config)
         tracks = {robot: np.loadtxt(out / "trajectories" / f"{robot}.tum")[:, 1:3] for robot in run.robots}
         with (out / "radio.csv").open(encoding="utf-8", newline="") as file:
@@ -55,20 +55,16 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
     return {
         "run": f"{len(run.robots)} robots in {world['world']}",
         "bytes": measurement.totals(),
-        "beacon_bytes": measurement.beacon_bytes,
         "viewpoint_bytes": measurement.viewpoint_bytes,
         "updates": len(measurement.updates),
         "kinds": dict(sorted(Counter(row["kind"] for row in rows).items())),
-        "links": len(books["links"]),
         "recall": [score["wall_recall"] for score in scores],
         "precision": [score["wall_precision"] for score in scores],
-        "ended": [score["ended"] for score in scores],
         "merges": len(merges),
         "false_merges": sum(metres > FALSE_M or degrees > FALSE_DEG for metres, degrees in off),
         "range_m": run.episode.config.radio.range_m,
         "farthest_m": max(away, default=0.0),
         "delivered": len(heard),
-        "ended_at": run.episode.t,
     }
 
 

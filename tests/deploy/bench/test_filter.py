@@ -15,7 +15,7 @@ from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
 from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
-from deploy.bench.tables import Section, columns, row_of
+from deploy.bench.tables import Table, columns, row_of
 from deploy.metrics import score
 from deploy.occupancy_grid import OccupancyGrid
 from protocol.messages import LidarSpec
@@ -142,10 +142,10 @@ def test_a_grid_is_as_fine_as_its_bytes_allow(recording: ScanRecording) -> None:
 def test_bars_judge_and_missing_figures_miss() -> None:
     heads = columns("world; recall >= 0.9; rmse <= 0.1")
     rows = [{"world": "a", "recall": 0.9, "rmse": 0.1}, {"world": "b", "recall": 0.8}, {"world": "c", "recall": 0.1}]
-    section = Section("one", "One", heads, rows, frozenset({2}))
+    section = Table("one", "One", lambda _: rows, heads, judged=lambda row: row["world"] != "c").section({})
     assert [section.missed(k) for k in range(3)] == [[], ["recall", "rmse"], None]
-    assert section.met is False and Section("one", "One", heads, rows[:1]).met is True
-    assert Section("one", "One", heads[:1], rows).met is None
+    assert section.met is False and Table("one", "One", lambda _: rows[:1], heads).section({}).met is True
+    assert Table("one", "One", lambda _: rows, heads[:1]).section({}).met is None
     console = Console(width=100, file=io.StringIO())
     with console.capture() as capture:
         section.print(console)
