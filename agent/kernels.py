@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from numba import types
-from numba.core import compiler
 from numba.core.registry import CPUDispatcher
-from numba.extending import overload, register_jitable
-from numba.np import arrayobj
+from numba.extending import register_jitable
 
+from agent import compile_time
 from agent.kernel_cache import KernelCache
 from protocol.geometry import wrapped
 
@@ -27,18 +26,6 @@ class Compiled(CPUDispatcher):
         options = {"nopython": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not called_by_python}
         super().__init__(py_func=function, locals={}, targetoptions=options)
         self._cache = KernelCache(function, options)
-        cast(Any, self)._compiler._customize_flags = Flags
-
-
-class Flags(compiler.Flags):
-    """Flags of a compilation, which are equal where only the wrapper differs.
-
-    Numba compiles its own functions, such as np.empty, once for each different set of flags of their callers.
-    """
-
-    def values(self) -> dict[str, Any]:
-        """All options by name."""
-        return {**cast(Any, super()).values(), "no_cpython_wrapper": True}
 
 
 class Kernel(Compiled):
@@ -63,19 +50,5 @@ class Kernel(Compiled):
         return self._for_kernels.get_overload(sig)
 
 
+compile_time.reduce()
 register_jitable(wrapped)  # plain Python for the world, which compiles nothing, and part of kernels here
-
-
-def _sizes_differ(source: Any, target: Any) -> None: ...
-
-
-@overload(_sizes_differ)
-def _sizes_differ_compiled(source: Any, target: Any) -> Any:
-    def refuse(source: Any, target: Any) -> None:
-        raise ValueError("a slice is assigned an array of another size")
-
-    return refuse
-
-
-# Numba's own message names both sizes. The text functions for that take a tenth of the compile time of all kernels.
-arrayobj.raise_with_shape_context = _sizes_differ

@@ -225,13 +225,15 @@ def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> 
                 low = min(low, origin.cost[j] + math.hypot(goals[i, 0] - nodes[j, 0], goals[i, 1] - nodes[j, 1]))
         bound[i] = low + extra[i]
     best, which, last = math.inf, -1, _NO_WAY
-    for i in np.argsort(bound):
+    while g > 0:
+        i = np.argmin(bound)
         if bound[i] >= best:
             break
         asked = np.full(nodes.shape[0], _UNASKED)
         found, node = _reach(origin, terrain, goals[i], asked, best - extra[i])
         if node != _NO_WAY:
             best, which, last = found + extra[i], i, node
+        bound[i] = math.inf
     return which, best, last
 
 

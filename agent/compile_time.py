@@ -1,0 +1,70 @@
+"""Work that numba repeats or does for nobody, left out: the code that kernels are compiled to stays the same."""
+
+from typing import Any
+
+import llvmlite.binding as llvm
+import numba.core.codegen
+import numba.core.compiler
+import numba.core.postproc
+import numba.core.transforms
+import numba.np.arrayobj
+from numba.extending import overload
+
+_core: Any = numba.core  # untyped
+_llvm: Any = llvm
+
+
+def reduce() -> None:
+    """Change numba for the rest of this process."""
+    _core.compiler.Flags.values = _changed
+    _core.postproc.PostProcessor.run = _find_lifetimes
+    _core.codegen.CPUCodeLibrary._optimize_functions = _optimize_functions
+    numba.np.arrayobj.raise_with_shape_context = _sizes_differ
+    _llvm.ffi.lib._lock._cblist.clear()  # of timers, which are told of each call of LLVM
+
+
+def _changed(flags: Any) -> dict[str, Any]:
+    """Options of a compilation that are not the defaults, by name: flags are compared a hundred thousand times.
+
+    They are equal where only the wrapper for Python differs, since numba compiles its own functions, such as np.empty,
+    once for each different set of flags of their callers.
+    """
+    changed = {name: value for name, value in flags._values.items() if value != flags.options[name].default}
+    return {**changed, "no_cpython_wrapper": True}
+
+
+def _find_lifetimes(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+    """Numba's own, without the variables alive at each block's entry: only generators and object mode ask for them.
+
+    It runs nine times a function.
+    """
+    ir = self.func_ir
+    ir.blocks = _core.transforms.canonicalize_cfg(ir.blocks)
+    ir.variable_lifetime = _core.postproc.VariableLifetime(ir.blocks)
+    ir.generator_info = None
+    if emit_dels:
+        self._insert_var_dels(extend_lifetimes=extend_lifetimes)
+
+
+def _optimize_functions(self: Any, module: Any) -> None:
+    """Numba's own, for functions that a module defines, and not for those that it only calls."""
+    module.data_layout = self._codegen._data_layout
+    passes, builder = self._codegen._function_pass_manager()
+    for function in module.functions:
+        if not function.is_declaration:
+            passes.run(function, builder)
+
+
+def _sizes_differ(source: Any, target: Any) -> None:
+    """Refuse an array where a slice of another size is assigned.
+
+    Numba's own message names both sizes. The text functions for that take a tenth of the compile time of all kernels.
+    """
+
+
+@overload(_sizes_differ)
+def _sizes_differ_compiled(source: Any, target: Any) -> Any:
+    def refuse(source: Any, target: Any) -> None:
+        raise ValueError("a slice is assigned an array of another size")
+
+    return refuse
