@@ -78,12 +78,12 @@ class KernelCache(_Cache):
     @cached_property
     def version(self) -> str:
         """Hash of the kernel and all that it reads. Asked for at the first call, when all modules are complete."""
-        made_by = sys.version_info[:2], numba.__version__, llvmlite.__version__, sorted(self._options.items())
+        made_by = sys.version_info[:2], numba.__version__, llvmlite.__version__
         texts = "".join([*map(repr, made_by), *_sources(self._function, set())])
         return hashlib.sha256(texts.encode()).hexdigest()[:16]
 
     def _file(self, sig: Any, codegen: Any) -> str:
-        built_for = "".join(map(_described, sig)) + repr(codegen.magic_tuple())
+        built_for = "".join(map(_described, sig)) + repr((codegen.magic_tuple(), sorted(self._options.items())))
         return f"{self._name}-{self.version}-{hashlib.sha256(built_for.encode()).hexdigest()[:16]}"
 
 

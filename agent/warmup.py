@@ -19,8 +19,10 @@ import numpy as np
 from agent.alignment.align import align_prepared
 from agent.alignment.prepared import prepare
 from agent.config import AgentConfig
+from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
+from agent.mapping.particle_filter import WireframeFilter
 from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
@@ -53,21 +55,31 @@ def rehearse() -> None:
 
 
 def compile_kernels() -> None:
-    """Compile all kernels, in two processes where there are two cores, which then meet in the cache."""
+    """Compile all kernels, in two processes where there are two cores, which then meet in the cache.
+
+    The other maps before this one, which plans and perceives first, comes to need that.
+    """
     gc.disable()  # numba makes millions of objects that live on
     other = None
     if len(os.sched_getaffinity(0)) > 1:
-        other = multiprocessing.get_context("fork").Process(target=_align_and_plan)
+        other = multiprocessing.get_context("fork").Process(target=_map_and_align)
         other.start()
+    _plan()
     _explore(_STARTS, TICKS_TO_COMPILE)
     _align()
     if other is not None:
         other.join()
 
 
-def _align_and_plan() -> None:
-    """Call the half of the kernels that a robot calls last."""
+def _map_and_align() -> None:
+    mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
+    nothing = np.zeros((0, 2))
+    mapped.update(CornerScan(np.zeros(0, PIECE), Sight(nothing, nothing, 1.0, 0.0), nothing), (0.0, 0.0, 0.0))
+    mapped.wireframe()
     _align()
+
+
+def _plan() -> None:
     spec, config = RobotSpec(), AgentConfig()
     explorer = Explorer(config.exploration, config.driving, spec, np.random.default_rng(0))
     building = _building()

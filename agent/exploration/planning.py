@@ -226,7 +226,7 @@ def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> 
         bound[i] = low + extra[i]
     best, which, last = math.inf, -1, _NO_WAY
     while g > 0:
-        i = np.argmin(bound)
+        i = int(np.argmin(bound))
         if bound[i] >= best:
             break
         asked = np.full(nodes.shape[0], _UNASKED)

@@ -77,7 +77,7 @@ class Viewpoints:
 
 
 @kernel
-def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond: float = 0.0) -> Bools:
+def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond: float) -> Bools:
     """Whether each of points (n, 2) is seen from any of eyes (k, 2) within the radius, past walls (m, 4).
 
     The points are in the order of y, as those of a lattice are. beyond: no point is seen from an eye so near to it,
@@ -107,7 +107,7 @@ def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
     """Matrix (k, n): which of points (n, 2) is seen from which of eyes (k, 2)."""
     out = np.empty((eyes.shape[0], points.shape[0]), np.bool_)
     for e in range(eyes.shape[0]):
-        out[e] = _in_view(points, eyes[e : e + 1], walls, radius)
+        out[e] = _in_view(points, eyes[e : e + 1], walls, radius, 0.0)
     return out
 
 
@@ -163,7 +163,7 @@ class Sweep:
         points = _lattice(bounds[:2], bounds[2:], self.sample_m)
         shapely.prepare(face)
         points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
-        seen = _in_view(points, eyes, wireframe.segments(), self.radius)
+        seen = _in_view(points, eyes, wireframe.segments(), self.radius, 0.0)
         return np.asarray(points[~seen], np.float64)
 
     def passed_by(self, wireframe: Wireframe, eyes: Floats, here: Floats, reach_m: float) -> Floats:
@@ -171,7 +171,7 @@ class Sweep:
         points = _lattice(here - reach_m, here + reach_m, self.sample_m)
         around = eyes[(np.abs(eyes - here) < reach_m + self.range).all(1)]
         walls = wireframe.segments()
-        points = points[~_in_view(points, around, walls, self.radius)]
+        points = points[~_in_view(points, around, walls, self.radius, 0.0)]
         return np.asarray(points[_in_view(points, around, walls, self.range, self.radius)])
 
     def left(self, samples: Floats, eye: Floats, walls: Floats) -> tuple[Floats, bool]:
@@ -179,7 +179,7 @@ class Sweep:
 
         walls (m, 4): what hides them.
         """
-        left = samples[~np.asarray(_in_view(samples, eye[None], walls, self.radius))]
+        left = samples[~np.asarray(_in_view(samples, eye[None], walls, self.radius, 0.0))]
         return left, len(left) < LEAST_SAMPLES
 
     def stood(self, stand: Floats) -> None:

@@ -101,6 +101,12 @@ def test_only_the_newest_version_of_a_kernel_is_kept(tmp_path: Path) -> None:
     assert len(list(cache.iterdir())) == count
 
 
+def test_a_kernel_that_python_and_kernels_call_is_kept_in_both_forms(tmp_path: Path) -> None:
+    here, cache, both = tmp_path / "here", tmp_path / "cache", CALLER + "print(scaled(1.0))\n"
+    run(here, cache, both)
+    assert run(here, cache, both) == ("4.0 1.0\n2.0", set())
+
+
 def test_a_file_cut_off_is_compiled_again(tmp_path: Path) -> None:
     here, cache = tmp_path / "here", tmp_path / "cache"
     run(here, cache)
