@@ -1,6 +1,6 @@
 """How a map comes about from an earlier one: chains that stay, chains that are built, chains that are dropped."""
 
-from collections import defaultdict
+from collections import Counter
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -47,22 +47,22 @@ class Changes(NamedTuple):
 
 def changes(new: GridMap, base: GridMap) -> Changes:
     """What turns `base` into `new`; both are on the same grid."""
-    there = defaultdict(list)
-    for chain in range(len(new.rings)):
-        there[new.key(chain)].append(chain)
-    kept, left = [], []
-    for chain in range(len(base.rings)):
-        alike = there[base.key(chain)]
-        if alike:
-            kept.append(alike.pop(0))
-        else:
-            left.append(chain)
-    built = sorted(set(range(len(new.rings))) - set(kept))
-    copied = {new.key(chain) for chain in kept}
-    runs = _runs(new, base, built, [chain for chain in left if base.key(chain) not in copied])
+    new_keys, base_keys = ([held.key(chain) for chain in range(len(held.rings))] for held in (new, base))
+    built, left = _unmatched(new_keys, base_keys), _unmatched(base_keys, new_keys)
+    runs = _runs(new, base, built, [chain for chain in left if base_keys[chain] not in new_keys])
     touched = {row for chain in built for row in _rows(runs[chain])}
     dropped = [chain for chain in left if touched.isdisjoint(range(*base.bounds(chain)))]
     return Changes({chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
+
+
+def _unmatched(keys: list[bytes], others: list[bytes]) -> list[int]:
+    """Chains whose key the other map does not have, or not so often."""
+    spare, left = Counter(others), []
+    for chain, key in enumerate(keys):
+        spare[key] -= 1
+        if spare[key] < 0:
+            left.append(chain)
+    return left
 
 
 def _runs(new: GridMap, base: GridMap, built: list[int], free: list[int]) -> dict[int, list[VertexRun]]:

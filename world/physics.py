@@ -30,10 +30,9 @@ class Physics:
         """Walls (n, 4) and start poses (k, 3) in metres, world frame; one `advance` takes period_s."""
         self.poses = np.array(poses, np.float64)
         """(k, 3) x, y, theta of the robots, world frame; theta is not wrapped."""
-        self.wall_contacts = np.zeros(len(poses), np.int64)
-        """(k,) how often each robot began to touch a wall after a whole period without touch."""
-        self.robot_contacts = np.zeros(len(poses), np.int64)
-        """(k,) the same for touching other robots."""
+        self._contacts = np.zeros((2, len(poses)), np.int64)
+        self.wall_contacts, self.robot_contacts = self._contacts
+        """(k,) how often each robot began to touch a wall, or another robot, after a whole period without touch."""
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
         self._steps = max(1, round(period_s / STEP_S))
         self._dt = period_s / self._steps
@@ -56,7 +55,6 @@ class Physics:
             space.add(body, disc)
             self._row[body.id] = i
         self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
-        self._touched_before = self._touched.copy()
         space.on_collision(_ROBOT, _WALL, pre_solve=self._touch, data=self._touched[0])
         space.on_collision(_ROBOT, _ROBOT, pre_solve=self._touch, data=self._touched[1])
         self._state_buffer, self._force_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
@@ -70,7 +68,7 @@ class Physics:
         """
         if not np.isfinite(commands).all():
             raise ValueError("a drive command is not finite")
-        self._touched_before[:] = self._touched
+        touched_before = self._touched.copy()
         self._touched[:] = False
         if len(self.poses):
             if not np.array_equal(self._rows, self._robots_of_rows()):
@@ -78,9 +76,7 @@ class Physics:
             speed, turn = np.clip(commands, -self._limits, self._limits)[self._rows].T
             self._drive(speed, turn)
             self.poses = self._state[np.argsort(self._rows), :3]
-        began = self._touched & ~self._touched_before
-        self.wall_contacts += began[0]
-        self.robot_contacts += began[1]
+        self._contacts += self._touched & ~touched_before
         return self.poses
 
     def _drive(self, speed: Floats, turn: Floats) -> None:

@@ -96,9 +96,9 @@ class Shell:
                 key = keys.to_robot(robot, channel)
                 publisher = session.declare_publisher(key, congestion_control=congestion, express=True)
                 self._put[robot, channel] = declare(publisher)
-        self._clock = declare(session.declare_publisher(keys.CLOCK))
-        self._links = declare(session.declare_publisher(keys.LINKS))
-        self._progress = declare(session.declare_publisher(keys.PROGRESS))
+        self._clock, self._links, self._progress = (
+            declare(session.declare_publisher(key)) for key in (keys.CLOCK, keys.LINKS, keys.PROGRESS)
+        )
         for channel in keys.NEEDED:
             declare(session.declare_subscriber(keys.from_robot("*", channel), at_once(self.inbox.hear)))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
@@ -150,7 +150,8 @@ class Shell:
         self._told = time.monotonic()
         episode = self.episode
         episode.late_ticks = self._answers.late_ticks
-        status = {robot: self._status(robot) for robot in episode.robots}
+        status = {robot: "complete" if done else "exploring" for robot, done in episode.complete.items()}
+        status |= dict.fromkeys(episode.dead, "dead")
         clock = Clock(tick=episode.tick, t=episode.t, status=status, ended=ended)
         coverage, team = episode.coverage, episode.team_coverage
         progress = Progress(clock=clock, coverage=coverage, team=team, late_ticks=episode.late_ticks)
@@ -185,11 +186,6 @@ class Shell:
         ports = {robot: far_ends.get(session, "") for robot, session in self._participants.sessions.items()}
         return {robot: int(ports[robot]) for robot in self.episode.robots if ports.get(robot, "").isdigit()}
 
-    def _status(self, robot: str) -> str:
-        if robot in self.episode.dead:
-            return "dead"
-        return "complete" if self.episode.complete[robot] else "exploring"
-
     def _wait_for_all(self, deadline: float) -> None:
         while due := self._answers.due(self._participants.ready):
             if not self._take(deadline):
@@ -219,13 +215,13 @@ class Shell:
                 # a robot that leaves before the first tick may be started again; after the last one it leaves as asked
                 if self._participants.token_went(arrival.robot) and self._began is not None:
                     self._kill(arrival.robot, "its process or its link ended")
-            case channel if channel in keys.NEEDED and self._began is not None:
+            case channel if (
+                channel in keys.NEEDED and self._began is not None and self._participants.is_ready(arrival.robot)
+            ):
                 self._hear(arrival.robot, channel, arrival.payload)
         return True
 
     def _hear(self, robot: str, channel: str, payload: bytes) -> None:
-        if not self._participants.is_ready(robot):
-            return
         self._wire.heard(robot, payload)
         try:
             self._answers.hear(robot, channel, payload, self.episode.tick)
