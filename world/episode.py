@@ -103,16 +103,11 @@ class Episode:
 
     def welcome(self, robot: str, *, lockstep: bool = True) -> Welcome:
         """What a robot must know of its body, clock and seed."""
-        rng = generator(self.config.seed, "mind", robot)
         radio = self.config.radio
         limits = {"radio_range_m": radio.range_m, "radio_mtu_bytes": radio.mtu_bytes}
-        return Welcome(
-            version=PROTOCOL_VERSION,
-            robot=robot,
-            spec=self.config.spec.model_copy(update=limits),
-            seed=int(rng.integers(2**63)),
-            lockstep=lockstep,
-        )
+        spec = self.config.spec.model_copy(update=limits)
+        seed = int(generator(self.config.seed, "mind", robot).integers(2**63))
+        return Welcome(version=PROTOCOL_VERSION, robot=robot, spec=spec, seed=seed, lockstep=lockstep)
 
     def inputs(self) -> dict[str, Inputs]:
         """What each live robot hears and sees at this tick; the same on every call."""
@@ -122,8 +117,8 @@ class Episode:
 
     def _look(self) -> dict[str, Inputs]:
         """Deliver messages and cast the scans of this tick."""
-        heard, passages = self._radio.deliver(self.tick, self.live)
         live = self.live
+        heard, passages = self._radio.deliver(self.tick, live)
         rows = np.array([self._rows[robot] for robot in live], np.intp)
         poses = self.poses[rows]
         radius = np.full((len(self.robots), 1), self.config.spec.radius_m)
@@ -131,18 +126,12 @@ class Episode:
         measured = self._lidar.measured(ranges, [self._lidar_noise[row] for row in rows]) if len(rows) else ranges
         met[np.isinf(measured)] = -1  # a beam that returned nothing covers nothing
         self._unbooked = Look(rows, poses, ranges, met, passages)
-        return {
-            robot: Inputs(
-                heard[robot],
-                Observation(
-                    tick=self.tick,
-                    ranges=scan.astype("<f4").tobytes(),
-                    odometry=self._odometry[row].update(pose),
-                    heard=len(heard[robot]),
-                ),
-            )
-            for robot, row, scan, pose in zip(live, rows.tolist(), measured, poses, strict=True)
-        }
+        inputs = {}
+        for robot, row, scan, pose in zip(live, rows.tolist(), measured.astype("<f4"), poses, strict=True):
+            odometry, count = self._odometry[row].update(pose), len(heard[robot])
+            seen = Observation(tick=self.tick, ranges=scan.tobytes(), odometry=odometry, heard=count)
+            inputs[robot] = Inputs(heard[robot], seen)
+        return inputs
 
     def book(self) -> None:
         """Account for what this tick showed. A shell calls it while robots think, else `advance` does."""

@@ -215,13 +215,13 @@ class Shell:
                 # a robot that leaves before the first tick may be started again; after the last one it leaves as asked
                 if self._participants.token_went(arrival.robot) and self._began is not None:
                     self._kill(arrival.robot, "its process or its link ended")
-            case channel if (
-                channel in keys.NEEDED and self._began is not None and self._participants.is_ready(arrival.robot)
-            ):
+            case channel if channel in keys.NEEDED and self._began is not None:
                 self._hear(arrival.robot, channel, arrival.payload)
         return True
 
     def _hear(self, robot: str, channel: str, payload: bytes) -> None:
+        if not self._participants.is_ready(robot):
+            return
         self._wire.heard(robot, payload)
         try:
             self._answers.hear(robot, channel, payload, self.episode.tick)
