@@ -159,6 +159,7 @@ class Radio:
         for sender in sorted(self._index[robot] for robot, said in sends.items() if said):
             name, numbers = self._robots[sender], [0] * len(self._robots)
             near = np.hypot(*(places - places[sender]).T) <= self._reach
+            others = [index for index in self._index.values() if index != sender]
             for send in sends[name]:
                 size = len(send.payload)
                 self.books.on_air[name, send.kind].update(tally(1, size))
@@ -166,8 +167,7 @@ class Radio:
                 held_back = MTU if size > self._mtu else None
                 if held_back is None and not self._budget.takes(sender, tick, size):
                     held_back = CAPACITY_OUT
-                others = [index for index in self._index.values() if index != sender]
-                for receiver in others if send.to == EVERYONE else [self._index[send.to]]:
+                for receiver in others if send.to == EVERYONE else {self._index[send.to]} - {sender}:
                     hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
                     numbers[receiver] += 1
                     self.books.addressed[name, self._robots[receiver], send.kind].update(tally(1, size))
