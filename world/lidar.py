@@ -37,8 +37,7 @@ class Lidar:
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
         self.spec, self._one_sided = spec, one_sided
         self._index = np.flatnonzero(lengths(segments) > _TOUCHING_M)
-        self._ends = segments[self._index].reshape(-1, 2, 2).swapaxes(0, 1)
-        """(2, n, 2) starts and ends of the walls."""
+        self._ends = segments[self._index]
         angles = np.arange(spec.beams) * (2 * math.pi / spec.beams)
         self._cos, self._sin = np.cos(angles), np.sin(angles)
         self._cells: dict[tuple[int, int], Ints] = {}
@@ -88,7 +87,7 @@ class Lidar:
         if cell not in self._cells:
             middle = (np.array(cell) + 0.5) * CELL_M
             reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5)
-            nearest, _ = _nearest(*(self._ends - middle))
+            nearest, _ = _nearest(self._ends[:, :2] - middle, self._ends[:, 2:] - middle)
             self._cells[cell] = np.flatnonzero(nearest <= reach)
         return self._cells[cell]
 
@@ -96,7 +95,7 @@ class Lidar:
         near = [self._near(x, y) for x, y, _ in poses.tolist()]
         wall = np.concatenate(near)
         robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
-        start, end = _seen_from(poses[robot], self._ends[:, wall])
+        start, end = _seen_from(poses[robot], self._ends[wall].reshape(-1, 2, 2).swapaxes(0, 1))
         nearest, farthest = _nearest(start, end)
         turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]  # positive where the lidar is on the left
         facing = nearest <= self.spec.range_max_m
