@@ -64,6 +64,10 @@ class Target:
     stuck: int = 0
     """How often the robot was stuck on the way."""
 
+    def within(self, metres: float, here: Floats) -> bool:
+        """Whether the standing point is no farther from here (2,) than that."""
+        return math.hypot(*(self.task.stand - here)) <= metres
+
 
 def is_end(task: Task) -> bool:
     """Whether the task is an open end of a wall."""

@@ -15,8 +15,6 @@ from protocol.messages import RobotSpec
 LOOKAHEAD_M = 0.6
 """Distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners."""
 _LOOKAHEAD_STEPS = 10
-TURN_IN_PLACE_RAD = 0.5
-"""Heading error beyond which the robot turns on the spot."""
 TURN_GAIN = 0.6
 """Share of the heading error corrected in a tick; 1 would overshoot at the slightest delay."""
 SLOW_AIR_M = 0.05
@@ -138,6 +136,10 @@ class Driver:
         self.tick_s = 1.0 / spec.lidar.rate_hz
         self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
 
+    def ticks_to_drive(self, metres: float) -> int:
+        """Ticks in which the robot drives so far at full speed; at least one."""
+        return max(1, round(metres / (self.spec.max_speed_mps * self.tick_s)))
+
     def follow(self, path: Floats, pose: Pose, obstacles: Obstacles, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.
 
@@ -192,9 +194,12 @@ class Driver:
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))
-        if abs(error) > TURN_IN_PLACE_RAD:
+        if abs(error) > 0.5 * math.pi:
             return Motion(0.0, turn, False)
-        speed = spec.max_speed_mps * (1.0 - 0.5 * abs(error) / TURN_IN_PLACE_RAD)
+        # full speed along the way, and no faster than the tightest arc to the point allows
+        speed = spec.max_speed_mps * math.cos(error - 0.5 * turn * self.tick_s)
+        if error:
+            speed = min(speed, 0.5 * spec.max_turn_rps * math.hypot(px - x, py - y) / math.sin(abs(error)))
         speed = min(speed, left_m / self.tick_s)
         if distance_to_walls(x, y, obstacles.walls) < spec.radius_m + SLOW_AIR_M:
             speed = min(speed, SLOW_SHARE * spec.max_speed_mps)

@@ -15,7 +15,7 @@ from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_ne
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion
-from agent.exploration.goals import TEAMMATE, WAITS, Goals, rounded
+from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.planning import GIVE_M, Roads, ahead_of, circle, length_of, still_clear
 from agent.exploration.surroundings import Scene, Situation, Surroundings
@@ -24,14 +24,14 @@ from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
-LOOK_S = 0.8
-"""Time at a standing point before the goal counts as unresolved: the map needs three scans to change its mind."""
+LOOKS = 4
+"""Scans from near a standing point before the goal counts as unresolved: the map needs three to change its mind."""
 ARRIVED_M = 0.08
 """Closer than this is there: half the distance driven in two ticks at full speed, so that no robot overshoots."""
 STANDING_POINTS = 3
 """Standing points tried in one attempt at a goal."""
-RECONSIDER_S = 2.0
-"""Goals are compared anew after this time if the map changed: a robot drives 0.4 m in it, less than a doorway."""
+RECONSIDER_M = 0.44
+"""Goals are compared anew in the time of a drive this long if the map changed: half a doorway."""
 PERSIST_S = 0.8
 """A new frontier must last this long to wake a complete robot, as single scans flicker."""
 BLOCKED_M = 0.6
@@ -205,10 +205,11 @@ class Explorer:
                 target.task = target.task._replace(samples=left)
         if scene.tick > target.deadline:
             self._give_up("it took too long")
-        elif math.hypot(*(target.task.stand - scene.here)) <= ARRIVED_M:
-            target.looks += 1
-            if target.looks >= target.looks_due:
-                self._arrived(scene, target)
+            return
+        # an end is seen from nearby as well as from the point itself
+        target.looks += target.within(OTHER_STAND_M if is_end(target.task) else ARRIVED_M, scene.here)
+        if target.looks >= target.looks_due and target.within(ARRIVED_M, scene.here):
+            self._arrived(scene, target)
 
     def _arrived(self, scene: Scene, target: Target) -> None:
         """The robot has looked long enough from the standing point."""
@@ -250,11 +251,13 @@ class Explorer:
         walls = self.surroundings.lasting_walls(scene)
         if not still_clear(target.path, walls, target.clearance - GIVE_M):
             return True
-        if target.task.kind in ("errand", "retreat", "wait", "park") or target.looks > 0 or not len(self.goals.fresh()):
+        if target.task.kind in ("errand", "retreat", "wait", "park") or not len(self.goals.fresh()):
+            return False
+        if target.looks > 0 and target.within(ARRIVED_M, scene.here):
             return False
         if not is_end(target.task) and not self.config.pockets:
             return True
-        due = scene.tick - self._decided_tick >= self._ticks(RECONSIDER_S)
+        due = scene.tick - self._decided_tick >= self.driver.ticks_to_drive(RECONSIDER_M)
         return due and scene.version != self._decided_version
 
     # what to do next
@@ -306,7 +309,7 @@ class Explorer:
         """Make the task the target; where it is the old one's, go on with its deadline and counts."""
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
-        looks_due = self._ticks(LOOK_S) if is_end(task) else 1
+        looks_due = LOOKS if is_end(task) else 1
         self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):
             self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck

@@ -17,8 +17,9 @@ from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
 
-REFRESH_S = 0.6
-"""Open ends are read from the map this often besides at changes of structure, as they move with each scan."""
+REFRESH_M = 0.13
+"""Open ends move with each scan: they are read in the time of a drive this long, and when the map's structure changes.
+"""
 OTHER_STAND_M = 0.25
 """A standing point nearer than this to one that did not help will not help either."""
 STARE_COST = 0.5
@@ -94,7 +95,7 @@ class Goals:
         self.spec = spec
         self.memory = GoalMemory()
         self.ends: Ends = open_ends(Wireframe())
-        self.refresh_ticks = round(REFRESH_S * spec.lidar.rate_hz)
+        self.refresh_ticks = max(1, round(REFRESH_M * spec.lidar.rate_hz / spec.max_speed_mps))
         self._tried = np.zeros(0, np.int64)
         """Per open end its record in the memory, or -1."""
         self._version, self._tick = -1, -1

@@ -1,17 +1,15 @@
 """What is remembered of discs in scans: teammates seen a moment ago, and posts that only look like teammates (ours)."""
 
-from collections import deque
-
 import numpy as np
 
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
-SEEN_S = 0.8
-"""A disc is remembered for so long: one scan of ten misses it, and four in a row almost never do."""
-STILL_S = 3.0
-"""A disc that has not moved for so long while nobody is heard is a post; exploring robots stand for 0.8 s at a time."""
+SEEN_SCANS = 4
+"""A disc is expected in so many scans after the last that saw it: one of ten misses it, four in a row almost never."""
+STILL_SCANS = 15
+"""A disc that has not moved for so many scans while nobody is heard is a post; an exploring robot stands for four."""
 STILL_M = 0.06
 """... nor by more than this: the spread of a disc's place from scan to scan; a teammate drives it in 0.3 s."""
 SILENCE_S = 21.0
@@ -27,18 +25,23 @@ class SeenDiscs:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._step_m = spec.max_speed_mps / spec.lidar.rate_hz
-        self._scans: deque[Floats] = deque(maxlen=max(1, round(SEEN_S * spec.lidar.rate_hz)))
+        self._seen = np.zeros((0, 4))
+        """(k, 4) x, y in metres, scans since the disc was last seen, and scans that had seen it in a row before."""
 
     def expected(self, pose: Pose) -> Floats:
         """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
-        newest = len(self._scans)
-        seen = [np.insert(d, 2, self._step_m * (newest - k), 1) for k, d in enumerate(self._scans)]
-        discs = np.vstack((np.zeros((0, 3)), *seen))
-        return np.column_stack((seen_from(pose, discs[:, :2]), discs[:, 2]))
+        return np.column_stack((seen_from(pose, self._seen[:, :2]), self._step_m * self._seen[:, 2]))
 
     def add(self, pose: Pose, discs: Floats) -> None:
-        """Remember the discs (k, 2) of a scan, given in the robot's frame."""
-        self._scans.append(apply(pose, discs))
+        """Remember the discs (k, 2) of a scan, given in the robot's frame, instead of where they were before.
+
+        What is no teammate is seldom seen as a disc twice, so a disc is expected for no more scans than it was seen in.
+        """
+        new, (x, y, scans, seen) = apply(pose, discs), self._seen.T
+        again = np.hypot(new[:, :1] - x, new[:, 1:] - y) <= self._step_m * scans + STILL_M
+        missed = self._seen[~again.any(0) & (scans < np.minimum(seen, SEEN_SCANS))] + (0.0, 0.0, 1.0, 0.0)
+        seen_now = 1.0 + np.where(again, seen, 0.0).max(1, initial=0.0)
+        self._seen = np.vstack((missed, np.column_stack((new, np.ones(len(new)), seen_now))))
 
 
 class Posts:
@@ -49,7 +52,6 @@ class Posts:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._reach_m = spec.lidar.range_max_m
-        self._still = round(STILL_S * spec.lidar.rate_hz)
         self._silence = round(SILENCE_S * spec.lidar.rate_hz)
         self._heard = -self._silence
         self._standing = np.zeros((0, 4))
@@ -74,10 +76,10 @@ class Posts:
                 self._standing[int(away.argmin()), 3] = tick
             else:
                 self._standing = np.vstack((self._standing, (x, y, tick, tick)))
-        stood = self._standing[:, 3] - self._standing[:, 2] >= self._still
+        stood = self._standing[:, 3] - self._standing[:, 2] >= STILL_SCANS
         if stood.any():
             self.places = np.vstack((self.places, self._standing[stood, :2]))[-MAX_POSTS:]
-        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= self._still)]
+        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= STILL_SCANS)]
 
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) those in reach of a pose, in its frame."""

@@ -316,7 +316,7 @@ def test_no_way_through_an_unseen_wall_is_tried_twice():
         if reach >= SPEC.radius_m or abs(glass_x - x) > abs(glass_x - pose[0]):
             pose[:2] = x, y
         pose[2] += 0.2 * command.turn_rps
-        crossed |= pose[0] > 1.5
+        crossed |= pose[0] > glass_x + SPEC.radius_m
     assert robot.complete
     assert crossed
     touched = [event.data["place"] for event in events if event.data.get("reason") == "an unseen wall"]
