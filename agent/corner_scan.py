@@ -18,12 +18,9 @@ from protocol.wireframe import Label, Wireframe
 
 NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Label.FRONTIER)
 """Labels as kernels and records hold them."""
-NOISE_SIGMAS = 3.5
-"""Standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise."""
-NOISE_FLOOR_M = 0.003
-"""Standard deviation of a range, at least: real walls are not flatter, whatever the lidar promises."""
-BRIDGE_M = 0.25
-"""Two hits on one line farther apart than this, measured along it, do not show that there is wall between them."""
+NOISE_SIGMAS = 3.5  # standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise
+NOISE_FLOOR_M = 0.003  # least standard deviation of a range: real walls are not flatter, whatever the lidar promises
+BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that there is wall between them
 
 PIECE = np.dtype(
     [
@@ -50,11 +47,9 @@ class Sight(NamedTuple):
     """What a scan shows beside walls, for the kernels."""
 
     open: Floats  # (s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach
-    blind: Floats
-    """(b, 2) as open: sectors in which something stands that is no wall piece: a teammate, a post of two beams."""
+    blind: Floats  # (b, 2) as open: sectors in which stands what is no wall piece: a teammate, a post of two beams
     reach: float  # m, how far open sectors are known to be free
-    half_beam: float
-    """rad, half the angle between two beams: what lies nearer to the edge of a sector or piece is uncertain."""
+    half_beam: float  # half the angle between two beams, rad: what is nearer to a sector's or piece's edge is uncertain
 
 
 @dataclass(frozen=True, slots=True)

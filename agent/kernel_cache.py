@@ -21,8 +21,7 @@ import numpy as np
 from numba.core import serialize, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
 
-IN_PACKAGE = Path(__file__).parent / "__pycache__" / "kernels"
-"""Filled at installation, and found by all users."""
+IN_PACKAGE = Path(__file__).parent / "__pycache__" / "kernels"  # filled at installation, and found by all users
 
 _serialize: Any = serialize  # untyped
 

@@ -19,11 +19,9 @@ from protocol.messages import Action, Heard, MapReport, Observation, PoseReport,
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
-MOVED_M = 0.01
-"""A corner that moved by less has not changed: maps travel on a grid of this size."""
+MOVED_M = 0.01  # a corner that moved by less has not changed: maps travel on a grid of this size
 
-LAY_S = 0.6
-"""Merged maps are laid over the own one at most this often; what was just seen is in the scan anyway."""
+LAY_S = 0.6  # merged maps are laid over the own one at most this often; what was just seen is in the scan anyway
 
 
 class Step(NamedTuple):
@@ -47,12 +45,9 @@ class Robot:
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
-        self.own = Wireframe()
-        """The map of own scans alone."""
-        self.wireframe = Wireframe()
-        """The map: the same with merged ones laid over it."""
-        self.version = 0
-        """Rises whenever the map changes."""
+        self.own = Wireframe()  # the map of own scans alone
+        self.wireframe = Wireframe()  # the map: the same with merged ones laid over it
+        self.version = 0  # rises whenever the map changes
         self._map_bytes = encode_wireframe(self.wireframe)
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks

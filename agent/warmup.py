@@ -29,10 +29,8 @@ from protocol.geometry import Pose, compose
 from protocol.messages import Heard, Observation, RobotSpec
 from protocol.wireframe import Wireframe
 
-TICKS_TO_LOAD = 40
-"""Enough for one robot to map some walls, choose a frontier, plan and drive."""
-TICKS_TO_COMPILE = 300
-"""Enough for two robots to merge their maps and to explore what is left."""
+TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
+TICKS_TO_COMPILE = 300  # enough for two robots to merge their maps and to explore what is left
 
 _OUTLINE = [
     (0, 0), (3, 0), (3, 2), (3.2, 2), (3.2, 0), (6.5, 0), (6.5, 2), (8, 2), (8, 5), (4, 5), (4, 3.2), (3.8, 3.2),

@@ -16,42 +16,27 @@ from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.walls import directions, lengths, points_along
 
-SAMPLE_M = 0.1
-"""Distance of the samples at which walls are compared."""
-MAX_SAMPLES = 20_000
-"""Samples of one map: 2 km of wall at that distance. Those of a longer map are farther apart."""
-MAX_CELLS = 200_000
-"""Cells of one index. A map whose walls lie farther apart gets larger cells."""
-AGREE_M = 0.08
-"""A wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma."""
-STRIP_NEAR_M = 0.15
-"""Free ground before a wall begins here. What is nearer may be noise, or the other face of a thin wall."""
-STRIP_FAR_M = 0.5
-"""Free ground before a wall ends here (measured): a map need not have looked farther away."""
-STRIP_END_M = 0.1
-"""The ground before the last piece of a wall does not count as free, as other walls may begin there."""
+SAMPLE_M = 0.1  # distance of the samples at which walls are compared
+MAX_SAMPLES = 20_000  # samples of one map: 2 km of wall at that distance. Those of a longer map are farther apart
+MAX_CELLS = 200_000  # cells of one index. A map whose walls lie farther apart gets larger cells
+AGREE_M = 0.08  # a wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma
+STRIP_NEAR_M = 0.15  # free ground before a wall begins here: what is nearer may be noise, or a thin wall's other face
+STRIP_FAR_M = 0.5  # free ground before a wall ends here (measured): a map need not have looked farther away
+STRIP_END_M = 0.1  # the ground before the last piece of a wall does not count as free, as other walls may begin there
 REACH_M = max(AGREE_M, STRIP_NEAR_M, STRIP_FAR_M)
 
 
 class Walls(NamedTuple):
     """A map's walls, indexed by place, and samples along them. Metres, the map's own frame."""
 
-    segments: Floats
-    """(m, 4) x1, y1, x2, y2, free space on the left."""
-    samples: Floats
-    """(k, 5) x, y, unit direction, and metres of wall that the sample stands for."""
-    origin: Floats
-    """(3,) lower left corner of the index and size of its square cells."""
-    shape: tuple[int, int]
-    """Columns and rows of the index."""
-    begins: Ints
-    """(columns * rows + 1,) where the walls of a cell, column by column, begin in `members`."""
-    members: Ints
-    """Walls that come near each cell."""
-    free: Floats
-    """(m, 2) metres along each wall between which the ground before it is free."""
-    ways: Floats
-    """(m, 3) unit direction of each wall, and its length."""
+    segments: Floats  # (m, 4) x1, y1, x2, y2, free space on the left
+    samples: Floats  # (k, 5) x, y, unit direction, and metres of wall that the sample stands for
+    origin: Floats  # (3,) lower left corner of the index and size of its square cells
+    shape: tuple[int, int]  # columns and rows of the index
+    begins: Ints  # (columns * rows + 1,) where the walls of a cell, column by column, begin in `members`
+    members: Ints  # walls that come near each cell
+    free: Floats  # (m, 2) metres along each wall between which the ground before it is free
+    ways: Floats  # (m, 3) unit direction of each wall, and its length
 
     @property
     def length_m(self) -> float:
@@ -104,8 +89,7 @@ def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns:
     return begins, np.array(members)[order]
 
 
-NEITHER, AGREES, CONFLICTS = 0, 1, 2
-"""What one map says of a sample of the other."""
+NEITHER, AGREES, CONFLICTS = 0, 1, 2  # what one map says of a sample of the other
 
 
 def agreement(mine: Walls, theirs: Walls, transform: Floats) -> tuple[float, float]:

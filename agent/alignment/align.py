@@ -19,28 +19,17 @@ from protocol.geometry import Pose
 class Alignment:
     """What became of an attempt to align; lengths in metres of wall."""
 
-    transform: Pose | None
-    """The peer's frame in mine, x, y, theta; None where the maps do not tell."""
-    reason: str
-    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (by the meeting)."""
-    candidates: int = 0
-    """Distinct transforms held against all walls."""
-    inliers: int = 0
-    """Corners that match under the best."""
-    residual: float = 0.0
-    """Root mean square distance of these, metres."""
-    margin: float = 0.0
-    """Share by which the best score exceeds the second-best distinct one's; 1 without a second."""
-    agreement: float = 0.0
-    """Wall that both maps have under the best."""
-    conflict: float = 0.0
-    """Wall of one where the other has free ground."""
-    overlap: float = 0.0
-    """Agreement over the wall of the smaller map."""
-    score: float = 0.0
-    """Agreement less weighted conflict."""
-    best: Pose | None = None
-    """The best candidate, also where it was not good enough."""
+    transform: Pose | None  # the peer's frame in mine, x, y, theta; None where the maps do not tell
+    reason: str  # `aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (by the meeting)
+    candidates: int = 0  # distinct transforms held against all walls
+    inliers: int = 0  # corners that match under the best
+    residual: float = 0.0  # root mean square distance of these, metres
+    margin: float = 0.0  # share by which the best score exceeds the second-best distinct one's; 1 without a second
+    agreement: float = 0.0  # wall that both maps have under the best
+    conflict: float = 0.0  # wall of one where the other has free ground
+    overlap: float = 0.0  # agreement over the wall of the smaller map
+    score: float = 0.0  # agreement less weighted conflict
+    best: Pose | None = None  # the best candidate, also where it was not good enough
 
     def figures(self) -> dict[str, object]:
         """For an event."""

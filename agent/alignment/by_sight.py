@@ -29,28 +29,20 @@ from protocol.geometry import Pose, wrapped
 class Sighting:
     """A scan of the robot at the moment when a peer says where it is."""
 
-    here: Pose
-    """The robot in its own frame."""
-    theirs: Pose
-    """The peer in the peer's frame."""
-    discs: Floats
-    """(d, 2) discs seen, the robot's own frame, metres."""
+    here: Pose  # the robot in its own frame
+    theirs: Pose  # the peer in the peer's frame
+    discs: Floats  # (d, 2) discs seen, the robot's own frame, metres
     scan: CornerScan
 
 
 class Consensus(NamedTuple):
     """The transform that lays most places of the peer on discs."""
 
-    transform: Floats
-    """(3,) the peer's frame in the robot's own."""
-    explained: int
-    """Sightings that it explains."""
-    rival: int
-    """Those that the best distinct one explains."""
-    middle: Floats
-    """(2,) of the peer's places."""
-    spread_m: float
-    """Standard deviation of the places that it explains, across the line that fits them best."""
+    transform: Floats  # (3,) the peer's frame in the robot's own
+    explained: int  # sightings that it explains
+    rival: int  # those that the best distinct one explains
+    middle: Floats  # (2,) of the peer's places
+    spread_m: float  # standard deviation of the places that it explains, across the line that fits them best
 
 
 def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting]:

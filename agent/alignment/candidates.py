@@ -16,24 +16,15 @@ from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 
-MAX_PAIRS = 4000
-"""Pairs of corners whose transform is looked at, best first: the iteration budget."""
-MAX_CANDIDATES = 80
-"""Distinct transforms that are refined on all corners. Measured: the right one is among the first 50."""
-MAX_SCORED = 20
-"""Of these, as many with most matched corners are held against all walls. Measured: 30 find the same on 1,612 pairs."""
-LIKE_M = 0.3
-"""Two candidates nearer than this at the map's centre are one, as refinement pulls both to the same place."""
-LIKE_RAD = math.radians(6.0)
-"""The same for their turn."""
-DISTINCT_M = 0.5
-"""Results farther apart at the map's centre contradict each other: twice the error of what counts as a wrong one."""
-DISTINCT_RAD = math.radians(10.0)
-"""The same for their turn."""
-COARSE_M = 0.25
-"""Corners this near are the same in the first round of refinement (measured)."""
-FINE_M = 0.12
-"""The same in the later rounds (measured)."""
+MAX_PAIRS = 4000  # pairs of corners whose transform is looked at, best first: the iteration budget
+MAX_CANDIDATES = 80  # distinct transforms refined on all corners (measured: the right one is among the first 50)
+MAX_SCORED = 20  # those with most matched corners, held against all walls (30 find the same on 1,612 pairs)
+LIKE_M = 0.3  # two candidates nearer than this at the map's centre are one, as refinement pulls both to the same place
+LIKE_RAD = math.radians(6.0)  # the same for their turn
+DISTINCT_M = 0.5  # results farther apart at the map's centre contradict: twice the error of what counts as wrong
+DISTINCT_RAD = math.radians(10.0)  # the same for their turn
+COARSE_M = 0.25  # corners this near are the same in the first round of refinement (measured)
+FINE_M = 0.12  # the same in the later rounds (measured)
 GATES_M = (COARSE_M, FINE_M, FINE_M)
 CONFLICT_WEIGHT = 20.0
 """Metres of agreement that a metre of conflict outweighs. Measured: 90 % of right transforms have less than 0.3 m of
@@ -43,18 +34,12 @@ conflict, and the best one is right in 94, 98, 100, 100 % at weights 2, 5, 10, 2
 class Candidates(NamedTuple):
     """Distinct transforms, best first."""
 
-    transforms: Floats
-    """(c, 3) their frame in mine."""
-    inliers: Ints
-    """(c,) matched corners."""
-    residuals: Floats
-    """(c,) root mean square distance of matched corners, metres."""
-    agreement: Floats
-    """(c,) metres of wall."""
-    conflict: Floats
-    """(c,) metres of wall."""
-    scores: Floats
-    """(c,) agreement less weighted conflict, metres."""
+    transforms: Floats  # (c, 3) their frame in mine
+    inliers: Ints  # (c,) matched corners
+    residuals: Floats  # (c,) root mean square distance of matched corners, metres
+    agreement: Floats  # (c,) metres of wall
+    conflict: Floats  # (c,) metres of wall
+    scores: Floats  # (c,) agreement less weighted conflict, metres
 
 
 def ranked(mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.Generator) -> Candidates:

@@ -15,19 +15,14 @@ from protocol.geometry import wrapped
 from protocol.walls import directions, lengths, neighbours
 from protocol.wireframe import Label, Wireframe
 
-UNKNOWN, EXACT, AT_LEAST = 0, 1, 2
-"""What is known of an entry of a feature."""
+UNKNOWN, EXACT, AT_LEAST = 0, 1, 2  # what is known of an entry of a feature
 LENGTHS, ANGLES = 4, 3
 ENTRIES = LENGTHS + ANGLES
-INTO, OUT_OF, TURN = 1, 2, 5
-"""Entries of the walls into and out of the corner, and of the turn at it."""
+INTO, OUT_OF, TURN = 1, 2, 5  # entries of the walls into and out of the corner, and of the turn at it
 
-MIN_WALL_M = 0.03
-"""Shorter walls are left out, as they have no direction: 3 sigma of a corner."""
-CORNER_SD_M = 0.02
-"""Standard deviation of a nominal corner, two of which bound an exact length: three times the filter's noise."""
-OCCLUSION_SD_M = 0.04
-"""The same of an occlusion vertex: half the distance of two beams at 3.5 m more."""
+MIN_WALL_M = 0.03  # shorter walls are left out, as they have no direction: 3 sigma of a corner
+CORNER_SD_M = 0.02  # standard deviation of a nominal corner (two bound an exact length): thrice the filter's noise
+OCCLUSION_SD_M = 0.04  # the same of an occlusion vertex: half the distance of two beams at 3.5 m more
 ANGLE_SD_RAD = math.radians(2.0)
 """Standard deviation of the angle between two long walls; short ones add the error of their ends."""
 DISCOUNTS = 0.8 ** np.array([2, 1, 1, 2, 1, 0, 1])
@@ -35,10 +30,8 @@ DISCOUNTS = 0.8 ** np.array([2, 1, 1, 2, 1, 0, 1])
 is the paper's, III-C; 0.8 measured)."""
 LOG_WRONG_ENTRY = math.log(0.05)
 """Share of entries that differ though the corner is the same: a wrong label, or a wall split in two."""
-LOG_WRONG_BOUND = math.log(0.01)
-"""Share of walls that were seen longer than they are. Noise hardly does that, so it is less."""
-LIKE_COS = math.cos(math.radians(20.0))
-"""Walls of two maps are alike where their directions differ by less than 20 degrees."""
+LOG_WRONG_BOUND = math.log(0.01)  # share of walls seen longer than they are: less, as noise hardly does that
+LIKE_COS = math.cos(math.radians(20.0))  # walls of two maps are alike where their directions differ by less
 
 
 class Corners(NamedTuple):
@@ -47,26 +40,16 @@ class Corners(NamedTuple):
     Metres, in the owner's frame.
     """
 
-    points: Floats
-    """(n, 2) ends of the walls."""
-    true: Bools
-    """(n,) whether an end is a corner, not a frontier."""
-    parent: Ints
-    """(n,) the vertex before, or -1."""
-    child: Ints
-    """(n,) the vertex after, or -1."""
-    walls: Floats
-    """(m, 4) x1, y1, x2, y2, free space on the left."""
-    juts: Bools
-    """(m, 2) whether a wall's first and last end are corners that stick out into free space."""
-    ways: Floats
-    """(n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none."""
-    values: Floats
-    """(n, 7) features: four lengths in metres, three turns in radians."""
-    kinds: Ints
-    """(n, 7) UNKNOWN, EXACT or AT_LEAST."""
-    sds: Floats
-    """(n, 7) standard deviations of the entries."""
+    points: Floats  # (n, 2) ends of the walls
+    true: Bools  # (n,) whether an end is a corner, not a frontier
+    parent: Ints  # (n,) the vertex before, or -1
+    child: Ints  # (n,) the vertex after, or -1
+    walls: Floats  # (m, 4) x1, y1, x2, y2, free space on the left
+    juts: Bools  # (m, 2) whether a wall's first and last end are corners that stick out into free space
+    ways: Floats  # (n, 2, 2) unit directions of the walls into and out of each vertex; zero where there is none
+    values: Floats  # (n, 7) features: four lengths in metres, three turns in radians
+    kinds: Ints  # (n, 7) UNKNOWN, EXACT or AT_LEAST
+    sds: Floats  # (n, 7) standard deviations of the entries
 
     @property
     def centre(self) -> Floats:
@@ -159,10 +142,8 @@ def _pool(mine: Corners, theirs: Corners, column: int) -> Floats:
     return np.sort(np.concatenate([one.values[one.kinds[:, column] == EXACT, column] for one in (mine, theirs)]))
 
 
-FLAT_LENGTH_M = 8.0
-"""Unseen lengths are spread over this range when densities are smoothed: the length of a long wall."""
-FLAT_WEIGHT = 2.0
-"""How many values that spread counts for."""
+FLAT_LENGTH_M = 8.0  # unseen lengths are spread over this range when densities are smoothed: the length of a long wall
+FLAT_WEIGHT = 2.0  # how many values that spread counts for
 
 
 @kernel
@@ -198,8 +179,7 @@ def _log_common(one: Corners, lengths_pool: Floats, turns_pool: Floats) -> Float
     return out
 
 
-NEGLIGIBLE = -14.0
-"""An entry with a lower log-likelihood ratio counts as wrong: 1e-6 is little against a share of 0.05."""
+NEGLIGIBLE = -14.0  # an entry with a lower log-likelihood ratio counts as wrong: 1e-6 is little against a share of 0.05
 FAR_OFF = 81.0
 """Square of nine deviations. Such a difference costs 40 nats; no value is so rare that it could outweigh that."""
 

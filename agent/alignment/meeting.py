@@ -10,20 +10,16 @@ from agent.geometry.transform import compose, inverse
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose
 
-RANGE_SLACK_M = 0.3
-"""A peer may be this much beyond the radio's range, as both robots move while a message is under way."""
-BODY_SLACK_M = 0.03
-"""A body may overlap a mapped wall by this: 3 sigma of a corner."""
+RANGE_SLACK_M = 0.3  # a peer may be this far beyond the radio's range: both robots move while a message is under way
+BODY_SLACK_M = 0.03  # a body may overlap a mapped wall by this: 3 sigma of a corner
 
 
 @dataclass(frozen=True)
 class Place:
     """Where a robot can be by one map: clear of walls, inside outer rings of walls and outside inner ones."""
 
-    walls: Floats
-    """(m, 4) x1, y1, x2, y2 in metres."""
-    rings: list[Floats]
-    """(k, 4) walls of each closed ring, free space on their left."""
+    walls: Floats  # (m, 4) x1, y1, x2, y2 in metres
+    rings: list[Floats]  # (k, 4) walls of each closed ring, free space on their left
 
     def reachable(self, points: Floats, clearance_m: float) -> Bools:
         """(n,) whether points (n, 2) can be a robot's centre."""
@@ -57,14 +53,10 @@ def place_of(points: Floats, child: Ints, walls: Floats) -> Place:
 class Meeting:
     """Both robots at the moment of contact."""
 
-    mine: Pose
-    """The robot that aligns, in its own frame."""
-    theirs: Pose
-    """The peer, in the peer's frame."""
-    range_m: float = math.inf
-    """How far the radio carries; inf where unknown."""
-    radius_m: float = 0.0
-    """Of both robots' bodies."""
+    mine: Pose  # the robot that aligns, in its own frame
+    theirs: Pose  # the peer, in the peer's frame
+    range_m: float = math.inf  # how far the radio carries; inf where unknown
+    radius_m: float = 0.0  # of both robots' bodies
 
     def possible(self, transforms: Floats, here: Place, there: Place) -> Bools:
         """(k,) whether transforms (k, 3) of their frame into mine put both robots in range and in free space.

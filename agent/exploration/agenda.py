@@ -20,28 +20,20 @@ With 12 of 20 and no haste a robot may turn for ever, as tasks behind it leave t
 SWITCH_GAIN_M = 1.5
 """A tour must be better by this many metres of path to replace the task begun, or a robot between two tasks turns for
 ever."""
-_FAR_M = 1e6
-"""Stands for no way, as a tour cannot add up infinities."""
-_LEAST_GAIN = 1e-9
-"""A change of the order must make the tour this much cheaper, or rounding errors could go on for ever."""
+_FAR_M = 1e6  # stands for no way, as a tour cannot add up infinities
+_LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding errors could go on for ever
 
 
 class Task(NamedTuple):
     """Something to look at, and from where."""
 
     kind: Kind
-    place: Floats
-    """(2,) what is to be seen, metres."""
-    stand: Floats
-    """(2,) where to stand for it."""
-    along: Floats = np.zeros(2)
-    """(2,) unit, of an open end: where its wall goes on."""
-    extra_m: float = 0.0
-    """Metres of path that the view from this standing point is worse than a view from close by."""
-    samples: Floats | None = None
-    """(n, 2) samples of free area that a sweep is to see from there."""
-    begun: bool = False
-    """Whether the robot is on its way there."""
+    place: Floats  # (2,) what is to be seen, metres
+    stand: Floats  # (2,) where to stand for it
+    along: Floats = np.zeros(2)  # (2,) unit, of an open end: where its wall goes on
+    extra_m: float = 0.0  # metres of path that the view from this standing point is worse than a view from close by
+    samples: Floats | None = None  # (n, 2) samples of free area that a sweep is to see from there
+    begun: bool = False  # whether the robot is on its way there
 
 
 @dataclass(slots=True)
@@ -49,20 +41,13 @@ class Target:
     """The task under way."""
 
     task: Task
-    path: Floats
-    """(k, 2) from the robot to the standing point."""
-    clearance: float
-    """Distance that the path keeps from walls, metres."""
-    deadline: float = math.inf
-    """Tick at which it is given up."""
-    looks_due: float = math.inf
-    """Scans to be taken at the standing point before it is done."""
-    looks: int = 0
-    """Scans taken there."""
-    stands: int = 1
-    """Standing points tried, this one included."""
-    stuck: int = 0
-    """How often the robot was stuck on the way."""
+    path: Floats  # (k, 2) from the robot to the standing point
+    clearance: float  # distance that the path keeps from walls, metres
+    deadline: float = math.inf  # tick at which it is given up
+    looks_due: float = math.inf  # scans to be taken at the standing point before it is done
+    looks: int = 0  # scans taken there
+    stands: int = 1  # standing points tried, this one included
+    stuck: int = 0  # how often the robot was stuck on the way
 
     def within(self, metres: float, here: Floats) -> bool:
         """Whether the standing point is no farther from here (2,) than that."""

@@ -17,14 +17,10 @@ from protocol.arrays import Floats
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
-POCKET_REACH_M = 5.0
-"""Distance to either side within which pockets are looked for: two rooms."""
-VERTEX_VISITS = 10
-"""Random vertices visited in a row without a change of the map: then the state ends."""
-_OFF_M = 0.5
-"""Distance from which a vertex is looked at, and of the points visited along the perimeter from its walls."""
-_PERIMETER_STEP_M = 1.5
-"""Distance between these points; from each, 3.5 m of wall to either side are in view."""
+POCKET_REACH_M = 5.0  # distance to either side within which pockets are looked for: two rooms
+VERTEX_VISITS = 10  # random vertices visited in a row without a change of the map: then the state ends
+_OFF_M = 0.5  # distance from which a vertex is looked at, and of the points visited along the perimeter from its walls
+_PERIMETER_STEP_M = 1.5  # distance between these points; from each, 3.5 m of wall to either side are in view
 
 
 class DefaultStates:

@@ -12,34 +12,24 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.messages import RobotSpec
 
-LOOKAHEAD_M = 0.6
-"""Distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners."""
+LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10
-TURN_GAIN = 0.6
-"""Share of the heading error corrected in a tick; 1 would overshoot at the slightest delay."""
-SLOW_AIR_M = 0.05
-"""A robot with less air than this to a wall drives slowly."""
-SLOW_SHARE = 0.5
-"""Share of full speed at which it then drives."""
+TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
+SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
+SLOW_SHARE = 0.5  # share of full speed at which it then drives
 HORIZON_COMMANDS = 2
 """The motion must be free for so many commands: this one, and the next in case the answer to a scan comes late."""
-_ARC_STEPS = 4
-"""Places on that motion that are checked."""
-MEET_M = 1.2
-"""A teammate in the way nearer than this is passed on the right: at full speed both have 2.7 s to move over."""
-PASS_AIR_M = 0.03
-"""Air when passing, beyond what stops the robot."""
-CLEAR_SIDE_M = 0.15
-"""A teammate this far to the right of the way is passed on the left: it sees the robot on its right, too."""
+_ARC_STEPS = 4  # places on that motion that are checked
+MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
+PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
+CLEAR_SIDE_M = 0.15  # one this far to the right of the way is passed on the left: it sees the robot on its right, too
 
 
 class Obstacles(NamedTuple):
     """What a motion must not touch, frame of the map."""
 
-    walls: Floats
-    """(m, 4) x1, y1, x2, y2 in metres."""
-    discs: Floats
-    """(j, 2) centres of teammates."""
+    walls: Floats  # (m, 4) x1, y1, x2, y2 in metres
+    discs: Floats  # (j, 2) centres of teammates
 
 
 class Limits(NamedTuple):

@@ -24,21 +24,14 @@ from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
-LOOKS = 4
-"""Scans from near a standing point before the goal counts as unresolved: the map needs three to change its mind."""
-ARRIVED_M = 0.08
-"""Closer than this is there: half the distance driven in two ticks at full speed, so that no robot overshoots."""
-STANDING_POINTS = 3
-"""Standing points tried in one attempt at a goal."""
-RECONSIDER_M = 0.44
-"""Goals are compared anew in the time of a drive this long if the map changed: half a doorway."""
-PERSIST_S = 0.8
-"""A new frontier must last this long to wake a complete robot, as single scans flicker."""
-BLOCKED_M = 0.6
-"""A teammate within this, and the robot held back, is in the way; their centres keep 0.27 m from each other."""
-BACK_OFF_M = 0.2
-BACK_OFF_S = 3.0
-"""How far a stuck robot moves away from what it is close to, and for how long at most."""
+LOOKS = 4  # scans from near a standing point before a goal counts as unresolved: a map changes its mind after three
+ARRIVED_M = 0.08  # nearer is there: half of what two ticks drive at full speed, so that no robot overshoots
+STANDING_POINTS = 3  # standing points tried in one attempt at a goal
+RECONSIDER_M = 0.44  # goals are compared anew in the time of a drive this long if the map changed: half a doorway
+PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
+BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
+BACK_OFF_M = 0.2  # how far a stuck robot moves away from what it is close to
+BACK_OFF_S = 3.0  # ... and for how long at most
 
 
 class Command(NamedTuple):
@@ -47,11 +40,9 @@ class Command(NamedTuple):
     speed_mps: float
     turn_rps: float
     complete: bool
-    reason: str
-    """The state in a few words."""
+    reason: str  # the state in a few words
     events: list[Event]
-    target: tuple[float, float] | None
-    """Where it is going, frame of the map."""
+    target: tuple[float, float] | None  # where it is going, frame of the map
     arrived: bool | None = None
     """Whether the errand that ended in this tick arrived; None while it is under way or there is none."""
 
@@ -80,10 +71,8 @@ class Explorer:
         self._errand_arrived: bool | None = None
         self._events: list[Event] = []
         self._decided_tick, self._decided_version = 0, -1
-        self._news = 0
-        """Ticks for which a complete robot has seen a new frontier."""
-        self._waits = 0
-        """Times that the robot has waited for a teammate since it last had a target."""
+        self._news = 0  # ticks for which a complete robot has seen a new frontier
+        self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))
         """Tick until which the robot backs off, and the place (2,) where it was stuck."""
 

@@ -14,16 +14,13 @@ from protocol.arrays import Floats, Ints
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
-GRAZING_RAD = 0.35
-"""Flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle."""
+GRAZING_RAD = 0.35  # flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle
 CLOSE_GRAZING_RAD = 0.05
 """The same at the mouth of a slot that nothing else shows, 3 degrees: a robot 0.04 m aside of a cabinet's corner and
 0.25 m off it has five beams on the first 0.3 m of the cabinet's side. With such views recall in hurtado_apartment is
 0.972-0.978 instead of 0.958-0.966, for a fifth more time (five starts)."""
-_BEYOND_M = 0.08
-"""How far beyond its end the hidden part of a wall is looked for; a tenth of a doorway."""
-_TOUCH_M = 0.02
-"""... and how far off the wall, so that the line of sight does not end in it."""
+_BEYOND_M = 0.08  # how far beyond its end the hidden part of a wall is looked for; a tenth of a doorway
+_TOUCH_M = 0.02  # ... and how far off the wall, so that the line of sight does not end in it
 
 
 def _offsets(along: tuple[float, ...], off: tuple[float, ...]) -> Floats:
@@ -42,25 +39,18 @@ _CLOSE_OCCLUSION = _offsets((0.04, 0.08, 0.13), (0.15, 0.25, 0.4, 0.6))
 class Ends(NamedTuple):
     """Open ends of walls, as arrays over g ends, frame of the map."""
 
-    points: Floats
-    """(g, 2) metres."""
-    along: Floats
-    """(g, 2) unit: where the wall goes on."""
-    free: Floats
-    """(g, 2) unit: off the wall, on its free side."""
-    frontier: NDArray[np.bool_]
-    """(g,): the wall goes on; else it turns away (occlusion)."""
+    points: Floats  # (g, 2) metres
+    along: Floats  # (g, 2) unit: where the wall goes on
+    free: Floats  # (g, 2) unit: off the wall, on its free side
+    frontier: NDArray[np.bool_]  # (g,): the wall goes on; else it turns away (occlusion)
 
 
 class Stands(NamedTuple):
     """Standing points, as arrays over s points."""
 
-    points: Floats
-    """(s, 2) metres."""
-    targets: Floats
-    """(s, 2) metres: what must be in view from there."""
-    goal: Ints
-    """(s,): which goal it serves."""
+    points: Floats  # (s, 2) metres
+    targets: Floats  # (s, 2) metres: what must be in view from there
+    goal: Ints  # (s,): which goal it serves
 
 
 def open_ends(wireframe: Wireframe) -> Ends:

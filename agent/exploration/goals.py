@@ -20,20 +20,14 @@ from protocol.wireframe import Wireframe
 REFRESH_M = 0.13
 """Open ends move with each scan: they are read in the time of a drive this long, and when the map's structure changes.
 """
-OTHER_STAND_M = 0.25
-"""A standing point nearer than this to one that did not help will not help either."""
-STARE_COST = 0.5
-"""Metres of path that a metre of distance between standing point and goal is worth: nearer sees better."""
-WAITS = 6
-"""Times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt."""
-TEAMMATE = "a teammate is in the way"
-"""The reason why a goal is given up that a teammate bars."""
-SAME_PLACE_M = 0.2
-"""Goals closer than this are the same one: the end of a wall moves by less from scan to scan."""
+OTHER_STAND_M = 0.25  # a standing point nearer than this to one that did not help will not help either
+STARE_COST = 0.5  # metres of path that a metre of distance between standing point and goal is worth: nearer sees better
+WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
+TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
+SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
 SAME_DIRECTION_RAD = 0.8
 """They also go on in directions that differ by less: 45 degrees, as opposite faces and corners differ by 90."""
-REMEMBERED = 400
-"""Most goals kept in memory; a building of 600 m2 brings about 100."""
+REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 
 
 @dataclass(slots=True)
@@ -41,12 +35,9 @@ class Tried:
     """What became of a goal."""
 
     attempts: int = 0
-    blocked: int = 0
-    """Times when a teammate was in the way; these are no attempts."""
-    version: int = -1
-    """Map version at the last attempt."""
-    stands: list[tuple[float, float]] = field(default_factory=list)
-    """Standing points that did not help."""
+    blocked: int = 0  # times when a teammate was in the way; these are no attempts
+    version: int = -1  # map version at the last attempt
+    stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
     reason: str = ""
     unreachable: bool = False
 
@@ -96,8 +87,7 @@ class Goals:
         self.memory = GoalMemory()
         self.ends: Ends = open_ends(Wireframe())
         self.refresh_ticks = max(1, round(REFRESH_M * spec.lidar.rate_hz / spec.max_speed_mps))
-        self._tried = np.zeros(0, np.int64)
-        """Per open end its record in the memory, or -1."""
+        self._tried = np.zeros(0, np.int64)  # per open end its record in the memory, or -1
         self._version, self._tick = -1, -1
 
     @property

@@ -5,12 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-LEAST_M = 0.06
-"""A path that got shorter by less is no progress: one tick and a half of driving."""
-STUCK_S = 4.0
-"""Without progress for this long a robot is stuck; a right-angle turn takes 0.6 s."""
-WAIT_S = 4.0
-"""Mean wait for a teammate to clear the way; drawn from half to one and a half of it, so that one of two gives way."""
+LEAST_M = 0.06  # a path that got shorter by less is no progress: one tick and a half of driving
+STUCK_S = 4.0  # without progress for this long a robot is stuck; a right-angle turn takes 0.6 s
+WAIT_S = 4.0  # mean wait for a teammate to clear the way; half to one and a half of it is drawn, so that one gives way
 
 
 Pace = Literal["free", "impatient", "stuck"]
@@ -23,8 +20,7 @@ class Headway:
     def __init__(self, rng: np.random.Generator, rate_hz: float) -> None:
         self.rng = rng
         self.rate_hz = rate_hz
-        self.patience = 0
-        """Ticks that the robot waits for a teammate."""
+        self.patience = 0  # ticks that the robot waits for a teammate
         self._least_left_m, self._tick, self._blocked = math.inf, 0, 0
 
     def restart(self, tick: int) -> None:

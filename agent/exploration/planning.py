@@ -20,28 +20,19 @@ from protocol.geometry import wrapped
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
-NODE_OFFSET_M = 0.01
-"""Corners are passed this much wider than the clearance, so that walls may move a little with the next scans."""
+NODE_OFFSET_M = 0.01  # corners are passed this much wider than the clearance, as walls move a little with each scan
 NODE_SHARE = 1.15
 """Nodes around a round or thin obstacle stand off by this times the clearance, so that ways between them keep it."""
-GIVE_M = 0.03
-"""A path stays good while walls come this much nearer than its clearance, and may be cut by as much."""
-FRONTIER_REACH_M = 0.5
-"""A wall probably goes on at least this far beyond its frontier end."""
-FRONTIER_TOLL_M = 3.0
-"""What crossing that stretch costs, in metres of path."""
-_WAYPOINT_M = 0.03
-"""A waypoint this near is passed."""
+GIVE_M = 0.03  # a path stays good while walls come this much nearer than its clearance, and may be cut by as much
+FRONTIER_REACH_M = 0.5  # a wall probably goes on at least this far beyond its frontier end
+FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
+_WAYPOINT_M = 0.03  # a waypoint this near is passed
 
 _NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
-_UNASKED, _BARRED = -2, -1
-"""Of a motion between two points, where otherwise the number of hurdles stands that it crosses."""
-_FROM_START, _NO_WAY = -1, -2
-"""Of what comes before a goal on its way, where otherwise the row of a node stands."""
-_START_SHARE = 0.98
-"""A start nearer to a wall than the clearance may go on at this share of its distance, so that it gets away."""
-_STRAIGHT_RAD = 0.05
-"""A corner that sticks out less bends no path."""
+_UNASKED, _BARRED = -2, -1  # of a motion between two points; otherwise the number of hurdles that it crosses
+_FROM_START, _NO_WAY = -1, -2  # of what comes before a goal on its way, where otherwise the row of a node stands
+_START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
+_STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
 _TWO_NODES_RAD = 0.5 * math.pi + 0.1
 """A corner that sticks out more than a right angle and a little has two nodes, so that ways around it stay short."""
 
@@ -49,29 +40,20 @@ _TWO_NODES_RAD = 0.5 * math.pi + 0.1
 class Terrain(NamedTuple):
     """What ways lead around, at one clearance."""
 
-    walls: Floats
-    """(m, 4) x1, y1, x2, y2 in metres."""
-    hurdles: Floats
-    """(h, 4) stretches that cost a toll: there walls probably go on beyond their frontier ends."""
-    clearance: float
-    """Distance in metres kept from walls."""
-    nodes: Floats
-    """(k, 2) places where ways may bend."""
-    joins: Ints
-    """(k, k) what `_join` said of the motion between two nodes, filled in as it is asked."""
+    walls: Floats  # (m, 4) x1, y1, x2, y2 in metres
+    hurdles: Floats  # (h, 4) stretches that cost a toll: there walls probably go on beyond their frontier ends
+    clearance: float  # distance in metres kept from walls
+    nodes: Floats  # (k, 2) places where ways may bend
+    joins: Ints  # (k, k) what `_join` said of the motion between two nodes, filled in as it is asked
 
 
 class Origin(NamedTuple):
     """Where ways start, and the nodes as reached from there."""
 
-    point: Floats
-    """(2,) metres."""
-    clearance: float
-    """Distance kept from walls on the first piece: less than the terrain's where the start is nearer to one."""
-    cost: Floats
-    """(k,) metres of path to each node, tolls included; inf where there is no way."""
-    before: Ints
-    """(k,) the node before each."""
+    point: Floats  # (2,) metres
+    clearance: float  # distance kept from walls on the first piece: less than the terrain's where the start is nearer
+    cost: Floats  # (k,) metres of path to each node, tolls included; inf where there is no way
+    before: Ints  # (k,) the node before each
 
 
 @kernel
@@ -246,12 +228,9 @@ def hurdles_of(ends: Ends) -> Floats:
 class Route(NamedTuple):
     """The way to the best of several goals."""
 
-    goal: int
-    """Its row."""
-    cost: float
-    """Metres of path, tolls and what was added to the goal included."""
-    path: Floats
-    """(k, 2) from the start to the goal."""
+    goal: int  # its row
+    cost: float  # metres of path, tolls and what was added to the goal included
+    path: Floats  # (k, 2) from the start to the goal
 
 
 class Roads:

@@ -16,14 +16,10 @@ from protocol.geometry import Pose, apply
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
-NEAR_M = 1.5
-"""Walls within this of the robot matter for the next commands; at full speed it drives 0.09 m in two."""
-PUSHING_SHARE = 0.3
-"""A robot that gets on by less than this share of what was commanded pushes against something."""
-PUSHING_S = 1.0
-"""A robot that has pushed for so long pushes against an unseen wall."""
-MOST_WALLS = 50
-"""Most unseen walls kept in memory (32 bytes each): 12 m of glass."""
+NEAR_M = 1.5  # walls within this of the robot matter for the next commands; at full speed it drives 0.09 m in two
+PUSHING_SHARE = 0.3  # a robot that gets on by less than this share of what was commanded pushes against something
+PUSHING_S = 1.0  # a robot that has pushed for so long pushes against an unseen wall
+MOST_WALLS = 50  # most unseen walls kept in memory (32 bytes each): 12 m of glass
 
 
 @dataclass(frozen=True)
@@ -31,17 +27,12 @@ class Situation:
     """What the robot knows in a tick. Metres and radians; the robot's own frame, if nothing else is said."""
 
     tick: int
-    wireframe: Wireframe
-    """The map."""
-    version: int
-    """Greater whenever the map changed structurally."""
+    wireframe: Wireframe  # the map
+    version: int  # greater whenever the map changed structurally
     pose: Pose
-    scan: Wireframe
-    """Corners and walls seen now, frame of the robot's pose."""
-    discs: Floats
-    """(k, 2) centres of teammates seen now, frame of the robot's pose."""
-    errand: Floats | None = None
-    """(2,) where the robot is sent to verify a proposal."""
+    scan: Wireframe  # corners and walls seen now, frame of the robot's pose
+    discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
+    errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
     rivals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))
@@ -52,12 +43,9 @@ class Situation:
 class Scene(Situation):
     """A situation with what follows from it, in the frame of the map."""
 
-    here: Floats
-    """(2,) the place of the pose."""
-    walls: Floats
-    """(m, 4) all that may not be driven through or seen through."""
-    near: Obstacles
-    """What the next commands must not touch."""
+    here: Floats  # (2,) the place of the pose
+    walls: Floats  # (m, 4) all that may not be driven through or seen through
+    near: Obstacles  # what the next commands must not touch
 
 
 class Touch:
@@ -65,13 +53,10 @@ class Touch:
 
     def __init__(self, spec: RobotSpec, driving: DrivingConfig) -> None:
         self.spec = spec
-        self.walls = np.zeros((0, 4))
-        """(b, 4) as wide as the body with its air, frame of the map."""
+        self.walls = np.zeros((0, 4))  # (b, 4) as wide as the body with its air, frame of the map
         self._half_m = spec.radius_m + driving.wall_air_m
-        self._commanded_m = 0.0
-        """Metres that the last command was to drive."""
-        self._pushing = 0
-        """Commands in a row that moved the robot by too little."""
+        self._commanded_m = 0.0  # metres that the last command was to drive
+        self._pushing = 0  # commands in a row that moved the robot by too little
         self._last = np.full(2, math.inf)
 
     @property
@@ -105,10 +90,8 @@ class Surroundings:
     """Memory of what the map does not hold: teammates, and walls found by touch."""
 
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
-        self.roomy_m = spec.radius_m + driving.path_air_m
-        """Distance of paths from walls where there is room, metres."""
-        self.tight_m = spec.radius_m + driving.tight_path_air_m
-        """The same where there is less."""
+        self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
+        self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
         self.teammates = Teammates(spec)
         self.touch = Touch(spec, driving)
 

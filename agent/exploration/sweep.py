@@ -24,32 +24,23 @@ OBJECT_BEAMS = 2.4
 """Beams that an object gets on average where it counts as seen: 0.1 m at 2.4 m. Three beams make a wall. At 2.4 m two
 of five scans have three, and there are eleven scans between two viewpoints. At 1.9 m every scan has three, but maze-15
 takes 589 s instead of 556 (medians of five starts)."""
-LATTICE_M = 0.6
-"""Distance between standing points considered by the sweep: a quarter of its radius."""
+LATTICE_M = 0.6  # distance between standing points considered by the sweep: a quarter of its radius
 LEAST_SAMPLES = 3
 """Unseen samples, one per square of the smallest object's width, that a stand must show: fewer are a sliver."""
-RANGE_SHARE = 0.95
-"""Share of the lidar's range within which walls are counted as seen."""
-_GAP_M = 3.0
-"""Gaps up to this long between open ends are closed to tell the free face from the outside."""
-_STOOD_M = 0.15
-"""Standing points closer than this to a former one show nothing more."""
-SPACING_M = 0.5
-"""Distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side."""
-MOST_KEPT = 3000
-"""Most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten."""
+RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
+_GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
+_STOOD_M = 0.15  # standing points closer than this to a former one show nothing more
+SPACING_M = 0.5  # distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side
+MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
 
 
 class Viewpoints:
     """From where was looked: the robot's own places so far, and those of teammates whose maps are merged."""
 
     def __init__(self) -> None:
-        self.own: list[tuple[float, float]] = []
-        """Metres, frame of the map."""
-        self.ticks: list[int] = []
-        """When the robot was there."""
-        self.told = np.zeros((0, 2))
-        """(k, 2) those of teammates."""
+        self.own: list[tuple[float, float]] = []  # metres, frame of the map
+        self.ticks: list[int] = []  # when the robot was there
+        self.told = np.zeros((0, 2))  # (k, 2) those of teammates
 
     @property
     def nbytes(self) -> int:

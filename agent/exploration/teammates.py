@@ -11,26 +11,17 @@ from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 
-_SAME_M = 0.3
-"""A disc this near to where a teammate was is the same one; it drives 0.05 m a tick."""
-_STILL_M = 0.05
-"""A teammate that moved less stands."""
-_IN_WALL = 0.8
-"""A disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate."""
-_FIXED_S = 1.0
-"""How long a disc in a wall is remembered: a scan longer than perception hides its beams."""
-STILL_S = 2.0
-"""A teammate that has not moved for so long is planned around like a wall."""
-MEMORY_S = 3.0
-"""How long a teammate is planned around after it was seen last."""
-AVOID_S = 10.0
-"""How long a teammate that did not clear the way is planned around: it drives 2 m in the time."""
-ROOM_M = 0.045
-"""Air around a teammate that is planned around: with the air of a tight path a little more than driving asks for."""
+_SAME_M = 0.3  # a disc this near to where a teammate was is the same one; it drives 0.05 m a tick
+_STILL_M = 0.05  # a teammate that moved less stands
+_IN_WALL = 0.8  # a disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate
+_FIXED_S = 1.0  # how long a disc in a wall is remembered: a scan longer than perception hides its beams
+STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
+MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
+AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
+ROOM_M = 0.045  # air around a teammate that is planned around: with a tight path's, a little more than driving asks
 _FRONT = np.linspace(-1.2, 1.2, 5)
 """Bearings in radians of the corners of a disc's front, from the direction of the robot that sees it."""
-_SIDES = 8
-"""Corners of the polygon that stands for a teammate; its edges are within 8 % of the disc."""
+_SIDES = 8  # corners of the polygon that stands for a teammate; its edges are within 8 % of the disc
 _OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)
 """(n + 1, 2) corners of a polygon around the unit disc, the first one again at the end."""
 
@@ -41,14 +32,11 @@ class Teammate:
 
     x: float
     y: float
-    seen: int
-    """Tick at which it was seen last."""
+    seen: int  # tick at which it was seen last
     still_x: float
     still_y: float
-    still_since: int
-    """Tick since which it has stood there."""
-    avoid_until: int = -1
-    """Tick until which it counts as an obstacle though it may move."""
+    still_since: int  # tick since which it has stood there
+    avoid_until: int = -1  # tick until which it counts as an obstacle though it may move
 
 
 class Teammates:

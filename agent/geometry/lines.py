@@ -8,8 +8,7 @@ from typing import Any
 
 from agent.kernels import kernel
 
-Record = Any
-"""One element of a record array inside a kernel; numba reads its fields like attributes."""
+Record = Any  # one element of a record array inside a kernel; numba reads its fields like attributes
 
 MIN_CORNER_SINE = math.sin(math.radians(20.0))
 """Sine of the angle between two lines below which they form no corner: their intersection is too uncertain."""

@@ -8,8 +8,7 @@ from agent.geometry.clearance import crosses, walls_near
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 
-_BESIDE_RAD = 1e-4
-"""Rays beside a wall's end, one to either side: what lies behind it, and the wall itself. 0.35 mm at 3.5 m."""
+_BESIDE_RAD = 1e-4  # rays beside a wall's end see the wall itself, and what lies behind it; 0.35 mm at 3.5 m
 
 
 @kernel

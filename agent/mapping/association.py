@@ -18,10 +18,8 @@ from protocol.arrays import Floats, Ints, Records
 OFFSET_GATE_M = 0.012
 """Distance that a wall and a piece of it may have beside noise, as real walls are not straight. A gate of 6 cm would
 fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
-ANGLE_GATE = math.radians(3.0)
-"""The same for directions, rad."""
-BRIDGE_CHI2 = 4.0
-"""Added to the chi-square of a piece that does not touch its wall: such an association is the weaker claim."""
+ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
+BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
 class Gates(NamedTuple):

@@ -16,18 +16,15 @@ from protocol.arrays import Records
 MAX_DIRECTION_SD = math.radians(5.0)
 """rad, how well a new wall's direction must be known: 3 of it are 15 degrees. With 10 degrees, smears over steps
 of 5 cm became walls that were as oblique."""
-STEADY = 0.5
-"""Share of the scans in view that must have hit a new wall: faces of posts reach 0.7 to 1, smears over two 0.3."""
-SMEAR_M = 0.3
-"""No smear over the faces of a post or over a step is longer: twice the widest that was measured."""
+STEADY = 0.5  # share of the scans in view that must have hit a new wall: posts' faces reach 0.7 to 1, smears 0.3
+SMEAR_M = 0.3  # no smear over the faces of a post or over a step is longer: twice the widest that was measured
 STRAIGHT_SIGMAS = 1.2
 """Root mean square distance of the hits of a short wall from its line, in standard deviations, at most. Walls show 0.6
 (three beams a scan) to 1.0 (many), smears over two faces of a post of 0.1 m, from 1.5 m away, 1.3 to 1.8."""
 WALL_HITS = 12.0
 """Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
 step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
-AXIS_TRUST = 0.8
-"""Agreement of the walls' directions above which they count as rectilinear; furnished layouts have over 0.95."""
+AXIS_TRUST = 0.8  # agreement of directions above which walls are rectilinear; furnished layouts have over 0.95
 OFF_AXIS = math.radians(10.0)
 """rad to the axis, beyond which a new wall is suspect among rectilinear walls; true ones are within 2 degrees."""
 OBLIQUE_SD = math.radians(3.0)

@@ -14,18 +14,14 @@ from agent.mapping.edges import CANDIDATE, CONFIRMATIONS, FREE, MIN_WALL_M, new_
 from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Bools, Ints, Records
 
-SIDE_BY_SIDE = 0.5
-"""Cosine of 60 degrees: of two walls that meet at a smaller angle, one is wrong; buildings turn by 90."""
+SIDE_BY_SIDE = 0.5  # cosine of 60 degrees: of two walls that meet at less, one is wrong; buildings turn by 90
 BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
-CUT_AFTER = 3.0
-"""Scans that see through the same part of a wall before it is cut out."""
-DROP_AFTER = 8.0
-"""Scans in a row that should have hit a wall on probation and did not, before it is removed."""
+CUT_AFTER = 3.0  # scans that see through the same part of a wall before it is cut out
+DROP_AFTER = 8.0  # scans in a row that should have hit a wall on probation and did not, before it is removed
 DROP_GROWTH = 0.3
 """Further scans that are needed for each scan that hit a wall which has left probation, up to CONFIRMATIONS hits."""
-SURE_AFTER = 4.0
-"""Scans that hit a wall before it leaves probation."""
+SURE_AFTER = 4.0  # scans that hit a wall before it leaves probation
 
 
 @kernel

@@ -17,10 +17,8 @@ FREE, WALL, CANDIDATE = 0, 1, 2
 """What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
 CONFIRMATIONS = 30.0
 """Views beyond which an end or a wall gets no surer, so that the 50 scans that see a wrong one suffice to undo it."""
-PUBLISH_AFTER = 2.0
-"""Scans that must hit a wall before it is part of the published map: a single one may be a false piece."""
-MIN_WALL_M = 0.05
-"""Shorter remainders of a wall that was cut, and shorter walls of received maps, are left away."""
+PUBLISH_AFTER = 2.0  # scans that must hit a wall before it is in the published map: one may be a false piece
+MIN_WALL_M = 0.05  # shorter remainders of a wall that was cut, and shorter walls of received maps, are left away
 
 EDGE = np.dtype(
     [

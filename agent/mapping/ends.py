@@ -16,15 +16,12 @@ END_MARGIN_M = 0.04
 """Views of one end agree within this: the distance of two beams at 2.3 m, or 4 standard deviations of a range."""
 PATIENCE = 3.0
 """Views that must speak against an end before it changes. Labels are wrong at 6 % of ends, seldom in three views."""
-PATIENCE_GROWTH = 0.3
-"""Further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views."""
-CLOSE_CORNER_M = 0.06
-"""Two open ends this near to where their walls meet form that corner."""
+PATIENCE_GROWTH = 0.3  # further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views
+CLOSE_CORNER_M = 0.06  # two open ends this near to where their walls meet form that corner
 PROLONGED_M = 0.1
 """A corner is a guess where its wall had no hit nearer to it than this: beams are 6 cm apart at the lidar's range, and
 slots between furniture and wall are wider."""
-NEAR_TAIL_M = 0.5
-"""Open ends farther apart than this are not tried as a corner."""
+NEAR_TAIL_M = 0.5  # open ends farther apart than this are not tried as a corner
 
 
 @kernel

@@ -20,8 +20,7 @@ from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 
-SCANS = 20.0
-"""Scans that a received wall's likelihood stands for."""
+SCANS = 20.0  # scans that a received wall's likelihood stands for
 
 
 class Layer(NamedTuple):

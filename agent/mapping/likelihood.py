@@ -13,18 +13,12 @@ from agent.mapping.edges import WALL, tip_at
 from agent.mapping.views import END_SKIP_M, ON, STEP_M, THROUGH, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Ints, Records
 
-MATCH_ODDS = 2.0
-"""A piece on its wall: a wall there is e^2 times as likely as a chance hit. Half its chi-square is taken off."""
-EXTRA_ODDS = 1.0
-"""A piece that no wall predicts. Weak, as new ground brings many, for all particles alike."""
-MISSING_ODDS = 2.0
-"""A wall in view that was not hit."""
-THROUGH_ODDS = 4.0
-"""A wall that was seen through: the strongest, as a scan seldom shows free space where there is none."""
-CORNER_ODDS = 1.0
-"""A corner between two walls as predicted, or against the prediction."""
-LABEL_ODDS = 1.0
-"""An end of a wall against the prediction."""
+MATCH_ODDS = 2.0  # a piece on its wall: it is e^2 times as likely as a chance hit. Half its chi-square is taken off
+EXTRA_ODDS = 1.0  # a piece that no wall predicts. Weak, as new ground brings many, for all particles alike
+MISSING_ODDS = 2.0  # a wall in view that was not hit
+THROUGH_ODDS = 4.0  # a wall that was seen through: the strongest, as a scan seldom shows free space where there is none
+CORNER_ODDS = 1.0  # a corner between two walls as predicted, or against the prediction
+LABEL_ODDS = 1.0  # an end of a wall against the prediction
 
 
 @kernel

@@ -25,20 +25,14 @@ from protocol.geometry import Pose, compose, relative
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
-SPARE = 64
-"""Free records that a particle keeps for one scan; a scan of 360 beams has at most 120 pieces, in practice 20."""
-MAX_WALLS = 4096
-"""A particle takes no new wall beyond; ten times what the largest layout has."""
-FORGET = 0.98
-"""Share of its past log-weight that a particle's standing keeps per scan: the map is the best of the last 50 scans."""
-TEMPER = 0.2
-"""Scans in a row share their errors, so each counts only as this part of an independent one."""
-RESAMPLE_BELOW = 0.5
-"""Resample when the effective sample size falls below this share of the particles; the usual half."""
+SPARE = 64  # free records of a particle for one scan; 360 beams make at most 120 pieces, in practice 20
+MAX_WALLS = 4096  # a particle takes no new wall beyond; ten times what the largest layout has
+FORGET = 0.98  # share of its past log-weight that a particle keeps per scan: the map is the best of the last 50
+TEMPER = 0.2  # scans in a row share their errors, so each counts only as this part of an independent one
+RESAMPLE_BELOW = 0.5  # resample when the effective sample size falls below this share of the particles; the usual half
 PATIENCE_SPREAD = 0.5
 """Particles draw their patience, a factor on the scans that it takes to change a map, from 1 - this to 1 + this."""
-COVARIANCE_FLOOR = 1e-8
-"""m2 and rad2 added to the pose's covariance in each step, so that it is never singular."""
+COVARIANCE_FLOOR = 1e-8  # m2 and rad2 added to the pose's covariance in each step, so that it is never singular
 
 
 @kernel

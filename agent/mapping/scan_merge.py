@@ -13,8 +13,7 @@ from agent.mapping.edges import WALL, add_hits, line_sd, part, remove, scatter, 
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
 from protocol.arrays import Floats, Ints, Records
 
-SAME_DIRECTION = 0.95
-"""Cosine of 18 degrees: walls that differ more in direction are never tried as one."""
+SAME_DIRECTION = 0.95  # cosine of 18 degrees: walls that differ more in direction are never tried as one
 
 
 @kernel

@@ -10,14 +10,10 @@ SEEN_SCANS = 4
 """A disc is expected in so many scans after the last that saw it: one of ten misses it, four in a row almost never."""
 STILL_SCANS = 15
 """A disc that has not moved for so many scans while nobody is heard is a post; an exploring robot stands for four."""
-STILL_M = 0.06
-"""... nor by more than this: the spread of a disc's place from scan to scan; a teammate drives it in 0.3 s."""
-SILENCE_S = 21.0
-"""Nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120."""
-MAX_POSTS = 200
-"""Posts kept, the newest (16 bytes each): a hall has a dozen."""
-REACH_MARGIN_M = 1.0
-"""Posts are asked for this far beyond the lidar's range."""
+STILL_M = 0.06  # ... nor by more than this: the spread of a disc from scan to scan; a teammate drives it in 0.3 s
+SILENCE_S = 21.0  # nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120
+MAX_POSTS = 200  # posts kept, the newest (16 bytes each): a hall has a dozen
+REACH_MARGIN_M = 1.0  # posts are asked for this far beyond the lidar's range
 
 
 class SeenDiscs:
@@ -54,10 +50,8 @@ class Posts:
         self._reach_m = spec.lidar.range_max_m
         self._silence = round(SILENCE_S * spec.lidar.rate_hz)
         self._heard = -self._silence
-        self._standing = np.zeros((0, 4))
-        """(k, 4) x, y, and the ticks of the first and last sighting."""
-        self.places = np.zeros((0, 2))
-        """(k, 2) metres."""
+        self._standing = np.zeros((0, 4))  # (k, 4) x, y, and the ticks of the first and last sighting
+        self.places = np.zeros((0, 2))  # (k, 2) metres
 
     def add(self, tick: int, here: Pose, discs: Floats, heard: bool) -> None:
         """Take in a scan's discs (k, 2), frame of the map, seen from here; heard: any message at this tick.

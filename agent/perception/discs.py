@@ -11,14 +11,10 @@ from agent.perception.segmentation import beam_sums, fit
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 
-FEW_BEAMS = 3
-"""Fewer beams show no disc. Any circle fits so many, and so does any line; of more, what fits better decides."""
-MAX_CHI2 = 4.0
-"""Mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn."""
-INNER = 0.9
-"""Share of a disc's width whose beams are surely on it, also where its place is not yet fitted."""
-ROUNDS = 3
-"""Gauss-Newton steps from the first guess, which is off by half a radius at most."""
+FEW_BEAMS = 3  # fewer beams show no disc: any circle fits so many, and any line; of more, what fits better decides
+MAX_CHI2 = 4.0  # mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn
+INNER = 0.9  # share of a disc's width whose beams are surely on it, also where its place is not yet fitted
+ROUNDS = 3  # Gauss-Newton steps from the first guess, which is off by half a radius at most
 
 
 class Turn(NamedTuple):

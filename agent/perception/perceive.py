@@ -22,14 +22,10 @@ from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 
-OPEN_BEAMS = 3
-"""Silent beams in a row that show free space: fewer may have dropped out."""
-IN_WALL_M = 0.08
-"""A disc with its centre this near to a known wall is that wall's end: a teammate's centre is its radius away."""
-DISC_MARGIN_M = 0.05
-"""A beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range."""
-WALL_M = 0.3
-"""No teammate stands in a mapped wall, unless the wall is shorter than this: it may be a teammate's own front."""
+OPEN_BEAMS = 3  # silent beams in a row that show free space: fewer may have dropped out
+IN_WALL_M = 0.08  # a disc centred this near to a known wall is that wall's end: a teammate's centre is a radius away
+DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
+WALL_M = 0.3  # no teammate stands in a mapped wall, unless the wall is shorter: it may be the teammate's front
 
 
 class Perception:
@@ -39,8 +35,7 @@ class Perception:
         self._method, self._spec = config.method, spec
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._map = Wireframe()
-        self._walls = np.zeros((0, 4))
-        """(m, 4) walls of that map in which no teammate stands, metres."""
+        self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
     def see(self, observation: Observation, predicted: Pose, own: Wireframe) -> CornerScan:
         """Corner scan of an observation. predicted: the robot's pose in the frame of its own map, before correction."""

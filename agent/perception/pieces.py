@@ -11,16 +11,12 @@ from agent.kernels import kernel
 from agent.perception.segmentation import LINE_COST, MIN_HITS, fit
 from protocol.arrays import Bools, Floats, Ints, Records
 
-LOOK_PAST = 3
-"""Beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing."""
-MAX_STRAYS = 2
-"""Stray beams across which a line may go on."""
-STRAY_SIGMAS = 10.0
-"""Standard deviations off its line from which a beam is none of a piece's hits."""
+LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
+MAX_STRAYS = 2  # stray beams across which a line may go on
+STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
 EDGE_OF_RANGE_SIGMAS = 1.5
 """A wall predicted this near to the lidar's range, in standard deviations, may give no return though it is there."""
-MAX_SLACK_M = 0.1
-"""A corner lies at most this far outside its walls' hits: the directions of few hits would excuse any place."""
+MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
 
 
 class Beams(NamedTuple):

@@ -12,12 +12,9 @@ import numpy as np
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 
-MIN_HITS = 3
-"""Beams of a line, at least: two fit any line, and the third tells whether there is one."""
-LINE_COST = 18.0
-"""Chi-square that one more line must save; by noise alone, 1 of 1000 cuts of a straight wall saves as much."""
-STRAY_COST = 10.0
-"""Chi-square of a beam that belongs to no wall: a hit 3.2 standard deviations off its line is rather a stray."""
+MIN_HITS = 3  # beams of a line, at least: two fit any line, and the third tells whether there is one
+LINE_COST = 18.0  # chi-square that one more line must save; noise alone saves it in 1 of 1000 cuts of a straight wall
+STRAY_COST = 10.0  # chi-square of a beam on no wall: a hit 3.2 standard deviations off its line is rather a stray
 
 
 @kernel

@@ -8,10 +8,8 @@ from agent.kernels import kernel
 from agent.perception.segmentation import LINE_COST, MIN_HITS, chi2_of, sums_of_two_turns
 from protocol.arrays import Floats, Ints
 
-CHI2_PER_BEAM = 2.0
-"""Chi-square that a beam may have on its line before the piece is split; 1 is the mean of the noise."""
-JUMP = 4.0
-"""A step between beams this many times as long as the greatest distance from the chord is a gap: the split is there."""
+CHI2_PER_BEAM = 2.0  # chi-square that a beam may have on its line before the piece is split; 1 is the mean of the noise
+JUMP = 4.0  # a step between beams this many times the greatest distance from the chord is a gap: the split is there
 
 
 @kernel

@@ -18,8 +18,7 @@ from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import wrapped
 
-BASE_RADIUS_M = 5.0
-"""The four points lie within this of the first, as the paper has it. Wider sets seldom lie in the overlap whole."""
+BASE_RADIUS_M = 5.0  # the four points are within this of the first (paper); wider sets seldom lie in the overlap whole
 BASE_SIDE_M = 0.5  # no two of the four points are nearer than this, as a short side turns far with little noise
 BASES = 150  # sets of four points that are looked for: the iteration budget
 DRAWS_PER_BASE = 50  # four points are drawn at most so often for one base; clouds on a line have none

@@ -25,8 +25,7 @@ KINDS = ("twin", "near", "turned", "rival")
 """A symmetry of the building, 0.3 to 1.5 m off, a quarter or half turn about the meeting, the best wrong candidate."""
 RUNS = {"symmetric": 4, "hall": 2, "maze-15": 2, "office": 2, "apartment": 2}
 LIMIT_S = 160.0  # simulated seconds; most pairs meet in the first 100
-EVERY_S = 5.0
-"""A pair's next proposal is forced this long after the last one: sooner, the same meetings would decide it again."""
+EVERY_S = 5.0  # time to a pair's next forced proposal: sooner, the same meetings would decide it again
 LESS = ("symmetric", "maze-15", "office")  # worlds of the rows with less evidence, one run each
 LEAST_WALLS = 8  # a proposal is forced once both maps have so many walls
 ROWS: dict[str, Mapping[str, Any]] = {

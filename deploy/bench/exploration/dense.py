@@ -40,11 +40,9 @@ GIVEN_UP_M = 0.6  # of a frontier that is given up, cells this near to the one d
 LEAVE_M = 0.3  # a robot that stands where it may not drive crosses cells up to this far to leave
 REPLAN_TICKS = 5
 PATIENCE_TICKS = 25  # a frontier is given up when the robot came no nearer to it and saw nothing new for so long
-FAR_TICKS = 600
-"""It is also given up without anything new for two minutes, 26 m of path, as two goals may come nearer in turns."""
+FAR_TICKS = 600  # a goal is also given up after two minutes (26 m) without news, as two may come nearer in turns
 NEWS_CELLS = 10  # as many cells that became known are something new
-BLIND_M = 0.2
-"""Silent beams beside a return nearer than this are too near to a wall, not free: the lidar is blind below 0.12 m."""
+BLIND_M = 0.2  # silent beams beside a nearer return are not free, but at a wall: the lidar is blind below 0.12 m
 MOST_RATIO = 1.1  # bar of our path to 99 % of the wall over the dense robot's
 
 

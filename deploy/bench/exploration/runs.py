@@ -39,8 +39,7 @@ def cases(quick: bool) -> list[Case]:
     return made
 
 
-complete = share(lambda run: run["ended"] == "complete" and run["reason"])
-"""Share of runs that ended complete and said why."""
+complete = share(lambda run: run["ended"] == "complete" and run["reason"])  # runs that ended complete and said why
 
 
 def _ends(name: str, title: str, furnished: bool, recall: float, precision: float) -> Table:

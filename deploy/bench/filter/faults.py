@@ -23,8 +23,7 @@ WALL_M = (0.5, 2.5)  # length of a wall that goes missing: the whole of it can b
 CORNER_WALL_M = (0.7, 3.5)  # length of the walls of a corner that moves: longer than the shift
 CORNER_JUDGED_M = 1.0  # most that is judged of either wall of a corner
 SHIFT_M = 0.5  # how far a corner moves
-GAP_M = (0.2, 0.5)
-"""Width of a false gap: less than a door, more than the filter bridges when it links a scan to its walls."""
+GAP_M = (0.2, 0.5)  # width of a false gap: less than a door, more than the filter bridges between a scan and its walls
 GAP_BESIDE_M = 0.3  # wall left on each side of a gap
 OFF_M = 5e-3  # points that must be seen lie this far off their wall, in free space
 JUDGED_SHARE = 0.8  # middle part of a wall that is judged: its ends may hide behind its neighbours

@@ -23,8 +23,7 @@ BAD = [{"kind": "bernoulli", "loss": 0.3}, {"kind": "latency", "ticks": 5}, {"ki
 """30 % loss, 1 s of latency, 5 kB/s."""
 JUDGED = "3 robots in maze-15"
 """What the bars on bytes are for; a quick bench has a smaller run, in which first contacts weigh more."""
-FALSE_M, FALSE_DEG = 0.3, 5.0
-"""An accepted transform farther off than this is false: walls of two rooms are farther apart."""
+FALSE_M, FALSE_DEG = 0.3, 5.0  # an accepted transform farther off is false: walls of two rooms are farther apart
 
 
 def cases(quick: bool) -> list[Case]:
