@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from protocol.files import write_whole
 from world.config import WorldConfig
 from world.worldfile import World
 
@@ -26,7 +27,7 @@ def begun(config: WorldConfig, world: World) -> dict[str, Any]:
 def write(out: Path, fields: dict[str, Any], ended: str | None, **more: Any) -> None:
     """Write it into a run directory; ended: how, just now."""
     text = json.dumps(fields | {"end": _now(), "ended": ended} | more, indent=1)
-    (out / "manifest.json").write_text(text + "\n", encoding="utf-8")
+    write_whole(out / "manifest.json", text + "\n")
 
 
 def _now() -> str:

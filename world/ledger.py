@@ -91,10 +91,12 @@ class Ledger:
             self._recorder.update(t, tick, robot, sorted(told, key=self._row.__getitem__), self._maps[robot])
 
     def drive(self, tick: int, before: Floats, after: Floats) -> None:
-        """Account for the moves (k, 3) to (k, 3) that end a tick."""
+        """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""
         self.path_m += np.hypot(*(after - before)[:, :2].T)
-        if self._recorder and self._due(tick, self._snapshot_s):
-            self._recorder.flush()
+        if self._recorder:
+            if self._due(tick, self._snapshot_s):
+                self._recorder.flush()
+            self._recorder.check()
 
     def death(self, tick: int, robot: str, reason: str) -> None:
         """Record that a robot died."""
@@ -104,7 +106,7 @@ class Ledger:
     def close(
         self, tick: int, passages: Sequence[Passage], moved_to: Floats | None, summary: Fields, wire: Fields | None
     ) -> None:
-        """Write what is left of the run directory.
+        """Write what is left of the run directory; UnwritableError names files for which that cannot be done.
 
         moved_to: (k, 3) poses that the last actions led to, where no observation was made of them. wire: bytes on
         the robots' links, if they were counted.

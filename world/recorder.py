@@ -8,11 +8,12 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from protocol.arrays import Floats
+from protocol.files import LineFile, UnwritableError, write_whole
 from protocol.wireframe import Label, Wireframe
 from world.radio import Passage
 from world.worldfile import World, to_yaml
@@ -46,10 +47,10 @@ class Recorder:
         self._out = out
         for folder in ("maps", "snapshots", "trajectories"):
             (out / folder).mkdir(parents=True, exist_ok=True)
-        (out / "world.yaml").write_text(to_yaml(world.document), encoding="utf-8")
+        write_whole(out / "world.yaml", to_yaml(world.document))
         frames = {robot: start.tolist() for robot, start in zip(robots, starts, strict=True)}
         self._json("truth.json", {"frames": frames, "robot_radius": radius_m, "lidar_range": range_m})
-        self._files: list[TextIO] = []
+        self._files: list[LineFile] = []
         self._events = self._open("events.jsonl")
         self._metrics, self._radio = (
             csv.writer(self._open(name), lineterminator="\n") for name in ("metrics.csv", "radio.csv")
@@ -96,22 +97,43 @@ class Recorder:
         for file in self._files:
             file.flush()
 
+    def check(self) -> None:
+        """Raise UnwritableError where lines could not be written."""
+        if failed := [file.error for file in self._files if file.error]:
+            raise UnwritableError(*(failure for error in failed for failure in error.failures))
+
     def close(self, maps: Mapping[str, Wireframe], summary: Mapping[str, Any], bandwidth: Mapping[str, Any]) -> None:
-        """Write the final maps, the summary and the radio's books, and close all files."""
+        """Write the final maps, the summary and the radio's books, and close all files.
+
+        Each is tried; UnwritableError names those that could not be written.
+        """
+        documents = {"summary.json": summary, "bandwidth.json": bandwidth}
         for robot, wireframe in maps.items():
-            self._json(f"maps/{robot}.json", map_fields(robot, wireframe))
-            self._json(f"maps/{robot}.own.json", map_fields(robot, own_part(wireframe)))
-        self._json("summary.json", summary)
-        self._json("bandwidth.json", bandwidth)
+            documents[f"maps/{robot}.json"] = map_fields(robot, wireframe)
+            documents[f"maps/{robot}.own.json"] = map_fields(robot, own_part(wireframe))
+        failures: list[tuple[Path, str]] = []
+        for name, document in documents.items():
+            try:
+                self._json(name, document)
+            except UnwritableError as error:
+                failures += error.failures
         for file in self._files:
             file.close()
+            failures += file.error.failures if file.error else ()
+        if failures:
+            raise UnwritableError(*failures)
 
-    def _open(self, name: str) -> TextIO:
-        self._files.append((self._out / name).open("w", encoding="utf-8", newline=""))
+    def _open(self, name: str) -> LineFile:
+        self._files.append(LineFile(self._out / name))
         return self._files[-1]
 
     def _json(self, name: str, value: Mapping[str, Any]) -> None:
-        (self._out / name).write_text(json.dumps(value, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        file = self._out / name
+        try:
+            text = json.dumps(value, indent=1, allow_nan=False)
+        except ValueError as error:
+            raise UnwritableError((file, str(error))) from error
+        write_whole(file, text + "\n")
 
 
 def map_fields(robot: str, wireframe: Wireframe) -> dict[str, Any]:

@@ -1,0 +1,91 @@
+"""Files that are whole: a killed process or a full disk leaves no half of one behind."""
+
+import os
+import secrets
+from pathlib import Path
+
+PIECE_CHARS = 1 << 16
+"""A LineFile keeps at most about so much before it hands it to the system."""
+
+
+class UnwritableError(OSError):
+    """Files that cannot be written; one sentence names each with its path, and why."""
+
+    def __init__(self, *failures: tuple[Path, str]) -> None:
+        """failures: each file, with the system's reason."""
+        self.failures = failures
+        paths: dict[str, list[str]] = {}
+        for file, reason in failures:
+            paths.setdefault(reason, []).append(str(file))
+        super().__init__("; ".join(f"cannot write {', '.join(files)}: {reason}" for reason, files in paths.items()))
+
+    def __reduce__(self) -> tuple[type["UnwritableError"], tuple[tuple[Path, str], ...]]:
+        return type(self), self.failures
+
+
+def write_whole(file: Path, content: str | bytes, *, private: bool = False) -> None:
+    """Write a file so that it has all of its content, or is as it was before.
+
+    private: only its owner may read it. Raises UnwritableError.
+    """
+    part = file.with_name(f".{file.name}.{os.getpid()}-{secrets.token_hex(4)}")
+    opened = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    try:
+        try:
+            with os.fdopen(os.open(part, opened, 0o600 if private else 0o666), "wb") as stream:
+                stream.write(content.encode() if isinstance(content, str) else content)
+                stream.flush()
+                os.fsync(stream.fileno())  # else a power cut may leave the new name with an empty file
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise UnwritableError((file, error.strerror or str(error))) from error
+
+
+class LineFile:
+    """A file that grows line by line, and always ends with a complete one.
+
+    Writing never raises: the first `error` is kept, and nothing is written after it.
+    """
+
+    def __init__(self, file: Path, size: int = 0) -> None:
+        """Open the file, and keep its first `size` bytes. Raises UnwritableError."""
+        self.error: UnwritableError | None = None
+        self.size = size
+        """Bytes of the file."""
+        self._file = file
+        self._lines: list[str] = []
+        self._waiting = 0
+        try:
+            self._stream = file.open("ab", buffering=0)
+            self._stream.truncate(size)
+        except OSError as error:
+            raise UnwritableError((file, error.strerror or str(error))) from error
+
+    def write(self, lines: str) -> None:
+        """Add complete lines."""
+        self._lines.append(lines)
+        self._waiting += len(lines)
+        if self._waiting >= PIECE_CHARS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand what was written so far to the system, so that a killed process loses nothing of it."""
+        piece, self._lines, self._waiting = "".join(self._lines).encode(), [], 0
+        if self.error:
+            return
+        written = 0
+        try:
+            while written < len(piece):
+                written += self._stream.write(piece[written:])
+        except OSError as error:
+            self.error = UnwritableError((self._file, error.strerror or str(error)))
+            written = piece.rfind(b"\n", 0, written) + 1
+            self._stream.truncate(self.size + written)
+        self.size += written
+
+    def close(self) -> None:
+        """Write what is left."""
+        self.flush()
+        self._stream.close()
