@@ -1,8 +1,10 @@
 """Who may write and read what: a secret per robot and run, and rules that the router enforces (docs/security.md).
 
-Zenoh checks name and secret when a session opens, and drops in both directions what the rules do not allow.
+Zenoh checks name and secret when a session opens, and drops in both directions what the rules do not allow. A robot's
+rules hold for one Zenoh ID only, and Zenoh refuses a second session of an ID: so one session a robot.
 """
 
+import hashlib
 import os
 import re
 import secrets as random_secrets
@@ -52,15 +54,22 @@ def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
     return {name: found[name] for name in names}
 
 
-def access_control(robots: Iterable[str]) -> dict[str, Any]:
+def session_id(name: str, secret: str) -> str:
+    """Zenoh ID of the only session with a robot's rights: 128 bits that nobody knows without the secret."""
+    return hashlib.sha256(f"{name}:{secret}".encode()).hexdigest()[:32].lstrip("0")  # Zenoh takes no leading zeros
+
+
+def access_control(secrets: Secrets) -> dict[str, Any]:
     """Zenoh's access_control: robots use their own and the public keys, viewers read all, everybody else nothing."""
     rules, subjects, policies = [], [], []
-    for name, allowed in [*((robot, _of_robot(robot)) for robot in robots), (VIEWER, _OF_VIEWER)]:
+    for name, secret in secrets.items():
+        allowed = _OF_VIEWER if name == VIEWER else _of_robot(name)
         ids = [f"{name}-{number}" for number in range(len(allowed))]
         for rule, (flow, messages, expressions) in zip(ids, allowed, strict=True):
             what = {"flows": [flow], "messages": messages, "key_exprs": expressions}
             rules.append({"id": rule, "permission": "allow", **what})
-        subjects.append({"id": name, "usernames": [name]})
+        session = {} if name == VIEWER else {"zids": [session_id(name, secret)]}
+        subjects.append({"id": name, "usernames": [name], **session})
         policies.append({"id": name, "subjects": [name], "rules": ids})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import socket
 import tempfile
 import time
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import zenoh
 
-from protocol.access import VIEWER, Secrets, access_control, write_secrets
+from protocol.access import VIEWER, Secrets, access_control, session_id, write_secrets
 from protocol.codec import MAX_FRAME_BYTES
 from protocol.errors import LinkError
 
@@ -24,6 +25,13 @@ from protocol.errors import LinkError
 
 FREE_PORT_TRIES = 8
 """Another run may take a free port between its being found and being used; then another port is tried."""
+MAX_STRANGERS = 4000
+"""Connections that have not said who they are yet; Zenoh closes further ones at once, robots' ones, too. By default it
+takes 100, which one idle program fills. Each takes 11 kB."""
+INTRODUCTION_MS = 3000
+"""A connection that has not said by then who it is is closed: a robot's takes some ms, under load some hundred."""
+OTHER_FILES = 2000
+"""Files and connections of a world beside: 1000 sessions, the files of 500 robots."""
 
 
 def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
@@ -74,7 +82,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
         endpoint = listen or _free_endpoint()
         try:
             with _guarded(secrets) as guard:
-                session = zenoh.open(_config("router", {"listen/endpoints": [endpoint], **guard}))
+                session = zenoh.open(_config("router", {"listen/endpoints": [endpoint], **_doors(), **guard}))
         except zenoh.ZError as error:
             if left:
                 continue
@@ -82,6 +90,18 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
         with session:  # closes it: a process with callbacks would hang at its exit
             yield session, endpoint
         return
+
+
+def _doors() -> dict[str, object]:
+    """Settings of a router that keeps room for robots while many connect and say nothing."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    files = MAX_STRANGERS + OTHER_FILES
+    if soft != resource.RLIM_INFINITY and soft < files:
+        soft = files if hard == resource.RLIM_INFINITY else min(hard, files)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        files = soft
+    strangers = min(MAX_STRANGERS, max(files - OTHER_FILES, files // 2))
+    return {"transport/unicast/accept_pending": strangers, "transport/unicast/accept_timeout": INTRODUCTION_MS}
 
 
 @contextmanager
@@ -93,10 +113,7 @@ def _guarded(secrets: Secrets | None) -> Iterator[dict[str, object]]:
     with tempfile.TemporaryDirectory() as folder:  # only its owner can read it
         dictionary = Path(folder, "secrets")
         write_secrets(dictionary, secrets)
-        yield {
-            "transport/auth/usrpwd/dictionary_file": str(dictionary),
-            "access_control": access_control(name for name in secrets if name != VIEWER),
-        }
+        yield {"transport/auth/usrpwd/dictionary_file": str(dictionary), "access_control": access_control(secrets)}
 
 
 @contextmanager
@@ -106,7 +123,8 @@ def open_client(
     """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
 
     name and secret: of this robot or viewer, where the world asks for them. Raises LinkError when no world answers
-    within timeout_s seconds (0: tried once), which is also what a wrong secret looks like.
+    within timeout_s seconds (0: tried once), which is also what a wrong secret looks like, and where another session
+    has this robot's secret.
     """
     check_endpoint(connect)
     settings: dict[str, object] = {
@@ -115,19 +133,32 @@ def open_client(
         "connect/timeout_ms": int(timeout_s * 1000),
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 400, "period_increase_factor": 2},
     }
-    if secret is not None:
+    identity: dict[str, object] = {}
+    if name is not None and secret is not None:
         settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
+        identity = {} if name == VIEWER else {"id": session_id(name, secret)}
     try:
-        session = zenoh.open(_config("client", settings))
+        session = zenoh.open(_config("client", settings | identity))
     except zenoh.ZError as error:
         if "nable to connect" not in str(error):
             raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
+        if identity and _opens(settings | {"connect/timeout_ms": 0}):
+            raise LinkError(f"another session is {name} at {connect}: end it, or use another name") from None
         raise LinkError(
             f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that the address and "
             "port are right, that no firewall is between, and that the secret is the world's"
         ) from None
     with session:
         yield session
+
+
+def _opens(settings: dict[str, object]) -> bool:
+    """Whether a client's session opens with these settings; Zenoh tells no client why it refuses one."""
+    try:
+        with zenoh.open(_config("client", settings)):
+            return True
+    except zenoh.ZError:
+        return False
 
 
 def _cause(error: Exception) -> str:

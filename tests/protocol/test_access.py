@@ -1,9 +1,11 @@
 """A rogue with a robot's own secret: what it reads, says and fakes, by the rules of the router."""
 
+import socket
 import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -11,12 +13,12 @@ import zenoh
 
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
-from protocol import keys
+from protocol import keys, session
 from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
 from protocol.codec import encode
 from protocol.errors import LinkError
 from protocol.messages import Action
-from protocol.session import open_client
+from protocol.session import open_client, open_router
 from tests.agent.shell.test_process import World, events
 from tests.tiny import tiny_config
 from tests.wanderer import endless
@@ -62,14 +64,11 @@ def wait_for(condition: object, seconds: float = 10.0) -> None:
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("name", ["r3", "r1"])
-def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(
-    guarded: tuple[World, dict[str, str], Path], name: str
-) -> None:
+def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(guarded: tuple[World, dict[str, str], Path]) -> None:
     world, secrets, _ = guarded
     endpoint = world.endpoint.result(JOIN_S)
     with (
-        open_client(endpoint, 5.0, name, secrets[name]) as rogue,
+        open_client(endpoint, 5.0, "r3", secrets["r3"]) as rogue,
         open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
     ):
         theirs, all_of_it = Ear(rogue), Ear(viewer)
@@ -79,10 +78,77 @@ def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(
         wait_for(lambda: {keys.CLOCK, keys.LINKS} <= theirs.keys)
         time.sleep(0.5)
         public = {keys.CLOCK, keys.LINKS, keys.WORLD_ALIVE}
-        own = {keys.to_robot(name, channel) for channel in keys.INPUTS}
+        own = {keys.to_robot("r3", channel) for channel in keys.INPUTS}
         assert theirs.keys <= public | own
-        assert keys.to_robot(name, keys.RADIO) not in theirs.keys  # all that was said came from out of range
+        assert keys.to_robot("r3", keys.RADIO) not in theirs.keys  # all that was said came from out of range
         assert not any(key.startswith(("robots/r1/in", "robots/r2/in")) for key in all_of_it.keys)
+
+
+def test_a_second_session_of_a_robot_is_refused_and_told(guarded: tuple[World, dict[str, str], Path]) -> None:
+    world, secrets, out = guarded
+    endpoint = world.endpoint.result(JOIN_S)
+    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+        heard = Ear(viewer)
+        wait_for(lambda: keys.from_robot("r1", keys.ACT) in heard.keys)  # r1 is there
+    with pytest.raises(LinkError, match="another session is r1 at"), open_client(endpoint, 0.6, "r1", secrets["r1"]):
+        pass
+    world.inbox.stop()
+    assert world.ended.result(10) == "interrupted"
+    assert not [event for event in events(out) if event["event"] == "dead"]
+
+
+def test_a_robots_secret_in_a_session_of_another_id_reads_and_says_nothing(
+    guarded: tuple[World, dict[str, str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, secrets, out = guarded
+    endpoint = world.endpoint.result(JOIN_S)
+    monkeypatch.setattr(session, "session_id", lambda name, secret: "f00d")
+    with (
+        open_client(endpoint, 5.0, "r1", secrets["r1"]) as rogue,
+        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
+    ):
+        theirs, all_of_it = Ear(rogue), Ear(viewer)
+        act = keys.from_robot("r1", keys.ACT)
+        wait_for(lambda: {act, keys.CLOCK} <= all_of_it.keys)
+        for _ in range(20):
+            rogue.put(act, encode(Action(tick=0, speed_mps=0.0, turn_rps=0.0, sent=77)))
+            time.sleep(0.02)
+        assert theirs.keys <= {act}  # its own words
+    world.inbox.stop()
+    assert world.ended.result(10) == "interrupted"
+    assert not [event for event in events(out) if event["event"] == "dead"]
+
+
+@pytest.mark.parametrize("said", [b"", b"\x05\x00\x01\x09\x00"])
+def test_a_robot_gets_in_beside_a_thousand_connections_that_do_not_say_who_they_are(said: bytes) -> None:
+    secrets = new_secrets(["r1"])
+    with open_router(None, secrets) as (_, endpoint), ExitStack() as idle:
+        address = "127.0.0.1", int(endpoint.rpartition(":")[2])
+        for _ in range(1000):
+            idle.enter_context(socket.create_connection(address)).sendall(said)
+        began = time.monotonic()
+        with open_client(endpoint, JOIN_S, "r1", secrets["r1"]):
+            assert time.monotonic() - began < 5.0  # where 100 fill the door, it takes 10 s
+
+
+def test_a_connection_that_trickles_bytes_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "INTRODUCTION_MS", 300)
+    with (
+        open_router(None, new_secrets(["r1"])) as (_, endpoint),
+        socket.create_connection(("127.0.0.1", int(endpoint.rpartition(":")[2]))) as slow,
+    ):
+        slow.settimeout(0.05)
+        end = time.monotonic() + JOIN_S
+        while time.monotonic() < end:
+            try:
+                slow.sendall(b"\x01")  # the first two announce a message of 257 bytes
+                if not slow.recv(100):
+                    return
+            except TimeoutError:
+                continue
+            except OSError:
+                return
+        raise AssertionError("it is still open")
 
 
 def test_a_rogue_cannot_speak_for_another_or_for_the_world(guarded: tuple[World, dict[str, str], Path]) -> None:
