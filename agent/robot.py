@@ -20,7 +20,6 @@ from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01  # a corner that moved by less has not changed: maps travel on a grid of this size
-
 LAY_S = 0.6  # merged maps are laid over the own one at most this often; what was just seen is in the scan anyway
 
 

@@ -27,7 +27,7 @@ from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
 from protocol.messages import Heard, Observation, RobotSpec
-from protocol.wireframe import Wireframe
+from protocol.wireframe import Wireframe, certain
 
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
 TICKS_TO_COMPILE = 300  # enough for two robots to merge their maps and to explore what is left
@@ -118,8 +118,7 @@ def _building() -> Wireframe:
     points = np.array([corner for ring in rings for corner in ring], np.float64)
     begin = np.cumsum([0, *map(len, rings)])
     edges = [(begin[n] + k, begin[n] + (k + 1) % len(ring)) for n, ring in enumerate(rings) for k in range(len(ring))]
-    n, ends = len(points), np.array(edges, np.int32)
-    return Wireframe(points, np.zeros(n, np.uint8), ends, np.ones(n, np.float32), np.ones(n, np.bool_))
+    return certain(points, np.array(edges))
 
 
 def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Floats:

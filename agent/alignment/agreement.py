@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.feature import LIKE_COS
-from agent.geometry.cells import by_cell
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
@@ -59,17 +58,19 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
     low, high = corners.min(0) - REACH_M, corners.max(0) + REACH_M
     cell = max(2.0 * REACH_M, math.sqrt(float((high - low).prod()) / MAX_CELLS), float((high - low).max()) / MAX_CELLS)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
-    begins, members = _walls_by_cell(segments, low[0], low[1], cell, columns, rows)
+    cells, members = _walls_by_cell(segments, low[0], low[1], cell, columns, rows)
+    order = np.argsort(cells, kind="stable")
+    begins = np.searchsorted(cells[order], np.arange(columns * rows + 1))
     begin = np.where(juts[:, 0], -STRIP_FAR_M, STRIP_END_M)
     end = length + np.where(juts[:, 1], STRIP_FAR_M, -STRIP_END_M)
     free, ways = np.column_stack([begin, end]), np.column_stack([direction, length])
     origin = np.array([low[0], low[1], cell])
-    return Walls(segments, samples, origin, (columns, rows), begins, members, free, ways)
+    return Walls(segments, samples, origin, (columns, rows), begins, members[order], free, ways)
 
 
 @kernel
 def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns: int, rows: int) -> tuple[Ints, Ints]:
-    """`Walls.begins` and `Walls.members`: each cell with all walls that come within reach of its circumcircle."""
+    """Each cell (k,) with each wall (k,) that comes within reach of its circumcircle."""
     cells, members = [0 for _ in range(0)], [0 for _ in range(0)]
     radius = REACH_M + 0.7072 * cell
     for e in range(segments.shape[0]):
@@ -85,18 +86,14 @@ def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns:
                 if (cx - t * ux) ** 2 + (cy - t * uy) ** 2 <= radius * radius:
                     cells.append(i * rows + j)
                     members.append(e)
-    begins, order = by_cell(np.array(cells), columns * rows)
-    return begins, np.array(members)[order]
+    return np.array(cells), np.array(members)
 
 
 NEITHER, AGREES, CONFLICTS = 0, 1, 2  # what one map says of a sample of the other
 
 
 def agreement(mine: Walls, theirs: Walls, transform: Floats) -> tuple[float, float]:
-    """Metres of wall that agree, the mean of both ways, and that are in conflict, the sum.
-
-    transform (3,) takes their frame into mine.
-    """
+    """Metres of wall in agreement, the mean of both ways, and in conflict, the sum. transform (3,): theirs in mine."""
     agreed = conflict = 0.0
     for samples, into, walls in ((theirs.samples, transform, mine), (mine.samples, inverse(transform), theirs)):
         said = _verdicts(samples, into, walls)

@@ -85,26 +85,15 @@ def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: 
 
     rival: score of the best transform that contradicts it and is not among the candidates; 0 without.
     """
-    best, score, second = found.transforms[0], float(found.scores[0]), rival
+    inliers, residual, agreed, conflict, score = (column.tolist()[0] for column in found[1:])
+    best, second = found.transforms[0], rival
     for other, its in zip(found.transforms[1:], found.scores[1:].tolist(), strict=True):
         if apart(best, other, theirs.corners.centre, DISTINCT_M, DISTINCT_RAD):
             second = max(second, its)
             break
     margin = 1.0 - second / score if score > 0.0 else 0.0
-    agreed = float(found.agreement[0])
-    return Alignment(
-        None,
-        "ambiguous",
-        len(found.transforms),
-        int(found.inliers[0]),
-        float(found.residuals[0]),
-        margin,
-        agreed,
-        float(found.conflict[0]),
-        agreed / min(mine.walls.length_m, theirs.walls.length_m),
-        score,
-        pose_of(best),
-    )
+    share, count = agreed / min(mine.walls.length_m, theirs.walls.length_m), len(found.transforms)
+    return Alignment(None, "ambiguous", count, inliers, residual, margin, agreed, conflict, share, score, pose_of(best))
 
 
 def pose_of(transform: Floats) -> Pose:

@@ -23,22 +23,17 @@ INTO, OUT_OF, TURN = 1, 2, 5  # entries of the walls into and out of the corner,
 MIN_WALL_M = 0.03  # shorter walls are left out, as they have no direction: 3 sigma of a corner
 CORNER_SD_M = 0.02  # standard deviation of a nominal corner (two bound an exact length): thrice the filter's noise
 OCCLUSION_SD_M = 0.04  # the same of an occlusion vertex: half the distance of two beams at 3.5 m more
-ANGLE_SD_RAD = math.radians(2.0)
-"""Standard deviation of the angle between two long walls; short ones add the error of their ends."""
+ANGLE_SD_RAD = math.radians(2.0)  # of the angle between two long walls; short ones add the error of their ends
 DISCOUNTS = 0.8 ** np.array([2, 1, 1, 2, 1, 0, 1])
 """(7,) weight of each entry: 0.8 for each step from the corner to the far end of what the entry measures (the discount
 is the paper's, III-C; 0.8 measured)."""
-LOG_WRONG_ENTRY = math.log(0.05)
-"""Share of entries that differ though the corner is the same: a wrong label, or a wall split in two."""
+LOG_WRONG_ENTRY = math.log(0.05)  # share of entries that differ at one corner: a wrong label, or a wall split in two
 LOG_WRONG_BOUND = math.log(0.01)  # share of walls seen longer than they are: less, as noise hardly does that
 LIKE_COS = math.cos(math.radians(20.0))  # walls of two maps are alike where their directions differ by less
 
 
 class Corners(NamedTuple):
-    """The part of a wireframe that is aligned: walls that its owner saw itself, and their ends.
-
-    Metres, in the owner's frame.
-    """
+    """What is aligned of a wireframe: walls that its owner saw itself, and their ends. Metres, the owner's frame."""
 
     points: Floats  # (n, 2) ends of the walls
     true: Bools  # (n,) whether an end is a corner, not a frontier
@@ -180,8 +175,7 @@ def _log_common(one: Corners, lengths_pool: Floats, turns_pool: Floats) -> Float
 
 
 NEGLIGIBLE = -14.0  # an entry with a lower log-likelihood ratio counts as wrong: 1e-6 is little against a share of 0.05
-FAR_OFF = 81.0
-"""Square of nine deviations. Such a difference costs 40 nats; no value is so rare that it could outweigh that."""
+FAR_OFF = 81.0  # square of nine deviations: such a difference costs 40 nats, and no value is so rare as to outweigh it
 
 
 @kernel

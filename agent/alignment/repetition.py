@@ -19,8 +19,7 @@ from agent.geometry.transform import apart, compose, inverse, move
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 
-MAX_PATTERNS = 16
-"""Patterns that are looked at, those with most corners. Measured: 40 find the same rivals, and take twice the time."""
+MAX_PATTERNS = 16  # patterns looked at, those with most corners (40 find the same rivals and take twice the time)
 RIVAL_CONFLICT_WEIGHT = 3.0
 """As CONFLICT_WEIGHT, for rivals. It is less, as a rival stands for others farther on, which the maps do not reach.
 Measured on 1,612 pairs: 0.5 to 3 all hold the bars, 20 leaves 30 % of `symmetric` wrong."""

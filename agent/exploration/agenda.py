@@ -17,9 +17,7 @@ TOUR_TASKS = 40
 
 With 12 of 20 and no haste a robot may turn for ever, as tasks behind it leave the twelve while it drives to others.
 """
-SWITCH_GAIN_M = 1.5
-"""A tour must be better by this many metres of path to replace the task begun, or a robot between two tasks turns for
-ever."""
+SWITCH_GAIN_M = 1.5  # metres of path by which a tour must beat the task begun; with less, a robot may turn for ever
 _FAR_M = 1e6  # stands for no way, as a tour cannot add up infinities
 _LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding errors could go on for ever
 
@@ -60,10 +58,7 @@ def is_end(task: Task) -> bool:
 
 
 def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
-    """Tasks that no teammate is nearer to by path.
-
-    rivals: (k, 3) places of teammates, and metres by which each must be nearer to have a task.
-    """
+    """Tasks that no rival is nearer to by path; rivals: (k, 3) place, and metres by which each must be nearer."""
     if not len(rivals) or not tasks:
         return tasks
     stands = np.array([task.stand for task in tasks])

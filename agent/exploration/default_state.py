@@ -27,18 +27,13 @@ class DefaultStates:
     """The configured default state, which proposes tasks until it has none."""
 
     def __init__(self, config: ExplorationConfig, sweep: Sweep, rng: np.random.Generator) -> None:
-        self.config = config
-        self.sweep = sweep
-        self.rng = rng
+        self.config, self.sweep, self.rng = config, sweep, rng
         self._edges = GoalMemory()
         self._lap: Floats | None = None
         self._vertices, self._vertex_version = 0, -1
 
     def next(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
-        """The next task, or None if the state has come to its end.
-
-        eyes: (k, 2) places from where was looked, the robot's own and its teammates'.
-        """
+        """The next task, None at the state's end; eyes: (k, 2) places from where the robot or teammates looked."""
         state = self.config.default_state
         if state == "perimeter":
             return self._perimeter(scene.wireframe, roads)

@@ -17,8 +17,7 @@ _LOOKAHEAD_STEPS = 10
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
-HORIZON_COMMANDS = 2
-"""The motion must be free for so many commands: this one, and the next in case the answer to a scan comes late."""
+HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and the next if the answer to a scan is late
 _ARC_STEPS = 4  # places on that motion that are checked
 MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
@@ -121,14 +120,9 @@ class Driver:
     """Turns a path and what is seen now into speed and turn rate; keeps nothing between ticks."""
 
     def __init__(self, config: DrivingConfig, spec: RobotSpec) -> None:
-        self.config = config
-        self.spec = spec
+        self.config, self.spec = config, spec
         self.tick_s = 1.0 / spec.lidar.rate_hz
         self.limits = Limits(spec.radius_m + config.wall_air_m, 2.0 * spec.radius_m + config.teammate_air_m)
-
-    def ticks_to_drive(self, metres: float) -> int:
-        """Ticks in which the robot drives so far at full speed; at least one."""
-        return max(1, round(metres / (self.spec.max_speed_mps * self.tick_s)))
 
     def follow(self, path: Floats, pose: Pose, obstacles: Obstacles, clearance_m: float) -> Motion:
         """Command for the next tick along path (k, 2), cutting its corners no closer than the clearance.

@@ -43,8 +43,7 @@ class Command(NamedTuple):
     reason: str  # the state in a few words
     events: list[Event]
     target: tuple[float, float] | None  # where it is going, frame of the map
-    arrived: bool | None = None
-    """Whether the errand that ended in this tick arrived; None while it is under way or there is none."""
+    arrived: bool | None = None  # whether the errand that ended in this tick arrived; None while under way or without
 
 
 class Explorer:
@@ -54,8 +53,7 @@ class Explorer:
     """
 
     def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
-        self.config = config
-        self.spec = spec
+        self.config, self.spec = config, spec
         self.driver = Driver(driving, spec)
         self.surroundings = Surroundings(driving, spec)
         self.viewpoints = Viewpoints()
@@ -65,16 +63,15 @@ class Explorer:
         self.headway = Headway(rng, spec.lidar.rate_hz)
         self.complete = False
         self.target: Target | None = None
-        self._put_back: Target | None = None
-        """The target of the last tick where it is to be compared with others, or its path is no longer good."""
+        self._put_back: Target | None = None  # the last tick's, to be compared anew or with a path no longer good
         self._errand: Floats | None = None
         self._errand_arrived: bool | None = None
         self._events: list[Event] = []
         self._decided_tick, self._decided_version = 0, -1
+        self._reconsider_ticks = max(1, round(RECONSIDER_M / (spec.max_speed_mps * self.driver.tick_s)))
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
-        self._back_off: tuple[int, Floats] = (-1, np.zeros(2))
-        """Tick until which the robot backs off, and the place (2,) where it was stuck."""
+        self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
 
     @property
     def nbytes(self) -> int:
@@ -237,7 +234,7 @@ class Explorer:
 
     def _reconsiders(self, scene: Scene, target: Target) -> bool:
         """Whether the target is to be compared with other tasks, or its path is no longer good."""
-        walls = self.surroundings.lasting_walls(scene)
+        walls = np.vstack((scene.wireframe.segments(), self.surroundings.touch.walls))
         if not still_clear(target.path, walls, target.clearance - GIVE_M):
             return True
         if target.task.kind in ("errand", "retreat", "wait", "park") or not len(self.goals.fresh()):
@@ -246,8 +243,7 @@ class Explorer:
             return False
         if not is_end(target.task) and not self.config.pockets:
             return True
-        due = scene.tick - self._decided_tick >= self.driver.ticks_to_drive(RECONSIDER_M)
-        return due and scene.version != self._decided_version
+        return scene.tick - self._decided_tick >= self._reconsider_ticks and scene.version != self._decided_version
 
     # what to do next
 

@@ -17,9 +17,7 @@ from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
 
-REFRESH_M = 0.13
-"""Open ends move with each scan: they are read in the time of a drive this long, and when the map's structure changes.
-"""
+REFRESH_M = 0.13  # open ends move with each scan: read in each drive this long, and when the map's structure changes
 OTHER_STAND_M = 0.25  # a standing point nearer than this to one that did not help will not help either
 STARE_COST = 0.5  # metres of path that a metre of distance between standing point and goal is worth: nearer sees better
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
@@ -82,8 +80,7 @@ class Goals:
     """The open ends of the map as it was read last, and the memory of those that were given up."""
 
     def __init__(self, attempts: int, spec: RobotSpec) -> None:
-        self.attempts = attempts
-        self.spec = spec
+        self.attempts, self.spec = attempts, spec
         self.memory = GoalMemory()
         self.ends: Ends = open_ends(Wireframe())
         self.refresh_ticks = max(1, round(REFRESH_M * spec.lidar.rate_hz / spec.max_speed_mps))

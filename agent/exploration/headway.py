@@ -9,17 +9,14 @@ LEAST_M = 0.06  # a path that got shorter by less is no progress: one tick and a
 STUCK_S = 4.0  # without progress for this long a robot is stuck; a right-angle turn takes 0.6 s
 WAIT_S = 4.0  # mean wait for a teammate to clear the way; half to one and a half of it is drawn, so that one gives way
 
-
-Pace = Literal["free", "impatient", "stuck"]
-"""How the robot gets on; impatient: a teammate has barred the way for longer than the robot's patience."""
+Pace = Literal["free", "impatient", "stuck"]  # impatient: a teammate has barred the way for longer than the patience
 
 
 class Headway:
     """The shortest that the path ahead has been, and how long nothing has come of driving."""
 
     def __init__(self, rng: np.random.Generator, rate_hz: float) -> None:
-        self.rng = rng
-        self.rate_hz = rate_hz
+        self.rng, self.rate_hz = rng, rate_hz
         self.patience = 0  # ticks that the robot waits for a teammate
         self._least_left_m, self._tick, self._blocked = math.inf, 0, 0
 

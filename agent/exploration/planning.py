@@ -21,8 +21,7 @@ from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
 NODE_OFFSET_M = 0.01  # corners are passed this much wider than the clearance, as walls move a little with each scan
-NODE_SHARE = 1.15
-"""Nodes around a round or thin obstacle stand off by this times the clearance, so that ways between them keep it."""
+NODE_SHARE = 1.15  # nodes stand off a round or thin obstacle by so many clearances, so that ways between them keep it
 GIVE_M = 0.03  # a path stays good while walls come this much nearer than its clearance, and may be cut by as much
 FRONTIER_REACH_M = 0.5  # a wall probably goes on at least this far beyond its frontier end
 FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
@@ -33,8 +32,7 @@ _UNASKED, _BARRED = -2, -1  # of a motion between two points; otherwise the numb
 _FROM_START, _NO_WAY = -1, -2  # of what comes before a goal on its way, where otherwise the row of a node stands
 _START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
 _STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
-_TWO_NODES_RAD = 0.5 * math.pi + 0.1
-"""A corner that sticks out more than a right angle and a little has two nodes, so that ways around it stay short."""
+_TWO_NODES_RAD = 0.5 * math.pi + 0.1  # a sharper corner has two nodes, so that ways around it stay short
 
 
 class Terrain(NamedTuple):

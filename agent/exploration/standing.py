@@ -10,8 +10,7 @@ from protocol.arrays import Floats
 _RINGS_M = (0.3, 0.6)  # distances from an errand's place at which standing points are looked for, in eight directions
 _OFF_COST = 2.0  # metres of path that a metre of distance from an errand's place is worth
 _RETREAT_M = 1.2  # a robot that makes room goes at least this far from the teammate: it can turn off in between
-_PASSING_M = 0.45
-"""Distance from walls of a parked robot: another (0.21 m wide) passes on either side, and no doorway is blocked."""
+_PASSING_M = 0.45  # from walls to a parked robot: another (0.21 m wide) passes on either side; no doorway is blocked
 _PARK_ROOM_M = 1.0  # more room than this is no better for parking: half the width of a corridor of the mazes
 _PARK_GAIN = 4.0  # metres of path that a metre of room is worth: a robot in a doorway of 1 m goes on into the room
 

@@ -35,8 +35,7 @@ class Situation:
     errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
     rivals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
-    viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    """(j, 2) places from where teammates have looked whose maps are merged."""
+    viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +91,7 @@ class Surroundings:
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
-        self.teammates = Teammates(spec)
-        self.touch = Touch(spec, driving)
+        self.teammates, self.touch = Teammates(spec), Touch(spec, driving)
 
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
@@ -107,10 +105,6 @@ class Surroundings:
         walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self.touch.walls)))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
-
-    def lasting_walls(self, scene: Scene) -> Floats:
-        """(m, 4) walls of the map and those found by touch."""
-        return np.vstack((scene.wireframe.segments(), self.touch.walls))
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:
         """Ways from here with room, then tight ones; around teammates or through them, never through unseen walls."""

@@ -25,8 +25,7 @@ OBJECT_BEAMS = 2.4
 of five scans have three, and there are eleven scans between two viewpoints. At 1.9 m every scan has three, but maze-15
 takes 589 s instead of 556 (medians of five starts)."""
 LATTICE_M = 0.6  # distance between standing points considered by the sweep: a quarter of its radius
-LEAST_SAMPLES = 3
-"""Unseen samples, one per square of the smallest object's width, that a stand must show: fewer are a sliver."""
+LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, that a stand must show: fewer are a sliver
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
 _STOOD_M = 0.15  # standing points closer than this to a former one show nothing more

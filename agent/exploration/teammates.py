@@ -19,8 +19,7 @@ STILL_S = 2.0  # a teammate that has not moved for so long is planned around lik
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
 AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
 ROOM_M = 0.045  # air around a teammate that is planned around: with a tight path's, a little more than driving asks
-_FRONT = np.linspace(-1.2, 1.2, 5)
-"""Bearings in radians of the corners of a disc's front, from the direction of the robot that sees it."""
+_FRONT = np.linspace(-1.2, 1.2, 5)  # rad, bearings of the corners of a disc's front from the direction of who sees it
 _SIDES = 8  # corners of the polygon that stands for a teammate; its edges are within 8 % of the disc
 _OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)
 """(n + 1, 2) corners of a polygon around the unit disc, the first one again at the end."""
@@ -44,8 +43,7 @@ class Teammates:
 
     def __init__(self, spec: RobotSpec) -> None:
         """spec: of the robot; teammates have the same body."""
-        self.radius = spec.radius_m
-        self.rate_hz = spec.lidar.rate_hz
+        self.radius, self.rate_hz = spec.radius_m, spec.lidar.rate_hz
         self.known: list[Teammate] = []
         self._fixed: deque[Floats] = deque(maxlen=max(1, round(_FIXED_S * self.rate_hz)))
 

@@ -25,8 +25,7 @@ WALL_HITS = 12.0
 """Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
 step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
 AXIS_TRUST = 0.8  # agreement of directions above which walls are rectilinear; furnished layouts have over 0.95
-OFF_AXIS = math.radians(10.0)
-"""rad to the axis, beyond which a new wall is suspect among rectilinear walls; true ones are within 2 degrees."""
+OFF_AXIS = math.radians(10.0)  # a new wall farther off the axis of rectilinear walls is suspect; true ones are within 2
 OBLIQUE_SD = math.radians(3.0)
 """rad, how well a suspect wall's direction must be known: 3 of it lie between wall and axis. A face of a post of 0.1 m
 needs 44 beams (7 scans from 0.9 m), a smear over a step of 0.05 m 180, before which the step itself is seen."""

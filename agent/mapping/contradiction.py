@@ -19,8 +19,7 @@ BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 CUT_AFTER = 3.0  # scans that see through the same part of a wall before it is cut out
 DROP_AFTER = 8.0  # scans in a row that should have hit a wall on probation and did not, before it is removed
-DROP_GROWTH = 0.3
-"""Further scans that are needed for each scan that hit a wall which has left probation, up to CONFIRMATIONS hits."""
+DROP_GROWTH = 0.3  # further scans for each that hit a wall which has left probation, up to CONFIRMATIONS hits
 SURE_AFTER = 4.0  # scans that hit a wall before it leaves probation
 
 
@@ -74,8 +73,7 @@ def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -
             low, high = min(low, t), max(high, t)
         if faces:
             visible += 1
-            if saw != THROUGH and walls[piece] == e:
-                on += 1  # else another wall stands in its place
+            on += saw != THROUGH and walls[piece] == e  # else another wall stands in its place
     if on == 0:  # a short piece has no beam well inside its ends, and no sample meets it
         for k in range(len(walls)):
             if walls[k] == e:

@@ -13,10 +13,8 @@ from agent.geometry.lines import Record, along, meet
 from agent.kernels import kernel
 from protocol.arrays import Records
 
-FREE, WALL, CANDIDATE = 0, 1, 2
-"""What a record holds: nothing, a wall of the map, or hits on one line that are too few yet to be one."""
-CONFIRMATIONS = 30.0
-"""Views beyond which an end or a wall gets no surer, so that the 50 scans that see a wrong one suffice to undo it."""
+FREE, WALL, CANDIDATE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
+CONFIRMATIONS = 30.0  # views beyond which an end or a wall gets no surer: the 50 scans that see a wrong one can undo it
 PUBLISH_AFTER = 2.0  # scans that must hit a wall before it is in the published map: one may be a false piece
 MIN_WALL_M = 0.05  # shorter remainders of a wall that was cut, and shorter walls of received maps, are left away
 

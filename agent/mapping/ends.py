@@ -12,10 +12,8 @@ from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, WALL, doubt, join, part, set_end, set_tip, settle_corner, tip_at
 from protocol.arrays import Records
 
-END_MARGIN_M = 0.04
-"""Views of one end agree within this: the distance of two beams at 2.3 m, or 4 standard deviations of a range."""
-PATIENCE = 3.0
-"""Views that must speak against an end before it changes. Labels are wrong at 6 % of ends, seldom in three views."""
+END_MARGIN_M = 0.04  # views of one end agree within this: the distance of two beams at 2.3 m, or 4 sd of a range
+PATIENCE = 3.0  # views against an end before it changes: 6 % of labels are wrong, seldom three of one end
 PATIENCE_GROWTH = 0.3  # further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views
 CLOSE_CORNER_M = 0.06  # two open ends this near to where their walls meet form that corner
 PROLONGED_M = 0.1

@@ -70,11 +70,8 @@ def _odds_against(e: int, wall: Record, view: View, walls: Ints) -> float:
     through, missing, on = 0, 0, 0
     for j in range(samples.number):
         saw, piece, faces = look_at_wall(wall, samples.first + j * samples.spacing, view)
-        if saw == THROUGH:
-            through += 1
-        elif saw == ON and faces:
-            if walls[piece] == e:
-                on += 1
-            else:
-                missing += 1
+        through += saw == THROUGH
+        if saw == ON and faces:
+            on += walls[piece] == e
+            missing += walls[piece] != e
     return (THROUGH_ODDS if through > 0 else 0.0) + (MISSING_ODDS if missing > on else 0.0)

@@ -30,8 +30,7 @@ MAX_WALLS = 4096  # a particle takes no new wall beyond; ten times what the larg
 FORGET = 0.98  # share of its past log-weight that a particle keeps per scan: the map is the best of the last 50
 TEMPER = 0.2  # scans in a row share their errors, so each counts only as this part of an independent one
 RESAMPLE_BELOW = 0.5  # resample when the effective sample size falls below this share of the particles; the usual half
-PATIENCE_SPREAD = 0.5
-"""Particles draw their patience, a factor on the scans that it takes to change a map, from 1 - this to 1 + this."""
+PATIENCE_SPREAD = 0.5  # a particle's patience, a factor on the scans that change a map, is from 1 - this to 1 + this
 COVARIANCE_FLOOR = 1e-8  # m2 and rad2 added to the pose's covariance in each step, so that it is never singular
 
 

@@ -17,12 +17,10 @@ from agent.mapping.edges import line_sd, spread, tip_at
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
 
-AXIS_SD = math.radians(0.5)
-"""rad, how well rectilinear walls keep their axis; the outer walls of eight real layouts do within 0.3 degrees."""
+AXIS_SD = math.radians(0.5)  # of rectilinear walls about their axis; outer walls of eight real layouts: 0.3 degrees
 HEADING_TRUST = 0.95  # agreement of the walls' directions above which their axis holds the heading
 MAX_OFF_AXIS = 0.2  # rad, a piece that is more oblique belongs to no wall on the axis
-WALL_FLOOR = math.radians(0.2)
-"""rad, how well the direction of a mapped wall is known at best, beside its covariance; walls are not straight."""
+WALL_FLOOR = math.radians(0.2)  # least sd of a wall's direction, beside its covariance: walls are not straight
 MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
 ROUNDS = 3  # Gauss-Newton steps: weights and directions depend on the pose, which is near to the prediction
 

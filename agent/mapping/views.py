@@ -11,8 +11,7 @@ from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 
 UNSEEN, THROUGH, ON = 0, 1, 2  # what a scan saw at a point: it does not tell, free space, or a wall
-GRAZING = math.sin(math.radians(8.0))
-"""Sine of the flattest angle at which a wall is expected to be seen: a flatter ray may as well pass beside it."""
+GRAZING = math.sin(math.radians(8.0))  # flattest view that is expected to show a wall: a flatter ray may pass beside
 STEP_M = 0.08  # distance of the samples at which a wall is compared with a scan: half the thickness of a usual wall
 MARGIN_M = 0.035  # a wall this near to what was seen is what was seen, at least: 3.5 sd of the default lidar's ranges
 END_SKIP_M = 0.05  # the ends of a wall are not compared with a scan: their place is known to about a beam

@@ -6,10 +6,8 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
-SEEN_SCANS = 4
-"""A disc is expected in so many scans after the last that saw it: one of ten misses it, four in a row almost never."""
-STILL_SCANS = 15
-"""A disc that has not moved for so many scans while nobody is heard is a post; an exploring robot stands for four."""
+SEEN_SCANS = 4  # scans for which a disc seen no more is expected: one in ten misses it, four in a row almost never
+STILL_SCANS = 15  # a disc still for so many scans while nobody is heard is a post; an exploring robot stands for four
 STILL_M = 0.06  # ... nor by more than this: the spread of a disc from scan to scan; a teammate drives it in 0.3 s
 SILENCE_S = 21.0  # nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120
 MAX_POSTS = 200  # posts kept, the newest (16 bytes each): a hall has a dozen
@@ -21,8 +19,7 @@ class SeenDiscs:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._step_m = spec.max_speed_mps / spec.lidar.rate_hz
-        self._seen = np.zeros((0, 4))
-        """(k, 4) x, y in metres, scans since the disc was last seen, and scans that had seen it in a row before."""
+        self._seen = np.zeros((0, 4))  # (k, 4) x, y in m, scans since last seen, and scans in a row that saw it before
 
     def expected(self, pose: Pose) -> Floats:
         """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""

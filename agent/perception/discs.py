@@ -97,19 +97,17 @@ def _span(turn: Turn, disc: Disc) -> tuple[int, int]:
 
 
 @kernel
-def _from_centre(turn: Turn, k: int, cb: float, sb: float) -> tuple[float, float]:
-    """Cosine and sine of the angle from a bearing (cosine cb, sine sb) to beam k of the turn."""
+def _off(turn: Turn, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
+    """By how much the range of beam k exceeds that of a disc at a bearing (cosine cb, sine sb).
+
+    With the cosine and sine of the angle from the disc's centre to the beam.
+    """
     x, y = turn.rays[k, 0], turn.rays[k, 1]
-    return x * cb + y * sb, y * cb - x * sb
-
-
-@kernel
-def _off(turn: Turn, k: int, distance: float, c: float, s: float) -> float:
-    """By how much the range of beam k exceeds that of a disc whose centre lies off it by the angle (cos c, sin s)."""
+    c, s = x * cb + y * sb, y * cb - x * sb
     side, radius = distance * s, turn.radius
     if c < 0 or abs(side) >= radius:
-        return -math.inf
-    return turn.ranges[k] - distance * c + math.sqrt(radius * radius - side * side)
+        return -math.inf, c, s
+    return turn.ranges[k] - distance * c + math.sqrt(radius * radius - side * side), c, s
 
 
 @kernel
@@ -119,9 +117,7 @@ def _fit_of(turn: Turn, disc: Disc) -> Fit:
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     on, squares, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        beam = k % len(turn.ranges)
-        c, s = _from_centre(turn, beam, cb, sb)
-        off = _off(turn, beam, disc.distance, c, s)
+        off, _, _ = _off(turn, k % len(turn.ranges), disc.distance, cb, sb)
         if abs(off) < turn.near:
             on += 1
             squares += off * off
@@ -144,9 +140,7 @@ def _better(turn: Turn, disc: Disc) -> Disc:
     cb, sb = math.cos(bearing), math.sin(bearing)
     low, high = _span(turn, disc)
     for k in range(low, high + 1):
-        beam = k % len(turn.ranges)
-        c, s = _from_centre(turn, beam, cb, sb)
-        off = _off(turn, beam, distance, c, s)
+        off, c, s = _off(turn, k % len(turn.ranges), distance, cb, sb)
         if abs(off) <= turn.near:
             side = distance * s
             root = math.sqrt(radius * radius - side * side)
@@ -168,8 +162,7 @@ def _is_line(turn: Turn, disc: Disc, fitted: Fit) -> bool:
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(fitted.first, fitted.last + 1):
         beam = k % len(turn.ranges)
-        c, s = _from_centre(turn, beam, cb, sb)
-        if abs(_off(turn, beam, disc.distance, c, s)) < turn.near:
+        if abs(_off(turn, beam, disc.distance, cb, sb)[0]) < turn.near:
             run[m], angle[m] = turn.ranges[beam], k * turn.step
             m += 1
     return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], turn.noise)[m])[2] < fitted.squares / turn.noise**2

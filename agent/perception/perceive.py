@@ -103,20 +103,12 @@ def perceive(
 @kernel
 def _sectors(marked: Bools, least: int) -> Floats:
     """(s, 2) rad: runs of at least so many marked beams of a full turn."""
-    n = len(marked)
+    n, unmarked = len(marked), np.flatnonzero(~marked)
     step = 2 * math.pi / n
-    out = np.empty((n, 2))
-    count = 0
-    start = -1
-    for k in range(n):
-        if not marked[k]:
-            start = k
-            break
-    if start < 0:
-        out[0, 0], out[0, 1] = 0.0, 2 * math.pi
-        return out[:1].copy()
-    run = 0
-    for k in range(start, start + n + 1):
+    if len(unmarked) == 0:
+        return np.array([[0.0, 2 * math.pi]])
+    out, count, run = np.empty((n, 2)), 0, 0
+    for k in range(unmarked[0], unmarked[0] + n + 1):
         if marked[k % n]:
             run += 1
             continue

@@ -14,8 +14,7 @@ from protocol.arrays import Bools, Floats, Ints, Records
 LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
 MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
-EDGE_OF_RANGE_SIGMAS = 1.5
-"""A wall predicted this near to the lidar's range, in standard deviations, may give no return though it is there."""
+EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the lidar's range may give no return
 MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
 
 

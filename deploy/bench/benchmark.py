@@ -64,12 +64,12 @@ def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], ou
     for case, reason in failed.items():
         console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
-    met = {section.name: section.met for section in sections}
-    found = {section.name: section.as_dict() for section in sections}
+    met = {section.table.name: section.met for section in sections}
+    found = {section.table.name: section.as_dict() for section in sections}
     document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), **machine}
     document |= {"met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     for section in sections:
-        section.draw(out.with_name(f"{out.stem}-{section.name}.png"))
+        section.draw(out.with_name(f"{out.stem}-{section.table.name}.png"))
     console.print(f"written to {out}", highlight=False)

@@ -18,11 +18,9 @@ from world.maze import generate
 from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
-PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]
-"""Those of them without furniture."""
+PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]  # unfurnished
 FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]  # those with furniture
-KEEP = Path(gettempdir()) / "wireswarm-bench"
-"""Folder of files that are too large for the repository or intermediate; made again where they are missing."""
+KEEP = Path(gettempdir()) / "wireswarm-bench"  # folder of large or intermediate files; made again where missing
 
 
 def path_of(name: str) -> str:

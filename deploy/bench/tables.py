@@ -56,11 +56,6 @@ def spread(runs: Runs, key: str) -> str:
     return f"{min(values):.0f}-{max(values):.0f}" if values else "-"
 
 
-def at(key: str, reduce: Reduce = only) -> Reduce:
-    """The figure of another key than the column's."""
-    return lambda runs, _: reduce(runs, key)
-
-
 def share(holds: Callable[[Figures], object]) -> Reduce:
     """Share of the runs of which something holds."""
     return lambda runs, _: sum(map(bool, map(holds, runs))) / len(runs)
@@ -137,11 +132,6 @@ class Section:
     note: str
     rows: Sequence[Row]
     judged: Sequence[bool]  # which rows have bars
-
-    @property
-    def name(self) -> str:
-        """The table's."""
-        return self.table.name
 
     def missed(self, number: int) -> list[str] | None:
         """Keys of the bars that a row misses; None where it has none."""

@@ -9,8 +9,7 @@ from deploy.bench.tables import Outcomes, Row, Table, columns, grouped, row_of, 
 from world.maze import MAX_SIDE_M, MIN_SIDE_M, generate
 
 MAZES = 50
-CEILING_S_M2 = 4.5
-"""Simulated seconds that a square metre may take: 1000 s for 15 m x 15 m. The median of `maze-15` may be 600 s."""
+CEILING_S_M2 = 4.5  # simulated s that a m2 may take: 1000 s for 15 m x 15 m, where the median of `maze-15` may be 600 s
 
 
 def measure_maze(seed: int) -> Figures:

@@ -13,8 +13,7 @@ BUNDLED = ["apartment", "hall", "maze-15", "office", "symmetric"]
 SEEDS = 5
 LIMIT_S = 4000.0  # simulated seconds after which a run counts as not finished: twice what the largest layout takes
 MAZE_15_S = 600.0  # median time to complete in maze-15
-STATE_WORLDS = ["hall", "maze-15"]
-"""For default states: one with pillars that stand free and are out of range from the walls, and one without."""
+STATE_WORLDS = ["hall", "maze-15"]  # for default states: with free pillars out of range from the walls, and without
 STATE_SEEDS = 3
 
 
@@ -29,8 +28,7 @@ def seeds(quick: bool) -> range:
 
 
 def cases(quick: bool) -> list[Case]:
-    """Every layout from every start, all layouts once before any twice; some with the four default states of the paper
-    and ours."""
+    """Every layout from every start, all layouts once before any twice; some with each default state."""
     fixed = {"limit_s": LIMIT_S, "starts": "random"}
     made = each("runs/{world}/{seed}", measure_run, fixed, seed=seeds(quick), world=worlds(quick))
     for world, state in product([] if quick else STATE_WORLDS, get_args(DefaultState)):
@@ -51,13 +49,8 @@ def _ends(name: str, title: str, furnished: bool, recall: float, precision: floa
         complete=complete,
     )
     which = f"(?{'=' if furnished else '!'}(?:{'|'.join(FURNISHED)})/)"
-    return Table(
-        name,
-        title,
-        f"runs/{which}{{world}}/*",
-        heads,
-        note="Worst of the runs; complete: share that ended so, with a reason.",
-    )
+    note = "Worst of the runs; complete: share that ended so, with a reason."
+    return Table(name, title, f"runs/{which}{{world}}/*", heads, note=note)
 
 
 TABLES = [

@@ -46,14 +46,8 @@ def _table(name: str, title: str, bars: tuple[float | None, ...], beside: str = 
         "step_ms_median most",
         complete=lambda runs, _: sum(run["ended"] == "complete" for run in runs),
     )
-    return Table(
-        name,
-        title,
-        name + "/{world}/*",
-        heads,
-        judged=lambda row: not re.fullmatch(beside, row["world"]),
-        note="Each figure is the worst of the runs.",
-    )
+    judged, note = lambda row: not re.fullmatch(beside, row["world"]), "Each figure is the worst of the runs."
+    return Table(name, title, name + "/{world}/*", heads, judged=judged, note=note)
 
 
 # uday_building has steps of a few centimetres, which the bar is not for

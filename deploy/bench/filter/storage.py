@@ -32,10 +32,10 @@ def measure_storage(world: str, limit_s: float) -> Figures:
     wireframe = mind.wireframe()
     codec = len(encode_wireframe(wireframe))
     sizes = {"codec": codec, "one particle": round(mind.nbytes / len(mind.edges)), "whole filter": mind.nbytes}
+    grids = {which: (size, _grid(run, _cell_for(run, size))) for which, size in sizes.items()}
+    grids["codec, zlib"] = codec, _compressed_grid(run, codec)
     ours = score_walls(wireframe.segments(), run.truth)._asdict()
-    grids = {which: _grid_figures(_grid(run, _cell_for(run, size)), size, run.truth) for which, size in sizes.items()}
-    grids["codec, zlib"] = _grid_figures(_compressed_grid(run, codec), codec, run.truth)
-    return {"ours": ours, "sizes": sizes, "grids": grids}
+    return {"rows": [{"storage": which, **_row(ours, *grid, run.truth)} for which, grid in grids.items()]}
 
 
 def _box(run: ScanRecording) -> tuple[float, float, float, float]:
@@ -72,14 +72,17 @@ def _compressed_grid(run: ScanRecording, size: int) -> OccupancyGrid:
     return best
 
 
-def _grid_figures(grid: OccupancyGrid, size: int, truth: Truth) -> Figures:
-    """Score of a grid's occupied cells."""
+def _row(ours: Figures, size: int, grid: OccupancyGrid, truth: Truth) -> Row:
+    """Score of the occupied cells of a grid of that size in bytes, beside ours."""
     cells = grid.occupied()
     lines = shapely.linestrings(truth.outline.reshape(-1, 2, 2))
     nearest = shapely.STRtree(lines).nearest(shapely.points(cells)) if len(cells) else np.zeros(0, np.intp)
     half = 0.5 * grid.cell_m * directions(truth.outline[nearest])
-    walls = score_walls(np.hstack([cells - half, cells + half]), truth)
-    return {**walls._asdict(), "cell_m": grid.cell_m, "bytes": size}
+    walls: Figures = score_walls(np.hstack([cells - half, cells + half]), truth)._asdict()
+    row: Row = {"bytes": size, "cell_m": grid.cell_m, "ours_rmse_m": ours["rmse_m"]}
+    row |= {f"grid_{key}": walls[key] for key in ("recall", "precision", "rmse_m")}
+    row |= {f"{key}_ahead": ours[key] - walls[key] for key in ("recall", "precision")}
+    return row | {"rmse_ahead_m": walls["rmse_m"] - ours["rmse_m"]}
 
 
 def cases(quick: bool) -> list[Case]:
@@ -91,15 +94,8 @@ def cases(quick: bool) -> list[Case]:
 
 def _rows(figures: Outcomes) -> list[Row]:
     """A row a layout and size."""
-    rows: list[Row] = []
-    for world, (found,) in by_label(figures, "storage/{world}").items():
-        for which, grid in found["grids"].items():
-            row = {"world": world, "storage": which, "bytes": grid["bytes"], "cell_m": grid["cell_m"]}
-            row |= {f"grid_{key}": grid[key] for key in ("recall", "precision", "rmse_m")}
-            row |= {f"{key}_ahead": found["ours"][key] - grid[key] for key in ("recall", "precision")}
-            rmse_m = found["ours"]["rmse_m"]
-            rows.append({**row, "ours_rmse_m": rmse_m, "rmse_ahead_m": grid["rmse_m"] - rmse_m})
-    return rows
+    found = by_label(figures, "storage/{world}").items()
+    return [{"world": world} | row for world, (run,) in found for row in run["rows"]]
 
 
 TABLES = [

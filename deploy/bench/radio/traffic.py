@@ -21,8 +21,7 @@ from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, m
 
 BAD = [{"kind": "bernoulli", "loss": 0.3}, {"kind": "latency", "ticks": 5}, {"kind": "capacity", "bytes_per_s": 5000}]
 """30 % loss, 1 s of latency, 5 kB/s."""
-JUDGED = "3 robots in maze-15"
-"""What the bars on bytes are for; a quick bench has a smaller run, in which first contacts weigh more."""
+JUDGED = "3 robots in maze-15"  # what the bars are for; in the smaller run of a quick bench first contacts weigh more
 FALSE_M, FALSE_DEG = 0.3, 5.0  # an accepted transform farther off is false: walls of two rooms are farther apart
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from deploy.bench.benchmark import Benchmark, report
 from deploy.bench.cases import ROOT
-from deploy.bench.tables import Table, at, columns, grouped, share, spread, total
+from deploy.bench.tables import Table, columns, grouped, share, total
 from deploy.cli import BENCHMARKS
 
 
@@ -42,15 +42,14 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
     }
     assert grouped(figures, "runs/{world}/*")[0] == ({"world": "a"}, [figures["runs/a/0"], figures["runs/a/1"]])
     heads = columns(
-        "world; t median <= 3: median t; spread; ok; sum",
-        spread=at("t", spread),
+        "world; t median <= 3: median t; t_spread spread: spread; ok; sum",
         ok=share(lambda run: run["ok"]),
-        sum=at("t", total),
+        sum=lambda runs, _: total(runs, "t"),
     )
     assert [column.head for column in heads] == ["world", "median t", "spread", "ok", "sum"]
     table = Table("one", "One", "runs/{world}/*", heads, total="all", judged=lambda row: row["world"] != "b")
     section = table.section(figures)
-    assert section.rows[0] == {"world": "a", "t": 1.5, "spread": "1-2", "ok": 1.0, "sum": 3}
+    assert section.rows[0] == {"world": "a", "t": 1.5, "t_spread": "1-2", "ok": 1.0, "sum": 3}
     assert section.rows[2]["world"] == "all" and section.rows[2]["sum"] == 8
     assert [section.missed(k) for k in range(3)] == [[], None, []]
     report("some", [section], {}, tmp_path / "some.json")
