@@ -6,7 +6,5 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-Labels = NDArray[np.uint8]
-"""Of protocol.wireframe.Label."""
-Records = NDArray[np.void]
-"""Rows with named fields, such as walls of the filter or pieces of a scan."""
+Labels = NDArray[np.uint8]  # of protocol.wireframe.Label
+Records = NDArray[np.void]  # rows with named fields, such as walls of the filter or pieces of a scan

@@ -2,8 +2,7 @@
 
 from protocol.errors import ProtocolError
 
-MAX_PREFIX = 28
-"""Zeros before an exponential-Golomb number; a larger number stands in no map (ours)."""
+MAX_PREFIX = 28  # zeros before an exponential-Golomb number; a larger number stands in no map (ours)
 
 
 def folded(value: int) -> int:

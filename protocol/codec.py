@@ -8,10 +8,8 @@ from pydantic import ValidationError
 from protocol.errors import ProtocolError
 from protocol.messages import Message
 
-MAX_FRAME_BYTES = 1 << 20
-"""The transport refuses larger frames (protocol.session). A map of 20,000 vertices has 360 kB."""
-MAX_MESSAGE_BYTES = MAX_FRAME_BYTES - 4096
-"""Room in a frame beside key and framing, which take less than 100 B (ours)."""
+MAX_FRAME_BYTES = 1 << 20  # the transport refuses larger frames (protocol.session). A map of 20,000 vertices has 360 kB
+MAX_MESSAGE_BYTES = MAX_FRAME_BYTES - 4096  # room in a frame beside key and framing, which take less than 100 B (ours)
 
 M = TypeVar("M", bound=Message)
 

@@ -12,13 +12,10 @@ from protocol import keys
 class Arrival(NamedTuple):
     """One thing that came in."""
 
-    what: str
-    """Last part of its key, or one of the inbox's own words such as Inbox.STOP."""
-    robot: str = ""
-    """ID in its key."""
+    what: str  # last part of its key, or one of the inbox's own words such as Inbox.STOP
+    robot: str = ""  # ID in its key
     payload: bytes = b""
-    query: zenoh.Query | None = None
-    """The question that waits for a reply, if it is one."""
+    query: zenoh.Query | None = None  # the question that waits for a reply, if it is one
 
 
 class Inbox(SimpleQueue[Arrival]):

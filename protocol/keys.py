@@ -25,14 +25,10 @@ JOIN = "join"
 ALL_PUBLIC = "world/pub/**"
 ALL_TRUTH = "world/truth/**"
 
-WORLD_ALIVE = "world/pub/alive"
-"""Liveliness token of the world, by which robots tell a dead world from a slow one."""
-CLOCK = "world/pub/clock"
-"""Tick and status of the robots, for anybody."""
-LINKS = "world/pub/links"
-"""Who hears whom, for anybody; positions are not in it."""
-PROGRESS = "world/truth/progress"
-"""Coverage. It is judged against the truth, so no robot may read it."""
+WORLD_ALIVE = "world/pub/alive"  # liveliness token of the world, by which robots tell a dead world from a slow one
+CLOCK = "world/pub/clock"  # tick and status of the robots, for anybody
+LINKS = "world/pub/links"  # who hears whom, for anybody; positions are not in it
+PROGRESS = "world/truth/progress"  # coverage. It is judged against the truth, so no robot may read it
 
 
 def to_robot(robot: str, channel: str = "**") -> str:

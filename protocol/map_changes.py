@@ -27,8 +27,7 @@ class VertexRun(NamedTuple):
 
     origin: VertexOrigin
     length: int
-    row: int
-    """The first one's row in the base; -1 for NEW."""
+    row: int  # the first one's row in the base; -1 for NEW
 
     @property
     def rows(self) -> range:
@@ -41,8 +40,7 @@ class Changes(NamedTuple):
 
     built: dict[int, list[VertexRun]]
     """Those chains of the new map that are not in the base, in the order in which they cost the fewest bits."""
-    dropped: list[int]
-    """Chains of the base that are gone, but those from which a run takes vertices."""
+    dropped: list[int]  # chains of the base that are gone, but those from which a run takes vertices
 
 
 def changes(new: GridMap, base: GridMap) -> Changes:

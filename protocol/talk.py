@@ -9,19 +9,14 @@ from protocol.geometry import Pose
 from protocol.wireframe import MAX_COORDINATE_M
 
 BEACON = "beacon"
-MAP = "map"
-"""A whole map."""
-DELTA = "delta"
-"""The changes since a map that the receiver has acknowledged."""
-RESEND = "resend"
-"""Parts of a map or of changes that are sent again because they were not acknowledged in time."""
+MAP = "map"  # a whole map
+DELTA = "delta"  # the changes since a map that the receiver has acknowledged
+RESEND = "resend"  # parts of a map or of changes that are sent again because they were not acknowledged in time
 ACK = "ack"
 
 VERSION = 1
-MAX_PARTS = 64
-"""Parts of one map (ours): room for 75 kB. A map of 20,000 vertices needs 60."""
-MAX_BODY = 65_536
-"""Bytes of one map in all its parts (ours)."""
+MAX_PARTS = 64  # parts of one map (ours): room for 75 kB. A map of 20,000 vertices needs 60
+MAX_BODY = 65_536  # bytes of one map in all its parts (ours)
 
 _BEACON = struct.Struct("<BIiiH")
 _TURN = 65_536
@@ -33,8 +28,7 @@ class Beacon(NamedTuple):
     """The sender's pose."""
 
     tick: int
-    pose: Pose
-    """Of the sender in its own frame: to 1 mm and 0.006 degrees."""
+    pose: Pose  # of the sender in its own frame: to 1 mm and 0.006 degrees
 
     def encode(self) -> bytes:
         """15 bytes."""
@@ -58,14 +52,10 @@ class Beacon(NamedTuple):
 class Part(NamedTuple):
     """One part of a map, or of changes to one, that fits into a message."""
 
-    version: int
-    """Tick of the sender's map. A newer map has a higher version, even after the sender was started again."""
-    base: int
-    """Version to which the changes apply, which the receiver has acknowledged; 0 for a whole map."""
-    number: int
-    """Of this part, from 0."""
-    parts: int
-    """Number of parts."""
+    version: int  # tick of the sender's map. A newer map has a higher version, even after the sender was started again
+    base: int  # version to which the changes apply, which the receiver has acknowledged; 0 for a whole map
+    number: int  # of this part, from 0
+    parts: int  # number of parts
     body: bytes
 
     def encode(self) -> bytes:

@@ -15,14 +15,10 @@ from protocol.errors import ProtocolError
 from protocol.talk import check_version, first_byte, take_varint, varint
 from protocol.wireframe import MAX_COORDINATE_M
 
-VIEWS = "views"
-"""Kind of message, as in radio.csv."""
-CELL_M = 0.1
-"""A robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen."""
-MAX_VIEWPOINTS = 4000
-"""Of one message: 2 km of path (ours)."""
-_ASKS = 1
-"""Flag in the lowest bit of the first byte."""
+VIEWS = "views"  # kind of message, as in radio.csv
+CELL_M = 0.1  # a robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen
+MAX_VIEWPOINTS = 4000  # of one message: 2 km of path (ours)
+_ASKS = 1  # flag in the lowest bit of the first byte
 _COUNT, _FIRST, _STEP = 4, 6, 1
 """Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
 
@@ -30,8 +26,7 @@ _COUNT, _FIRST, _STEP = 4, 6, 1
 class AskViews(NamedTuple):
     """The question for a peer's viewpoints that are not known yet."""
 
-    since: int
-    """Tick of the last viewpoint that is known; 0 for none."""
+    since: int  # tick of the last viewpoint that is known; 0 for none
 
     def encode(self) -> bytes:
         """Two to seven bytes."""
@@ -41,11 +36,9 @@ class AskViews(NamedTuple):
 class Views(NamedTuple):
     """Where the sender has looked from after one tick and until another."""
 
-    since: int
-    """0: the list is whole, and replaces what was told before."""
+    since: int  # 0: the list is whole, and replaces what was told before
     until: int
-    cells: Ints
-    """(k, 2) in units of CELL_M, the sender's own frame."""
+    cells: Ints  # (k, 2) in units of CELL_M, the sender's own frame
 
     @property
     def points(self) -> Floats:
@@ -98,10 +91,8 @@ def decode_views(data: bytes) -> AskViews | Views:
 class Looked(NamedTuple):
     """Where a robot itself has looked from."""
 
-    ticks: Sequence[int] = ()
-    """(k,) rising: when it was there."""
-    places: Sequence[tuple[float, float]] = ()
-    """(k,) metres, its own frame."""
+    ticks: Sequence[int] = ()  # (k,) rising: when it was there
+    places: Sequence[tuple[float, float]] = ()  # (k,) metres, its own frame
 
     def between(self, since: int, until: int, mtu: int) -> Views | None:
         """What there is to tell in a message of at most mtu bytes, the oldest first; None without anything.

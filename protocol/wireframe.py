@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from protocol.arrays import Bools, Floats, Labels
 from protocol.errors import ProtocolError
 
-MAX_VERTICES = 20_000
-"""Bounds memory (ours). A building of 600 m2 has 200 vertices."""
-MAX_COORDINATE_M = 10_000.0
-"""No robot of 0.2 m/s gets farther (ours)."""
+MAX_VERTICES = 20_000  # bounds memory (ours). A building of 600 m2 has 200 vertices
+MAX_COORDINATE_M = 10_000.0  # no robot of 0.2 m/s gets farther (ours)
 
 _HEADER = struct.Struct("<4sBII")
 _MAGIC = b"WSWF"
@@ -24,12 +22,9 @@ _VERSION = 1
 class Label(IntEnum):
     """What is known of a vertex (paper III-A)."""
 
-    NOMINAL = 0
-    """A true corner of which both walls were seen."""
-    OCCLUSION = 1
-    """A true corner at a jump in range: the wall turns away there and hides what lies behind."""
-    FRONTIER = 2
-    """No corner: a wall goes on there, unseen."""
+    NOMINAL = 0  # a true corner of which both walls were seen
+    OCCLUSION = 1  # a true corner at a jump in range: the wall turns away there and hides what lies behind
+    FRONTIER = 2  # no corner: a wall goes on there, unseen
 
     @property
     def word(self) -> str:
@@ -37,8 +32,7 @@ class Label(IntEnum):
         return self.name.lower()
 
 
-LABELS = {label.word: label for label in Label}
-"""Labels by their word in files."""
+LABELS = {label.word: label for label in Label}  # labels by their word in files
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +44,7 @@ class Wireframe:
 
     points: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(n, 2) metres, usually in the own frame of the robot whose map it is."""
-    labels: Labels = field(default_factory=lambda: np.zeros(0, np.uint8))
-    """(n,) of Label."""
+    labels: Labels = field(default_factory=lambda: np.zeros(0, np.uint8))  # (n,) of Label
     edges: NDArray[np.int32] = field(default_factory=lambda: np.zeros((0, 2), np.int32))
     """(m, 2) vertex indices, from and to."""
     likelihood: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))

@@ -12,17 +12,13 @@ from protocol.arrays import Floats, Ints
 from protocol.messages import LidarSpec
 from protocol.walls import lengths, repeated
 
-CELL_M = 1.0
-"""The walls within range are looked up once for each cell of this size."""
-CHUNK = 20
-"""Robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time."""
+CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
+CHUNK = 20  # robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time
 
-NOTHING, DISC = -1, -2
-"""In place of a wall's index: the beam met nothing within range, or a teammate."""
+NOTHING, DISC = -1, -2  # in place of a wall's index: the beam met nothing within range, or a teammate
 _ROUNDING_BEAMS = 1e-9
 """Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
-_TOUCHING_M = 1e-9
-"""A lidar nearer than this to a wall, or to its straight continuation, stands on it."""
+_TOUCHING_M = 1e-9  # a lidar nearer than this to a wall, or to its straight continuation, stands on it
 
 
 class Lidar:

@@ -5,11 +5,9 @@ from typing import Any
 
 import numpy as np
 
-MIN_SIDE_M, MAX_SIDE_M = 8.0, 20.0
-"""Smaller mazes have no branches; larger ones take robots of 0.22 m/s an hour."""
+MIN_SIDE_M, MAX_SIDE_M = 8.0, 20.0  # smaller mazes have no branches; larger ones take robots of 0.22 m/s an hour
 
-CORRIDOR_M, THICKNESS_M = 2.0, 0.15
-"""Width of corridors, about, and of walls."""
+CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls
 
 
 def generate(

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-FRAME_BYTES = 12
-"""Zenoh's overhead of a message on a declared key, beside the field for the length of the payload."""
+FRAME_BYTES = 12  # Zenoh's overhead of a message on a declared key, beside the field for the length of the payload
 
 _RECEIVED_AT, _SENT_AT = 128, 200
 """Offsets of bytes_received and bytes_sent in tcp_info (linux/tcp.h, since Linux 4.19)."""
@@ -28,8 +27,7 @@ class Flow:
 
     messages: int = 0
     payload: int = 0
-    overhead: int = 0
-    """Bytes that Zenoh adds, as computed."""
+    overhead: int = 0  # bytes that Zenoh adds, as computed
 
     def add(self, size: int, suffix: int) -> None:
         """Count a message: bytes of its payload, and bytes of its key."""
