@@ -3,13 +3,13 @@
 Units: metres, radians, seconds; a pose is (x, y, theta), counter-clockwise.
 """
 
-import math
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints
 
 from protocol.arrays import Floats
+from protocol.settings import MAX_NUMBER
 
 PROTOCOL_VERSION = 1
 
@@ -34,7 +34,7 @@ Payload = Annotated[bytes, Field(max_length=2**20)]
 
 
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
-    """The value, if it is JSON, finite and small. It is walked without recursion, so that no depth is a danger."""
+    """The value, if it is JSON, bounded and small. It is walked without recursion, so that no depth is a danger."""
     left = MAX_EVENT_NODES
     level: list[Any] = [value]
     for _ in range(MAX_EVENT_DEPTH):
@@ -51,8 +51,8 @@ def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
                     if len(node) > MAX_TEXT:
                         raise ValueError(f"a text of more than {MAX_TEXT} characters")
                 case float():
-                    if not math.isfinite(node):
-                        raise ValueError("not finite")
+                    if not abs(node) <= MAX_NUMBER:  # NaN is not
+                        raise ValueError(f"not within {MAX_NUMBER:g}")
                 case bool() | int() | None:
                     pass
                 case _:
@@ -74,7 +74,7 @@ def _ranges(value: bytes) -> bytes:
     return value
 
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Finite = Annotated[float, Field(ge=-MAX_NUMBER, le=MAX_NUMBER, allow_inf_nan=False)]
 FinitePose = Annotated[tuple[Finite, Finite, Finite], Strict(False)]
 
 
@@ -205,7 +205,7 @@ class Event(Message):
 
     event: Kind
     data: Annotated[dict[str, Any], AfterValidator(_bounded_json)] = {}
-    """JSON values, finite and of limited size."""
+    """JSON values, numbers within MAX_NUMBER, of limited size."""
 
 
 class Action(Message):

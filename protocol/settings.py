@@ -1,4 +1,4 @@
-"""The base of all settings, and their types."""
+"""The base of all settings, their types, and the largest number."""
 
 from typing import Annotated
 
@@ -11,6 +11,10 @@ class Config(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+MAX_NUMBER = 1e9
+"""Bounds the numbers of settings and messages, so that no sum, mean or square of them overflows (ours). Nothing in a
+building is larger in any unit."""
+
+Positive = Annotated[float, Field(gt=0, le=MAX_NUMBER, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, le=MAX_NUMBER, allow_inf_nan=False)]
 Chance = Annotated[float, Field(ge=0, le=1)]

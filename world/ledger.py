@@ -1,5 +1,6 @@
 """What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import median
@@ -8,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats, Ints
-from protocol.messages import EVERYONE, Action
+from protocol.messages import EVERYONE, Action, Event
 from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
@@ -24,6 +25,10 @@ Fields = Mapping[str, Any]
 
 METRICS_S = 1.0
 """Simulated time between the rows of metrics.csv."""
+EVENT_BYTES = 256 * 1024
+"""Bytes of events.jsonl that a robot may write at once (ours). An honest one writes 600 in a tick, and 40 a second."""
+EVENT_BYTES_PER_S = 1024
+"""... and that it may write more for each simulated second."""
 
 
 class Look(NamedTuple):
@@ -58,6 +63,8 @@ class Ledger:
         self._maps: dict[str, Wireframe] = {}
         self._last: dict[str, Action] = {}
         self._step_ms: dict[str, list[float]] = {robot: [] for robot in robots}
+        self._event_bytes: Counter[str] = Counter()
+        self._muted: set[str] = set()
         self._recorder = Recorder(out, world, robots, starts, spec.radius_m, spec.lidar.range_max_m) if out else None
 
     def look(self, tick: int, look: Look, poses: Floats) -> None:
@@ -81,14 +88,25 @@ class Ledger:
         if not self._recorder:
             return
         t = self._t(tick)
-        for event in action.events:
-            self._recorder.event(t, tick, robot, event.event, event.data)
+        self._write_events(t, tick, robot, action.events)
         if robot in self._maps and self._due(tick, self._snapshot_s):
             self._recorder.snapshot(t, robot, self._maps[robot])
         # to whom something new of the map is told: what other forms of the map are charged for
         told = {send.to for send in outputs.sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}
         if robot in self._maps and told:
             self._recorder.update(t, tick, robot, sorted(told, key=self._row.__getitem__), self._maps[robot])
+
+    def _write_events(self, t: float, tick: int, robot: str, events: Sequence[Event]) -> None:
+        """Write what a robot says of itself; what is too much is left out, which is said once."""
+        assert self._recorder is not None
+        most = EVENT_BYTES + EVENT_BYTES_PER_S * t
+        for event in events:
+            size = self._recorder.event(t, tick, robot, event.event, event.data, most - self._event_bytes[robot])
+            self._event_bytes[robot] += size or 0
+            if size is None and robot not in self._muted:
+                self._muted.add(robot)
+                reason = f"more than {EVENT_BYTES} bytes of events and {EVENT_BYTES_PER_S} a second are left out"
+                self._recorder.event(t, tick, robot, "muted", {"reason": reason})
 
     def drive(self, tick: int, before: Floats, after: Floats) -> None:
         """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""

@@ -25,6 +25,8 @@ ENDED = "ended"  # the run ended before the delivery
 
 MAX_SENDS = 256
 """Messages of one robot in one tick. A map of 20,000 vertices has 60 parts."""
+MAX_KINDS = 16
+"""Kinds of messages of one robot in a run, as the books have a row for each; ours are six."""
 TABLE_S = 10.0
 """Simulated seconds over which the link table counts losses: two beacons are due in them."""
 
@@ -153,9 +155,12 @@ class Radio:
         self._table_ticks = max(1, round(TABLE_S / period_s))
 
     def check(self, sender: str, sends: Sequence[Send]) -> None:
-        """Raise ProtocolError for a receiver that is no other robot of this run, and for too many messages."""
+        """Raise ProtocolError for a receiver that is no other robot of this run, for too many messages or kinds."""
         if len(sends) > MAX_SENDS:
             raise ProtocolError(f"{sender} sends {len(sends)} messages in one tick; at most {MAX_SENDS} are taken")
+        new = {send.kind for send in sends if (sender, send.kind) not in self.books.on_air}
+        if new and len(new) + sum(name == sender for name, _ in self.books.on_air) > MAX_KINDS:
+            raise ProtocolError(f"{sender} sends more than {MAX_KINDS} kinds of messages")
         for send in sends:
             if send.to != EVERYONE and (send.to == sender or send.to not in self._index):
                 raise ProtocolError(f"{sender} sends to {send.to}, who is no other robot of this run")

@@ -61,10 +61,19 @@ class Recorder:
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = [self._open(f"trajectories/{robot}.tum") for robot in robots]
 
-    def event(self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any]) -> None:
-        """One line of events.jsonl. Keys of `data` cannot replace time, tick, robot and event."""
-        line = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
-        self._events.write(_dump(line | {key: value for key, value in data.items() if key not in line}))
+    def event(
+        self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any], most: float = math.inf
+    ) -> int | None:
+        """One line of events.jsonl, unless it has more than `most` bytes; returns how many, None where not written.
+
+        Keys of `data` cannot replace time, tick, robot and event.
+        """
+        head = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
+        line = _dump(head | {key: value for key, value in data.items() if key not in head})
+        if len(line) > most:
+            return None
+        self._events.write(line)
+        return len(line)
 
     def trajectories(self, t: float, poses: Floats) -> None:
         """A line of each trajectories/ID.tum: time, position, quaternion of the true pose (k, 3) in the world."""

@@ -5,6 +5,7 @@ import json
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,11 +16,12 @@ import yaml
 from agent.config import AgentConfig
 from deploy import inprocess
 from protocol.errors import ProtocolError
-from protocol.messages import EVERYONE, Action, MapReport, OdometrySpec, RobotSpec, Send
+from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observation, OdometrySpec, RobotSpec, Send
 from protocol.wireframe import Wireframe, encode_wireframe
-from tests.scripted import Wanderer
+from tests.scripted import ScriptedStep, Wanderer
 from world.config import WorldConfig
 from world.episode import Episode, generator
+from world.ledger import EVENT_BYTES, EVENT_BYTES_PER_S
 from world.odometry import Odometry
 from world.recorder import own_part
 from world.tick import BadOutputsError, Outputs
@@ -173,6 +175,11 @@ HOSTILE = {
     "no other robot of this run": Outputs(
         [Send(tick=0, to="r9", kind="map", payload=b"")], Action(tick=0, speed_mps=0, turn_rps=0, sent=1), None
     ),
+    "sends more than 16 kinds of messages": Outputs(
+        [Send(tick=0, to=EVERYONE, kind=f"kind-{k}", payload=b"") for k in range(17)],
+        Action(tick=0, speed_mps=0, turn_rps=0, sent=17),
+        None,
+    ),
     "a drive command is not finite": answer(0)._replace(action=unchecked(0, math.nan)),
 }
 
@@ -189,6 +196,31 @@ def test_a_hostile_answer_names_the_robot_and_changes_nothing(words: str) -> Non
     episode.kill("r2", str(caught.value))
     episode.advance(answers)
     assert episode.tick == 1 and list(episode.inputs()) == ["r1", "r3"]
+
+
+class Boaster(Wanderer):
+    """Says the largest number of everything, and 1 MB of events."""
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> ScriptedStep:
+        step = super().step(observation, heard)
+        if self.robot != "r2":
+            return step
+        most = dict.fromkeys(("map_bytes", "filter_bytes"), 2**40) | dict.fromkeys(("speed_mps", "turn_rps"), -1e9)
+        events = [Event(event="boast", data={"words": ["\x1b" * 1000] * 10, "most": 1e9})] * 100
+        action = Action(**{**step.action.model_dump(), **most, "step_ms": 1e9, "events": events})
+        points = np.array([[1e4, 1e4], [-1e4, -1e4]])
+        wireframe = encode_wireframe(Wireframe(points=points, labels=np.zeros(2, np.uint8)))
+        return step._replace(action=action, map=MapReport(tick=observation.tick, wireframe=wireframe))
+
+
+def test_a_robot_that_boasts_costs_nobody_the_results_nor_the_disk(tmp_path: Path) -> None:
+    summary = inprocess.run(QUICK, MIND, tmp_path, make_mind=Boaster)  # type: ignore[arg-type]
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    assert summary["robots"]["r2"]["step_ms_median"] == 1e9
+    events = [json.loads(line) for line in (tmp_path / "events.jsonl").open()]
+    assert [event["event"] for event in events if event["robot"] == "r2"].count("muted") == 1
+    assert any(event["robot"] == "r1" for event in events)
+    assert (tmp_path / "events.jsonl").stat().st_size < EVENT_BYTES + 30 * EVENT_BYTES_PER_S + 50_000
 
 
 def test_the_dead_stand_still_and_are_logged(tmp_path: Path) -> None:
