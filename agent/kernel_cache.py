@@ -21,6 +21,8 @@ import numpy as np
 from numba.core import serialize, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
 
+from protocol.files import write_whole
+
 IN_PACKAGE = Path(__file__).parent / "__pycache__" / "kernels"  # filled at installation, and found by all users
 
 _serialize: Any = serialize  # untyped
@@ -60,7 +62,7 @@ class KernelCache(_Cache):
         for folder in folders():
             try:
                 folder.mkdir(parents=True, exist_ok=True)
-                _write(folder / name, content)
+                write_whole(folder / name, content)
                 for old in folder.glob(f"{self._name}-*"):
                     if not old.name.startswith(f"{self._name}-{self.version}-"):
                         old.unlink(missing_ok=True)
@@ -101,16 +103,6 @@ def folders() -> list[Path]:
         return [Path(asked)]
     users = Path(os.environ.get("XDG_CACHE_HOME") or Path(os.path.expanduser("~"), ".cache"))  # noqa: PTH111
     return [IN_PACKAGE, users / "wireswarm" / "kernels"]
-
-
-def _write(file: Path, content: bytes) -> None:
-    """Write a file at once, so that no other process reads half of it."""
-    part = file.with_name(f"{file.name}.{os.getpid()}")
-    try:
-        part.write_bytes(content)
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 @cache  # once

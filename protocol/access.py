@@ -5,7 +5,6 @@ rules hold for one Zenoh ID only, and Zenoh refuses a second session of an ID: s
 """
 
 import hashlib
-import os
 import re
 import secrets as random_secrets
 from collections.abc import Iterable, Mapping
@@ -14,6 +13,7 @@ from typing import Any
 
 from protocol import keys
 from protocol.errors import LinkError
+from protocol.files import write_whole
 
 VIEWER = "viewer"
 """Name of recorders and displays, which may read everything, the truth included, and write nothing."""
@@ -30,15 +30,11 @@ def new_secrets(robots: Iterable[str]) -> dict[str, str]:
 
 
 def write_secrets(file: Path, secrets: Secrets) -> None:
-    """Write a new file that only its owner may read, a line NAME:SECRET for each, as Zenoh and `read_secrets` read.
+    """Write a file that only its owner may read, a line NAME:SECRET for each, as Zenoh and `read_secrets` read.
 
-    Raises LinkError where that cannot be done.
+    Raises UnwritableError.
     """
-    try:
-        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as lines:
-            lines.writelines(f"{name}:{secret}\n" for name, secret in secrets.items())
-    except OSError as error:
-        raise LinkError(f"--secrets {file}: cannot be written: {error.strerror}") from None
+    write_whole(file, "".join(f"{name}:{secret}\n" for name, secret in secrets.items()), private=True)
 
 
 def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:

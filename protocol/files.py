@@ -2,6 +2,7 @@
 
 import os
 import secrets
+from collections.abc import Callable
 from pathlib import Path
 
 PIECE_CHARS = 1 << 16
@@ -43,15 +44,27 @@ def write_whole(file: Path, content: str | bytes, *, private: bool = False) -> N
         raise UnwritableError((file, error.strerror or str(error))) from error
 
 
+def write_all(*writers: Callable[[], object]) -> None:
+    """Call each, so that one failing file loses no other; raises one UnwritableError for all that raised it."""
+    failures: list[tuple[Path, str]] = []
+    for write in writers:
+        try:
+            write()
+        except UnwritableError as error:
+            failures += error.failures
+    if failures:
+        raise UnwritableError(*failures)
+
+
 class LineFile:
     """A file that grows line by line, and always ends with a complete one.
 
-    Writing never raises: the first `error` is kept, and nothing is written after it.
+    Lines are added without an error: the first is kept for `check` and `close`, and nothing is written after it.
     """
 
     def __init__(self, file: Path, size: int = 0) -> None:
         """Open the file, and keep its first `size` bytes. Raises UnwritableError."""
-        self.error: UnwritableError | None = None
+        self._error: UnwritableError | None = None
         self.size = size
         """Bytes of the file."""
         self._file = file
@@ -73,19 +86,25 @@ class LineFile:
     def flush(self) -> None:
         """Hand what was written so far to the system, so that a killed process loses nothing of it."""
         piece, self._lines, self._waiting = "".join(self._lines).encode(), [], 0
-        if self.error:
+        if self._error:
             return
         written = 0
         try:
             while written < len(piece):
                 written += self._stream.write(piece[written:])
         except OSError as error:
-            self.error = UnwritableError((self._file, error.strerror or str(error)))
+            self._error = UnwritableError((self._file, error.strerror or str(error)))
             written = piece.rfind(b"\n", 0, written) + 1
             self._stream.truncate(self.size + written)
         self.size += written
 
+    def check(self) -> None:
+        """Raise the UnwritableError of lines that could not be written."""
+        if self._error:
+            raise self._error
+
     def close(self) -> None:
-        """Write what is left."""
+        """Write what is left. Raises UnwritableError where any line could not be written."""
         self.flush()
         self._stream.close()
+        self.check()

@@ -7,13 +7,14 @@ import csv
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from protocol.arrays import Floats
-from protocol.files import LineFile, UnwritableError, write_whole
+from protocol.files import LineFile, UnwritableError, write_all, write_whole
 from protocol.wireframe import Label, Wireframe
 from world.radio import Passage
 from world.worldfile import World, to_yaml
@@ -108,8 +109,7 @@ class Recorder:
 
     def check(self) -> None:
         """Raise UnwritableError where lines could not be written."""
-        if failed := [file.error for file in self._files if file.error]:
-            raise UnwritableError(*(failure for error in failed for failure in error.failures))
+        write_all(*(file.check for file in self._files))
 
     def close(self, maps: Mapping[str, Wireframe], summary: Mapping[str, Any], bandwidth: Mapping[str, Any]) -> None:
         """Write the final maps, the summary and the radio's books, and close all files.
@@ -120,17 +120,8 @@ class Recorder:
         for robot, wireframe in maps.items():
             documents[f"maps/{robot}.json"] = map_fields(robot, wireframe)
             documents[f"maps/{robot}.own.json"] = map_fields(robot, own_part(wireframe))
-        failures: list[tuple[Path, str]] = []
-        for name, document in documents.items():
-            try:
-                self._json(name, document)
-            except UnwritableError as error:
-                failures += error.failures
-        for file in self._files:
-            file.close()
-            failures += file.error.failures if file.error else ()
-        if failures:
-            raise UnwritableError(*failures)
+        made = (partial(self._json, name, document) for name, document in documents.items())
+        write_all(*made, *(file.close for file in self._files))
 
     def _open(self, name: str) -> LineFile:
         self._files.append(LineFile(self._out / name))

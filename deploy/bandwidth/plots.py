@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from deploy.bandwidth.representations import NAMES, Measurement
+from deploy.figures import write_figure
 from deploy.report.rundir import read_metrics
 from deploy.report.style import colour
 from protocol.arrays import Floats
@@ -23,7 +24,7 @@ def draw(run: Path, measurement: Measurement) -> Path:
     _per_area(areas, measurement)
     _against_quality(quality, measurement, _coverage(run / "metrics.csv"))
     path = run / "bandwidth.png"
-    figure.savefig(path, dpi=110)
+    write_figure(figure, path, dpi=110)
     return path
 
 

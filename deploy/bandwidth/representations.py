@@ -21,6 +21,7 @@ from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
+from protocol.files import write_whole
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
@@ -112,7 +113,7 @@ def write(run: Path, measurement: Measurement) -> None:
     """Add the measurement to bandwidth.json."""
     path = run / "bandwidth.json"
     books = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps(books | measurement.as_dict(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(books | measurement.as_dict(), indent=1, allow_nan=False) + "\n")
 
 
 class _Forms:

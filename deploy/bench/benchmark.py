@@ -13,6 +13,7 @@ from rich.console import Console
 
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
+from protocol.files import write_whole
 
 WIDTH = 150  # characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost
 PARTS = {
@@ -69,7 +70,7 @@ def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], ou
     document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), **machine}
     document |= {"met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
     for section in sections:
         section.draw(out.with_name(f"{out.stem}-{section.table.name}.png"))
     console.print(f"written to {out}", highlight=False)

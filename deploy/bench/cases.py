@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from protocol.files import write_whole
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("agent", "world", "protocol")  # the sources that every figure depends on
 
@@ -159,7 +161,7 @@ def _kept(case: Case, key: str, folder: Path) -> Figures | None:
         figures: Figures = kept["figures"]
         return figures if kept["key"] == key else None
     except (OSError, ValueError, KeyError, TypeError):
-        return None  # none yet, or half written
+        return None  # none yet, or of a former version
 
 
 def _keep(case: Case, key: str, folder: Path, figures: Figures, seconds: float) -> None:
@@ -167,4 +169,4 @@ def _keep(case: Case, key: str, folder: Path, figures: Figures, seconds: float) 
     path.parent.mkdir(parents=True, exist_ok=True)
     document = {"case": case.name, "key": key, "arguments": dict(case.arguments), "seconds": round(seconds, 2)}
     document |= {"python": sys.version.split()[0], "figures": figures}
-    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -1,7 +1,6 @@
 """The layouts that benchmarks run in: bundled worlds, real ones beside the repository, and those that are made."""
 
 import hashlib
-import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 
 from deploy.bench.cases import ROOT
 from protocol.arrays import Floats
+from protocol.files import write_whole
 from protocol.messages import RobotSpec
 from world.episode import generator
 from world.maze import generate
@@ -47,9 +47,7 @@ def written(document: Mapping[str, Any]) -> str:
     path = KEEP / "worlds" / f"{document['name']}-{hashlib.sha256(text).hexdigest()[:16]}.yaml"
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(f".{os.getpid()}")  # another process may write the same file
-        partial.write_bytes(text)
-        partial.replace(path)
+        write_whole(path, text)  # another process may write the same file
     return str(path)
 
 

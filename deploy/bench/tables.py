@@ -14,6 +14,7 @@ from rich.table import Table as Printed
 from rich.text import Text
 
 from deploy.bench.cases import Figures
+from deploy.figures import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -172,7 +173,7 @@ class Section:
 
             figure = Figure(figsize=(5, 3.4), layout="constrained")
             self.table.drawn(self.rows, figure)
-            figure.savefig(path, dpi=120)
+            write_figure(figure, path, dpi=120)
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as JSON values."""

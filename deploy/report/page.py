@@ -13,6 +13,7 @@ from deploy.report import plan, style
 from deploy.report.picture import MAX_SINGLE, curves_svg
 from deploy.report.rundir import Run, mapping
 from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
+from protocol.files import write_whole
 
 MAX_EVENTS = 500  # rows of the events table: the first and the last events; events.jsonl has all
 ROUTINE = "frontier"  # the event left out of the table, because one comes with every new goal
@@ -48,7 +49,7 @@ def write_page(run: Run, file: Path) -> None:
         sections="\n".join(section(run) for section in (_singles, _robots, _radio, _events, _configuration)),
         frames=_embedded(plan.frames(run)),
     )
-    file.write_text(page, "utf-8")
+    write_whole(file, page)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: int = 1, last: str = "") -> str:

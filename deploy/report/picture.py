@@ -19,6 +19,7 @@ from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
+from deploy.figures import write_figure
 from deploy.report import style
 from deploy.report.rundir import Map, Run, Series
 from deploy.report.words import headline, share, subtitle
@@ -73,7 +74,7 @@ def write_picture(run: Run, file: Path) -> None:
         maps = parts[-1].subgridspec(max(rows, 1), columns)
         for k, robot in enumerate(single):
             draw_single(figure.add_subplot(maps[k // columns, k % columns]), run, robot)
-        figure.savefig(file, dpi=130, facecolor="white", metadata={"Software": None})
+        write_figure(figure, file, dpi=130, facecolor="white", metadata={"Software": None})
 
 
 def curves_svg(run: Run) -> list[str]:

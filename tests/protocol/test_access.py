@@ -17,6 +17,7 @@ from protocol import keys, session
 from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
 from protocol.codec import encode
 from protocol.errors import LinkError
+from protocol.files import UnwritableError
 from protocol.messages import Action
 from protocol.session import open_client, open_router
 from tests.agent.shell.test_process import World, events
@@ -207,8 +208,8 @@ def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
     for names, words in ((["r3"], "no line r3"), (["r1"], "cannot be read")):
         with pytest.raises(LinkError, match=words):
             read_secrets(file if words.startswith("no") else tmp_path / "none", names)
-    with pytest.raises(LinkError, match="cannot be written"):
-        write_secrets(file, secrets)
+    with pytest.raises(UnwritableError, match=r"cannot write .*: No such file"):
+        write_secrets(tmp_path / "none/secrets", secrets)
     assert new_secrets(["r1"])["r1"] != secrets["r1"]
 
 

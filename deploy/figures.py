@@ -1,0 +1,19 @@
+"""Pictures as files."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from protocol.files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_figure(figure: Figure, file: Path, **options: Any) -> None:
+    """Write a PNG, whole or not at all; options: of Figure.savefig. Raises UnwritableError."""
+    png = io.BytesIO()
+    figure.savefig(png, format="png", **options)
+    write_whole(file, png.getvalue())
