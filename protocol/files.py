@@ -24,10 +24,10 @@ class UnwritableError(OSError):
         return type(self), self.failures
 
 
-def write_whole(file: Path, content: str | bytes, *, private: bool = False) -> None:
+def write_whole(file: Path, content: str | bytes, *, private: bool = False, durable: bool = True) -> None:
     """Write a file so that it has all of its content, or is as it was before.
 
-    private: only its owner may read it. Raises UnwritableError.
+    private: only its owner may read it. durable: even if the power fails right after. Raises UnwritableError.
     """
     part = file.with_name(f".{file.name}.{os.getpid()}-{secrets.token_hex(4)}")
     opened = os.O_WRONLY | os.O_CREAT | os.O_EXCL
@@ -36,7 +36,8 @@ def write_whole(file: Path, content: str | bytes, *, private: bool = False) -> N
             with os.fdopen(os.open(part, opened, 0o600 if private else 0o666), "wb") as stream:
                 stream.write(content.encode() if isinstance(content, str) else content)
                 stream.flush()
-                os.fsync(stream.fileno())  # else a power cut may leave the new name with an empty file
+                if durable:
+                    os.fsync(stream.fileno())  # else a power cut may leave the new name with an empty file
             part.replace(file)
         finally:
             part.unlink(missing_ok=True)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats
+from world.checkpoint import State
 from world.radio_config import Asymmetric, Bernoulli, Blackout, GilbertElliott, Latency, LineOfSight, LogDistance, Model
 
 
@@ -200,3 +201,11 @@ class Budget:
             return False
         used[tick] = used.get(tick, 0) + size
         return True
+
+    def state(self) -> State:
+        """For a checkpoint."""
+        return {"used": self._used}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._used = state["used"]

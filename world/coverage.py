@@ -4,14 +4,16 @@ import math
 from collections.abc import Mapping
 from functools import lru_cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from protocol.arrays import Bools, Floats, Ints
 from protocol.walls import directions, lengths
+from world.checkpoint import State, restore_array
 from world.worldfile import World
 
 PIECE_M = 0.05
@@ -145,6 +147,24 @@ class Coverage:
         self.reached: list[dict[float, float]] = [{} for _ in range(robots)]
         """For each robot: simulated seconds at which a milestone was reached."""
         self.team_reached: dict[float, float] = {}
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        """Those that grow with the run."""
+        names = ("_since", "_hit_since", "_team_hit", "_length", "_covered_length", "own", "covered")
+        return {name: getattr(self, name) for name in names}
+
+    def state(self) -> State:
+        """For a checkpoint."""
+        numbers = {"merged": self._merged, "reached": self.reached, "team_reached": self.team_reached}
+        numbers |= {"team_length": self._team_length, "team": self.team}
+        return numbers | {name: array.tobytes() for name, array in self._arrays().items()}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        for name, array in self._arrays().items():
+            restore_array(array, state[name])
+        self._merged, self.reached, self.team_reached = (state[name] for name in ("merged", "reached", "team_reached"))
+        self._team_length, self.team = float(state["team_length"]), float(state["team"])
 
     def _lookup(self, world: World, ends: Floats, first: int) -> _Lookup:
         """Which piece a place on the lidar's segments belongs to; `first` is that of the first of `ends`."""

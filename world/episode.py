@@ -3,12 +3,13 @@
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
+from world.checkpoint import BROKEN, Checkpoint, State, broken, luck_state, read, restore_luck
 from world.config import WorldConfig
 from world.ledger import Ledger, Look
 from world.lidar import Lidar
@@ -19,12 +20,17 @@ from world.recorder import seconds
 from world.tick import Inputs, Outputs, checked_map
 from world.worldfile import load
 
+CHECKPOINT_S = 5.0
+"""Simulated time between two checkpoints. What follows one is told again after a kill, at the world's own speed."""
+PUT_OFF_S = 20.0
+"""Simulated time after which a checkpoint is made even while robots touch something."""
+
 
 class Episode:
     """The truth of one run. Deterministic: the same config and the same answers give the same bytes."""
 
-    def __init__(self, config: WorldConfig, out: Path | None) -> None:
-        """`out` is the run directory, None to record nothing.
+    def __init__(self, config: WorldConfig, out: Path | None, state: State | None = None) -> None:
+        """`out` is the run directory, None to record nothing. state: to go on from (see `resume`), None to begin.
 
         Raises WorldFileError for a world that cannot be run, OSError where `out` cannot be written.
         """
@@ -59,10 +65,79 @@ class Episode:
             for robot, start in zip(self.robots, self.starts, strict=True)
         ]
         self._radio = Radio(self.robots, config.radio, config.seed, self.period_s, self.world.segments)
-        self._ledger = Ledger(config, self.world, self.robots, self.starts, self._radio.books, out)
+        books, past = self._radio.books, state and state["ledger"]
+        self._ledger = Ledger(config, self.world, self.robots, self.starts, books, out, past)
         self._inputs: dict[str, Inputs] | None = None
         self._unbooked: Look | None = None
         self._closed = False
+        self._resumed_s = 0.0
+        self._checkpoint: Checkpoint | None = None
+        self._checkpoint_tick = 0
+        if state is not None:
+            self._restore(state)
+        elif out is not None:
+            self._checkpoint = Checkpoint(out)
+            self._checkpoint.begin(self.state())
+
+    @classmethod
+    def resume(cls, config: WorldConfig, out: Path) -> Self:
+        """The episode that a killed process left in a run directory, at the tick at which it was left.
+
+        Raises CheckpointError where there is none, or it is damaged; OSError where `out` cannot be written.
+        """
+        state, log, size = read(out)
+        try:
+            episode = cls(config, out, state)
+            for name, looked, arguments in log:
+                episode._tell(name, looked, arguments)
+        except BROKEN as error:
+            raise broken(out, error) from error
+        episode._checkpoint = Checkpoint(out)
+        episode._checkpoint.go_on(size)
+        return episode
+
+    def _tell(self, name: str, looked: bool, arguments: list[Any]) -> None:
+        """Do again what the log says."""
+        if looked:
+            self.inputs()
+        match name, arguments:
+            case "advance", [answers]:
+                self.advance({robot: Outputs.restored(*answer) for robot, answer in answers.items()})
+            case "kill", [robot, reason]:
+                self.kill(robot, reason)
+            case _:
+                raise ValueError(f"the log says {name!r}")
+
+    def _note(self, name: str, *arguments: Any) -> None:
+        if self._checkpoint is not None:
+            self._checkpoint.add((name, self._inputs is not None, list(arguments)))
+
+    def state(self) -> State:
+        """For a checkpoint, before this tick was looked at."""
+        assert self._inputs is None
+        return {
+            "tick": self.tick,
+            "complete": self.complete,
+            "dead": self.dead,
+            "late_ticks": self.late_ticks,
+            "physics": self._physics.state(),
+            "lidar_noise": [luck_state(rng) for rng in self._lidar_noise],
+            "odometry": [odometry.state() for odometry in self._odometry],
+            "radio": self._radio.state(),
+            "ledger": self._ledger.state(),
+        }
+
+    def _restore(self, state: State) -> None:
+        self.tick, self.late_ticks = int(state["tick"]), int(state["late_ticks"])
+        self._checkpoint_tick, self._resumed_s = self.tick, self.t
+        self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
+        self.dead.update(state["dead"])
+        self._physics.restore(state["physics"])
+        self._radio.restore(state["radio"])
+        for rng, luck in zip(self._lidar_noise, state["lidar_noise"], strict=True):
+            restore_luck(rng, luck)
+        for odometry, path in zip(self._odometry, state["odometry"], strict=True):
+            odometry.restore(path)
 
     @property
     def t(self) -> float:
@@ -147,6 +222,7 @@ class Episode:
         """
         live = self.live
         maps = {robot: checked_map(robot, outputs[robot], self.tick, self._rows, self._radio) for robot in live}
+        self._note("advance", {robot: outputs[robot].state() for robot in live})
         self.inputs()  # a shell that did not ask for them gets the same world
         self.book()
         commands = np.zeros((len(self.robots), 2))
@@ -160,6 +236,16 @@ class Episode:
         self._ledger.drive(self.tick, before, self._physics.advance(commands))
         self.tick, self._inputs = self.tick + 1, None
         self.ended = self.ended or self._end()
+        self._record()
+
+    def _record(self) -> None:
+        """Begin the checkpoint anew where that is due. It is put off while robots touch something (physics.py)."""
+        if self._checkpoint is None or self.ended:
+            return
+        since_s = (self.tick - self._checkpoint_tick) * self.period_s
+        if since_s > CHECKPOINT_S - 1e-6 and (not self._physics.touching or since_s > PUT_OFF_S):
+            self._checkpoint.begin(self.state())
+            self._checkpoint_tick = self.tick
 
     def _end(self) -> str | None:
         until = self.config.until
@@ -174,6 +260,7 @@ class Episode:
         """Count a robot as dead: it stands where it is, hears and says nothing more; the others go on."""
         if robot in self.dead:
             return
+        self._note("kill", robot, reason)
         self.dead[robot] = reason
         self._ledger.death(self.tick, robot, reason)
         if not self.live and self.ended is None:
@@ -189,6 +276,8 @@ class Episode:
         _, passages = self._radio.deliver(self.tick, self.live, ended=True)
         moved_to = self.poses if self._inputs is None else None
         self._ledger.close(self.tick, passages, moved_to, self.summary(), self.wire)
+        if self._checkpoint is not None:
+            self._checkpoint.remove()
 
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""
@@ -198,7 +287,7 @@ class Episode:
         return {
             "robots": {robot: fields | {"ended": how[robot]} for robot, fields in figures.items()},
             "team": self._ledger.team_figures(),
-            "real_time_factor": round(self.t / self.wall_s, 2) if self.wall_s else None,
+            "real_time_factor": round((self.t - self._resumed_s) / self.wall_s, 2) if self.wall_s else None,
             "late_ticks": self.late_ticks,
         }
 

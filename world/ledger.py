@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats, Ints
-from protocol.messages import EVERYONE, Action, Event
+from protocol.messages import EVERYONE, Event
 from protocol.talk import DELTA, MAP
-from protocol.wireframe import Wireframe
+from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
+from world.checkpoint import State, restore_array
 from world.config import WorldConfig
 from world.coverage import Coverage
 from world.physics import Physics
@@ -50,9 +51,19 @@ class Ledger:
     """The accounts of one run."""
 
     def __init__(
-        self, config: WorldConfig, world: World, robots: Sequence[str], starts: Floats, books: Books, out: Path | None
+        self,
+        config: WorldConfig,
+        world: World,
+        robots: Sequence[str],
+        starts: Floats,
+        books: Books,
+        out: Path | None,
+        state: State | None,
     ) -> None:
-        """`starts` (k, 3): true poses at tick 0. `books`: the radio's. `out`: run directory, None records nothing."""
+        """`starts` (k, 3): true poses at tick 0. `books`: the radio's. `out`: run directory, None records nothing.
+
+        state: to go on from, None to begin.
+        """
         spec = config.spec
         self.coverage = Coverage(world, starts, spec.radius_m, spec.lidar.range_max_m)
         self.path_m = np.zeros(len(robots))
@@ -61,11 +72,39 @@ class Ledger:
         self._row = {robot: row for row, robot in enumerate(robots)}
         self._period_s, self._snapshot_s = 1 / spec.lidar.rate_hz, config.snapshot_s
         self._maps: dict[str, Wireframe] = {}
-        self._last: dict[str, Action] = {}
-        self._step_ms: dict[str, list[float]] = {robot: [] for robot in robots}
+        self._memory: dict[str, list[int]] = {robot: [0, 0] for robot in robots}
+        """Bytes of each robot's map and filter, as it last said."""
+        self._step_ms: dict[str, Counter[float]] = {robot: Counter() for robot in robots}
+        """How often each robot's step took so many hundredths of a ms."""
         self._event_bytes: Counter[str] = Counter()
         self._muted: set[str] = set()
-        self._recorder = Recorder(out, world, robots, starts, spec.radius_m, spec.lidar.range_max_m) if out else None
+        sizes = (spec.radius_m, spec.lidar.range_max_m)
+        kept = state["files"] if state else {}
+        self._recorder = Recorder(out, world, robots, starts, *sizes, kept) if out else None
+        if state is not None:
+            self._restore(state)
+
+    def state(self) -> State:
+        """For a checkpoint. Files are written up to here."""
+        return {
+            "files": self._recorder.sizes() if self._recorder else {},
+            "coverage": self.coverage.state(),
+            "path_m": self.path_m.tobytes(),
+            "maps": {robot: encode_wireframe(wireframe) for robot, wireframe in self._maps.items()},
+            "memory": self._memory,
+            "event_bytes": self._event_bytes,
+            "muted": sorted(self._muted),
+            "step_ms": {robot: list(counts.items()) for robot, counts in self._step_ms.items()},
+        }
+
+    def _restore(self, state: State) -> None:
+        self.coverage.restore(state["coverage"])
+        restore_array(self.path_m, state["path_m"])
+        self._maps = {robot: decode_wireframe(data) for robot, data in state["maps"].items()}
+        self._event_bytes, self._muted = Counter(state["event_bytes"]), set(state["muted"])
+        for robot in self._robots:
+            self._memory[robot] = [int(size) for size in state["memory"][robot]]
+            self._step_ms[robot] = Counter({float(ms): int(count) for ms, count in state["step_ms"][robot]})
 
     def look(self, tick: int, look: Look, poses: Floats) -> None:
         """Account for what a tick showed; `poses` (k, 3) are those of all robots."""
@@ -81,8 +120,8 @@ class Ledger:
         action = outputs.action
         merged = {self._row[peer]: merged_tick for peer, merged_tick in action.merged.items()}
         self.coverage.merge(tick, self._row[robot], merged)
-        self._last[robot] = action
-        self._step_ms[robot].append(action.step_ms)
+        self._memory[robot] = [action.map_bytes, action.filter_bytes]
+        self._step_ms[robot][round(action.step_ms, 2)] += 1
         if wireframe is not None:
             self._maps[robot] = wireframe
         if not self._recorder:
@@ -112,8 +151,6 @@ class Ledger:
         """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""
         self.path_m += np.hypot(*(after - before)[:, :2].T)
         if self._recorder:
-            if self._due(tick, self._snapshot_s):
-                self._recorder.flush()
             self._recorder.check()
 
     def death(self, tick: int, robot: str, reason: str) -> None:
@@ -144,7 +181,7 @@ class Ledger:
         """Each robot's fields of summary.json but how it ended."""
         figures: dict[str, dict[str, Any]] = {}
         for row, robot in enumerate(self._robots):
-            last, steps = self._last.get(robot), self._step_ms[robot]
+            steps = self._step_ms[robot]
             figures[robot] = {
                 "coverage": round(float(self.coverage.covered[row]), 6),
                 **_milestones(self.coverage.reached[row]),
@@ -153,9 +190,8 @@ class Ledger:
                 "robot_contacts": int(physics.robot_contacts[row]),
                 "bytes_sent": self._books.sent[robot],
                 "bytes_received": self._books.received[robot],
-                "map_bytes": last.map_bytes if last else 0,
-                "filter_bytes": last.filter_bytes if last else 0,
-                "step_ms_median": round(median(steps), 4) if steps else None,
+                **dict(zip(("map_bytes", "filter_bytes"), self._memory[robot], strict=True)),
+                "step_ms_median": round(median(steps.elements()), 4) if steps else None,
             }
         return figures
 

@@ -7,6 +7,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import OdometrySpec
+from world.checkpoint import State, luck_state, restore_luck
 
 
 class Odometry:
@@ -34,6 +35,15 @@ class Odometry:
         turn += spin * math.sqrt(math.radians(config.heading_sd_deg) ** 2 * distance + config.turn_sd**2 * abs(turn))
         self.pose = compose(self.pose, (scale * dx, scale * dy, turn))
         return self.pose
+
+    def state(self) -> State:
+        """For a checkpoint."""
+        return {"true": self._true, "pose": self.pose, "rng": luck_state(self._rng)}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self._true, self.pose = (_pose(np.array(state[name], np.float64)) for name in ("true", "pose"))
+        restore_luck(self._rng, state["rng"])
 
 
 def _pose(row: Floats) -> Pose:

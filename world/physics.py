@@ -7,6 +7,7 @@ from pymunk.batch import BodyFields
 
 from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import RobotSpec
+from world.checkpoint import State, restore_array
 
 STEP_S = 0.02
 """Time of one physics step: at 0.22 m/s a robot moves 4 mm in it."""
@@ -78,6 +79,27 @@ class Physics:
             self.poses = self._state[np.argsort(self._rows), :3]
         self._contacts += self._touched & ~touched_before
         return self.poses
+
+    @property
+    def touching(self) -> bool:
+        """Whether any robot touched something in the last period: pymunk then remembers impulses, and hides them."""
+        return bool(self._touched.any())
+
+    def state(self) -> State:
+        """For a checkpoint. While robots are `touching`, the last bits of what follows may differ."""
+        arrays = {"bodies": self._state[:-1], "contacts": self._contacts, "touched": self._touched}
+        return {name: array.tobytes() for name, array in arrays.items()}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        bodies = np.zeros((len(self.poses) + 1, 6))  # the last row is the static body
+        restore_array(bodies[:-1], state["bodies"])
+        restore_array(self._contacts, state["contacts"])
+        restore_array(self._touched, state["touched"])
+        self._force_buffer.set_float_buf(bodies)
+        pymunk.batch.set_space_bodies(self._space, _READ & ~BodyFields.BODY_ID, self._force_buffer)
+        self._state = self._read()
+        self.poses = self._state[np.argsort(self._rows), :3]
 
     def _drive(self, speed: Floats, turn: Floats) -> None:
         """All physics steps of one period, at (k,) speeds and turn rates in pymunk's order.

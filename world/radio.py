@@ -12,6 +12,7 @@ from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Heard, LinkReport, Send
 from world.air import Budget, Hop, delays, losses
+from world.checkpoint import State
 from world.radio_config import Capacity, RadioConfig
 
 # Outcomes; all but the first are reasons of a drop, as are those of the models of the air.
@@ -94,6 +95,21 @@ class Books:
                 of_link["dropped"][outcome] = count
                 of_robot["dropped"].setdefault(kind, {}).setdefault(outcome, tally()).update(count)
         return {"robots": per_robot, "links": list(links.values())}
+
+    _TALLIES = ("on_air", "addressed", "links")
+
+    def state(self) -> State:
+        """For a checkpoint: keys and counts row by row."""
+        tallies = {name: getattr(self, name).items() for name in self._TALLIES}
+        rows = {name: [(*key, n["messages"], n["bytes"]) for key, n in items] for name, items in tallies.items()}
+        return rows | {"sent": self.sent, "received": self.received}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        for name in self._TALLIES:
+            for *key, messages, size in state[name]:
+                getattr(self, name)[tuple(key)] = Counter(messages=int(messages), bytes=int(size))
+        self.sent, self.received = Counter(state["sent"]), Counter(state["received"])
 
 
 class Flying(NamedTuple):
@@ -220,6 +236,23 @@ class Radio:
             link.count(tick, outcome == DELIVERED, tick - self._table_ticks)
             link.bytes += size * (outcome == DELIVERED)
         return heard, passages
+
+    def state(self) -> State:
+        """For a checkpoint. Models of the air keep nothing that the seed does not give again."""
+        flying = [(*message[:3], message.send.model_dump(), message.lost) for message in self._flying]
+        receptions = [(*link, seen.bytes, seen.recent) for link, seen in self._receptions.items()]
+        parts = {"books": self.books.state(), "budget": self._budget.state()}
+        return parts | {"flying": flying, "receptions": receptions}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        self.books.restore(state["books"])
+        self._budget.restore(state["budget"])
+        for due, sender, receiver, send, lost in state["flying"]:
+            self._flying.append(Flying(due, sender, receiver, Send.model_validate(send), lost))
+        for sender, receiver, size, recent in state["receptions"]:
+            seen = {tick: (judged, got) for tick, (judged, got) in recent.items()}
+            self._receptions[sender, receiver] = Reception(seen, size)
 
     def table(self, tick: int) -> list[LinkReport]:
         """Links with a delivery in the last TABLE_S: the share lost in that time, and bytes delivered so far."""

@@ -42,22 +42,33 @@ class Recorder:
     """Writes one run directory."""
 
     def __init__(
-        self, out: Path, world: World, robots: Sequence[str], starts: Floats, radius_m: float, range_m: float
+        self,
+        out: Path,
+        world: World,
+        robots: Sequence[str],
+        starts: Floats,
+        radius_m: float,
+        range_m: float,
+        kept: Mapping[str, int],
     ) -> None:
-        """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame."""
-        self._out = out
+        """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame.
+
+        kept: how many bytes of each file that grows stay, where a run goes on; ValueError where they are not there.
+        """
+        self._out, self._kept = out, kept
         for folder in ("maps", "snapshots", "trajectories"):
             (out / folder).mkdir(parents=True, exist_ok=True)
         write_whole(out / "world.yaml", to_yaml(world.document))
         frames = {robot: start.tolist() for robot, start in zip(robots, starts, strict=True)}
         self._json("truth.json", {"frames": frames, "robot_radius": radius_m, "lidar_range": range_m})
-        self._files: list[LineFile] = []
+        self._files: dict[str, LineFile] = {}
         self._events = self._open("events.jsonl")
         self._metrics, self._radio = (
             csv.writer(self._open(name), lineterminator="\n") for name in ("metrics.csv", "radio.csv")
         )
-        self._metrics.writerow(MetricsRow._fields)
-        self._radio.writerow(Passage._fields)
+        if not kept:
+            self._metrics.writerow(MetricsRow._fields)
+            self._radio.writerow(Passage._fields)
         self._updates = self._open("updates.jsonl")
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = [self._open(f"trajectories/{robot}.tum") for robot in robots]
@@ -102,14 +113,15 @@ class Recorder:
         fields = map_fields(robot, wireframe)
         self._updates.write(_dump({"t": seconds(t), "tick": tick, "robot": robot, "told": told, "map": fields}))
 
-    def flush(self) -> None:
-        """Hand what was written so far to the system, so that a killed process loses nothing of it."""
-        for file in self._files:
+    def sizes(self) -> dict[str, int]:
+        """Bytes of each file that grows. They are handed to the system: a killed process loses nothing of them."""
+        for file in self._files.values():
             file.flush()
+        return {name: file.size for name, file in self._files.items()}
 
     def check(self) -> None:
         """Raise UnwritableError where lines could not be written."""
-        write_all(*(file.check for file in self._files))
+        write_all(*(file.check for file in self._files.values()))
 
     def close(self, maps: Mapping[str, Wireframe], summary: Mapping[str, Any], bandwidth: Mapping[str, Any]) -> None:
         """Write the final maps, the summary and the radio's books, and close all files.
@@ -121,11 +133,14 @@ class Recorder:
             documents[f"maps/{robot}.json"] = map_fields(robot, wireframe)
             documents[f"maps/{robot}.own.json"] = map_fields(robot, own_part(wireframe))
         made = (partial(self._json, name, document) for name, document in documents.items())
-        write_all(*made, *(file.close for file in self._files))
+        write_all(*made, *(file.close for file in self._files.values()))
 
     def _open(self, name: str) -> LineFile:
-        self._files.append(LineFile(self._out / name))
-        return self._files[-1]
+        file, size = self._out / name, self._kept.get(name, 0)
+        if size and not 0 <= size <= file.stat().st_size:
+            raise ValueError(f"{name} has less than {size} bytes")
+        self._files[name] = LineFile(file, size)
+        return self._files[name]
 
     def _json(self, name: str, value: Mapping[str, Any]) -> None:
         file = self._out / name

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 from protocol.errors import ProtocolError
 from protocol.messages import Action, Heard, MapReport, Observation, Send
@@ -23,6 +23,17 @@ class Outputs(NamedTuple):
     sends: list[Send]
     action: Action
     map: MapReport | None
+
+    def state(self) -> list[Any]:
+        """For the log of a checkpoint."""
+        sends = [send.model_dump() for send in self.sends]
+        return [sends, self.action.model_dump(), self.map and self.map.model_dump()]
+
+    @classmethod
+    def restored(cls, sends: list[Any], action: Any, map_: Any) -> Self:
+        """From a state."""
+        said = [Send.model_validate(send) for send in sends]
+        return cls(said, Action.model_validate(action), map_ and MapReport.model_validate(map_))
 
 
 class BadOutputsError(ProtocolError):

@@ -1,0 +1,115 @@
+"""A killed world goes on from its checkpoint, and ends with the bytes of one that was never killed."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agent.config import AgentConfig
+from deploy.config import RunConfig
+from tests.scripted import Wanderer
+from tests.tiny import digests, tiny_config
+from world.checkpoint import NAME, CheckpointError
+from world.episode import Episode
+from world.tick import Outputs
+
+AIR = [
+    {"kind": "line_of_sight"},
+    {"kind": "log_distance", "link_db": 2.0},
+    {"kind": "bernoulli", "loss": 0.1},
+    {"kind": "gilbert_elliott", "good_s": 2.0, "bad_s": 0.5},
+    {"kind": "asymmetric"},
+    {"kind": "blackout", "begin_s": 4.0, "end_s": 5.0},
+    {"kind": "latency", "ticks": 2, "jitter": 9},
+    {"kind": "capacity", "bytes_per_s": 200},
+]
+ALL = {
+    "until": 20.0,
+    "seed": 5,
+    "spec": {"odometry": {"noisy": True}, "lidar": {"dropout": 0.05}},
+    "radio": {"models": AIR},
+}
+
+
+class Run:
+    """Wanderers in one process, whose world may be dropped at any tick as if it was killed."""
+
+    def __init__(self, config: RunConfig, out: Path) -> None:
+        self.config, self.out = config, out
+        self.episode = Episode(config, out)
+        self.minds = {}
+        for robot in self.episode.robots:
+            welcome = self.episode.welcome(robot)
+            self.minds[robot] = Wanderer(robot, welcome.spec, AgentConfig(), welcome.seed)
+
+    def until(self, tick: int) -> None:
+        while self.episode.ended is None and self.episode.tick < tick:
+            steps = {r: self.minds[r].step(seen, heard) for r, (heard, seen) in self.episode.inputs().items()}
+            if self.episode.tick == 40:
+                self.episode.kill("r2", "on purpose")
+                del steps["r2"]
+            self.episode.advance({r: Outputs(step.sends, step.action, step.map) for r, step in steps.items()})
+
+    def kill_and_resume(self) -> None:
+        self.episode = Episode.resume(self.config, self.out)
+
+    def end(self) -> dict[str, str]:
+        self.until(1000)
+        self.episode.close()
+        assert not (self.out / NAME).exists()
+        return digests(self.out)
+
+
+@pytest.mark.parametrize("models", [[], AIR], ids=["perfect-radio", "all-models"])
+def test_a_world_that_is_killed_at_any_tick_ends_with_the_bytes_of_one_that_is_not(
+    tmp_path: Path, models: list[object]
+) -> None:
+    config = tiny_config(tmp_path, **(ALL | {"radio": {"models": models}}))
+    undisturbed = Run(config, tmp_path / "undisturbed").end()
+    run = Run(config, tmp_path / "killed")
+    for tick in (0, 1, 24, 25, 41, 60, 99, 100):
+        run.until(tick)
+        run.kill_and_resume()
+        assert run.episode.tick == tick
+    assert run.end() == undisturbed
+    robots = json.loads((tmp_path / "killed" / "summary.json").read_text())["robots"]
+    assert sum(figures["robot_contacts"] + figures["wall_contacts"] for figures in robots.values()) > 0
+
+
+def test_an_entry_of_the_log_that_was_cut_off_counts_as_never_told(tmp_path: Path) -> None:
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(30)
+    file = run.out / NAME
+    for cut in (1, 2, 3):
+        file.write_bytes(file.read_bytes()[:-cut])
+        run.kill_and_resume()
+        assert run.episode.tick == 30 - cut
+    run.until(60)
+    run.kill_and_resume()
+    assert run.episode.tick == 60
+
+
+def test_a_damaged_checkpoint_is_refused_with_one_sentence(tmp_path: Path) -> None:
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(30)
+    file, rng = run.out / NAME, np.random.default_rng(0)
+    whole, refused = file.read_bytes(), 0
+    for _ in range(60):
+        damaged = bytearray(whole)
+        damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        file.write_bytes(damaged)
+        try:
+            run.kill_and_resume()
+        except CheckpointError as error:
+            refused += 1
+            assert str(file) in str(error) and "\n" not in str(error)
+    assert refused > 5
+    for content in (b"", b"\x80", b"\xc1", whole[:100], whole.replace(b"format\x01", b"format\x02")):
+        file.write_bytes(content)
+        with pytest.raises(CheckpointError, match=re.escape(str(file))):
+            run.kill_and_resume()
+    file.unlink()
+    with pytest.raises(CheckpointError, match="holds no run that can go on"):
+        run.kill_and_resume()
