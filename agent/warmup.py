@@ -27,7 +27,7 @@ from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
 from protocol.messages import Heard, Observation, RobotSpec
-from protocol.wireframe import Wireframe, certain
+from protocol.wireframe import enclosed
 
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
 TICKS_TO_COMPILE = 300  # enough for two robots to merge their maps and to explore what is left
@@ -37,6 +37,7 @@ _OUTLINE = [
     (3.8, 5), (0.5, 5), (0.5, 3), (0, 3),
 ]  # fmt: skip
 _PILLAR = [(5.5, 3.8), (5.5, 4.2), (5.9, 4.2), (5.9, 3.8)]
+_BUILDING = enclosed([np.array(_OUTLINE, np.float64), np.array(_PILLAR)])
 _STARTS: list[Pose] = [(1.0, 1.0, 0.0), (5.0, 1.0, math.pi / 2)]
 _NOISE_M = 0.003
 
@@ -80,20 +81,19 @@ def _map_and_align() -> None:
 def _plan() -> None:
     spec, config = RobotSpec(), AgentConfig()
     explorer = Explorer(config.exploration, config.driving, spec, np.random.default_rng(0))
-    building = _building()
-    view = explorer.look(Situation(0, building, 1, _STARTS[0], building, np.zeros((0, 2))))
+    view = explorer.look(Situation(0, _BUILDING, 1, _STARTS[0], _BUILDING, np.zeros((0, 2))))
     explorer.drive(view, explorer.frontier(view) or explorer.default_state(view))
 
 
 def _align() -> None:
     config = AgentConfig().alignment
-    building = prepare(_building(), config)
+    building = prepare(_BUILDING, config)
     align_prepared(building, building, config, np.random.default_rng(0))
 
 
 def _explore(starts: Sequence[Pose], ticks: int) -> None:
     """Let robots explore from their starts and hear each other."""
-    spec, config, building, rng = RobotSpec(), AgentConfig(), _building(), np.random.default_rng(0)
+    spec, config, rng = RobotSpec(), AgentConfig(), np.random.default_rng(0)
     robots = [Robot(f"r{k + 1}", spec, config, k) for k in range(len(starts))]
     moved: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)
     heard: list[list[Heard]] = [[] for _ in starts]
@@ -102,7 +102,7 @@ def _explore(starts: Sequence[Pose], ticks: int) -> None:
         said: list[list[Heard]] = [[] for _ in starts]
         for k, robot in enumerate(robots):
             others = np.array([pose[:2] for n, pose in enumerate(poses) if n != k]).reshape(-1, 2)
-            ranges = _ranges(poses[k], building.segments(), others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
+            ranges = _ranges(poses[k], _BUILDING.segments(), others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
             seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved[k])
             step = robot.step(seen, heard[k])
             ahead = step.action.speed_mps / spec.lidar.rate_hz
@@ -111,14 +111,6 @@ def _explore(starts: Sequence[Pose], ticks: int) -> None:
             for n in set(range(len(robots))) - {k}:  # with two robots, all messages are for the other
                 said[n] += sent
         heard = said
-
-
-def _building() -> Wireframe:
-    rings = [_OUTLINE, _PILLAR]
-    points = np.array([corner for ring in rings for corner in ring], np.float64)
-    begin = np.cumsum([0, *map(len, rings)])
-    edges = [(begin[n] + k, begin[n] + (k + 1) % len(ring)) for n, ring in enumerate(rings) for k in range(len(ring))]
-    return certain(points, np.array(edges))
 
 
 def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Floats:

@@ -1,6 +1,7 @@
 """The wireframe: a labelled, embedded, directed graph of corners and walls (paper III-A), and its bytes."""
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -85,6 +86,13 @@ def certain(points: NDArray[np.float64], edges: NDArray[np.signedinteger[Any]]) 
     """A map of true corners (n, 2) and of walls (m, 2) between them that its robot has seen itself."""
     n, m = len(points), len(edges)
     return Wireframe(points, np.zeros(n, np.uint8), edges.astype(np.int32), np.ones(m, np.float32), np.ones(m, bool))
+
+
+def enclosed(rings: Sequence[NDArray[np.float64]]) -> Wireframe:
+    """A map of the walls along closed rings of true corners (k, 2), each without the first one again at its end."""
+    begins = np.cumsum([0, *map(len, rings)]).tolist()
+    edges = [(b + k, b + (k + 1) % len(ring)) for b, ring in zip(begins, rings, strict=False) for k in range(len(ring))]
+    return certain(np.vstack(rings), np.array(edges))
 
 
 def _check_count(n: int, m: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from agent.geometry.chains import chains_of
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import compose, inverse
 from protocol.arrays import Bools, Floats, Ints
@@ -34,19 +35,10 @@ class Place:
         return free
 
 
-def place_of(points: Floats, child: Ints, walls: Floats) -> Place:
-    """Place by a map's vertices (n, 2), the vertex after each (n,) or -1, and its walls (m, 4)."""
-    after, seen, rings = child.tolist(), set[int](), []
-    for start in range(len(after)):
-        chain, v = [], start
-        while v >= 0 and v not in seen:
-            seen.add(v)
-            chain.append(v)
-            v = after[v]
-        if v in chain:
-            ring = chain[chain.index(v) :]
-            rings.append(np.hstack([points[ring], points[child[ring]]]))
-    return Place(walls, rings)
+def place_of(points: Floats, parent: Ints, child: Ints, walls: Floats) -> Place:
+    """Place by a map's vertices (n, 2), the vertices before and after each (n,) or -1, and its walls (m, 4)."""
+    rings = [points[chain] for chain in chains_of(parent, child) if len(chain) > 1 and chain[0] == chain[-1]]
+    return Place(walls, [np.hstack([ring[:-1], ring[1:]]) for ring in rings])
 
 
 @dataclass(frozen=True)

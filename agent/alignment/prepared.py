@@ -23,5 +23,5 @@ def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None
     if int(wireframe.own.sum()) > config.max_vertices:
         return None
     found = corners(wireframe)
-    place = place_of(found.points, found.child, found.walls)
+    place = place_of(found.points, found.parent, found.child, found.walls)
     return PreparedMap(found, index_walls(found.walls, found.juts), place)

@@ -12,6 +12,7 @@ from agent.exploration.goals import GoalMemory
 from agent.exploration.planning import Roads, circle, length_of
 from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep
+from agent.geometry.chains import chains_of
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 from protocol.walls import neighbours
@@ -119,20 +120,9 @@ class DefaultStates:
 
 def _lap(wireframe: Wireframe) -> Floats:
     """Points (k, 2) off the longest chain, in its order."""
-    into, out_of = neighbours(wireframe.edges, len(wireframe.points))
-    left = set(range(len(into)))
-    chains: list[Floats] = [np.zeros((0, 2))]
-    for start in (*np.flatnonzero(into < 0).tolist(), *range(len(into))):
-        chain, v = [], start
-        while v in left:
-            left.discard(v)
-            chain.append(v)
-            v = int(out_of[v])
-        if chain and v == chain[0]:
-            chain.append(v)
-        chains.append(wireframe.points[chain])
+    chains = chains_of(*neighbours(wireframe.edges, len(wireframe.points)))
+    longest: Floats = max((wireframe.points[chain] for chain in chains), key=length_of)
     points = []
-    longest: Floats = max(chains, key=length_of)
     for p, q in itertools.pairwise(longest):
         d = q - p
         length = math.hypot(*d)

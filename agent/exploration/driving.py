@@ -135,8 +135,7 @@ class Driver:
         point = _steer_point(x, y, path, obstacles.walls, max(clearance_m, self.limits.wall))
         if len(obstacles.discs):
             point = self._aside(point, x, y, obstacles)
-        left = math.hypot(path[-1, 0] - x, path[-1, 1] - y)
-        return self.towards(point, pose, obstacles, left)
+        return self.towards(point, pose, obstacles, math.hypot(path[-1, 0] - x, path[-1, 1] - y))
 
     def _aside(self, point: tuple[float, float], x: float, y: float, obstacles: Obstacles) -> tuple[float, float]:
         """The point to steer for, or one to the right of it if a teammate is in the way: who meets passes on the right.

@@ -257,8 +257,7 @@ class Explorer:
                     tasks = self.goals.tasks(ends, roads, begun, close)
                     if tasks:
                         return self._pursue(scene, self._first(scene, tasks, roads, begun), roads, old)
-            in_the_way = self.surroundings.teammates.in_the_way(scene.tick)
-            reason = TEAMMATE if in_the_way else "no way to a standing point"
+            reason = TEAMMATE if self.surroundings.teammates.in_the_way(scene.tick) else "no way to a standing point"
             for end in ends:
                 event = self.goals.abandon(self.goals.ends.points[end], self.goals.ends.along[end], reason)
                 self._events.append(event)

@@ -92,15 +92,6 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond:
     return out
 
 
-@kernel
-def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
-    """Matrix (k, n): which of points (n, 2) is seen from which of eyes (k, 2)."""
-    out = np.empty((eyes.shape[0], points.shape[0]), np.bool_)
-    for e in range(eyes.shape[0]):
-        out[e] = _in_view(points, eyes[e : e + 1], walls, radius, 0.0)
-    return out
-
-
 def _cover(views: Bools, keep: bool) -> list[int]:
     """Rows that together cover what the matrix (k, n) covers, the one that adds most first, while that is enough.
 
@@ -192,7 +183,7 @@ class Sweep:
         points = points[roads.reached(points)]
         if not len(points):
             return []
-        views = _views(unseen, points, roads.walls, self.radius)
+        views = np.array([_in_view(unseen, point[None], roads.walls, self.radius, 0.0) for point in points])
         kept = begun is not None and bool((points[0] == begun).all())
         return [
             Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=kept and k == 0)

@@ -7,6 +7,23 @@ from agent.kernels import kernel
 from protocol.arrays import Floats, Ints, Labels
 
 
+def chains_of(before: Ints, after: Ints) -> list[list[int]]:
+    """Vertices of each chain in order, open chains first; a ring has its first vertex again at the end.
+
+    before, after: (n,) of each vertex, or -1.
+    """
+    left, chains = set(range(len(after))), []
+    for start in (*np.flatnonzero(before < 0).tolist(), *range(len(after))):
+        chain, v = [], start
+        while v in left:
+            left.discard(v)
+            chain.append(v)
+            v = int(after[v])
+        if chain:
+            chains.append([*chain, v] if v == chain[0] else chain)
+    return chains
+
+
 @kernel
 def chained(tips: Floats, labels: Labels, following: Ints) -> tuple[Floats, Labels, NDArray[np.int32]]:
     """Vertices (n, 2), their labels (n,) and edges (m, 2) of m walls.

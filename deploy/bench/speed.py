@@ -8,7 +8,7 @@ from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import Stopwatch, explore, launched, read_json
-from deploy.bench.tables import Outcomes, Row, Table, whole
+from deploy.bench.tables import Row, Table, runs_of, whole
 from protocol.messages import Observation
 
 WARM = 25  # steps before the clock counts: kernels are compiled or loaded in them
@@ -22,25 +22,26 @@ def load() -> float:
 def measure_stages(world: str, limit_s: float) -> Figures:
     """Milliseconds of a step by stage, in a whole run of one robot with default settings."""
     clock = Stopwatch()
-    spent: dict[str, list[float]] = {"step": [], "perception": [], "filter": [], "planning": []}
+    spent: dict[str, list[float]] = {"whole step": [], "perception": [], "filter": [], "planning": []}
 
     def watch(robot: Robot, observation: Observation, step: Step) -> None:
         # perception has no state: once more, for the clock
         clock.timed("perception", perceive)(observation.scan(), robot.spec, robot.config.perception.method)
-        clock.seconds["step"] = 1e-3 * step.action.step_ms
+        clock.seconds["whole step"] = 1e-3 * step.action.step_ms
         for stage, times in spent.items():
             times.append(1e3 * clock.seconds.pop(stage, 0.0))
-        if len(spent["step"]) == 1:  # from the second step on
+        if len(spent["whole step"]) == 1:  # from the second step on
             robot.filter.update = clock.timed("filter", robot.filter.update)  # type: ignore[method-assign]
             for part in ("look", "drive_forward", "place_of_contact", "frontier", "default_state", "drive"):
                 setattr(robot.explorer, part, clock.timed("planning", getattr(robot.explorer, part)))
 
     run = explore({"world": world, "robots": 1, "max_time_s": limit_s}, {}, watch)
-    figures: Figures = {}
+    stages: list[Row] = []
     for stage, all_times in spent.items():
         times = np.array(all_times[WARM:])
-        figures[stage] = {"median": np.median(times), "mean": times.mean(), "p99": np.percentile(times, 99)}
-    return figures | {"particles": len(run.robots["r1"].filter.edges), "ticks": len(spent["step"]), "load": load()}
+        row = {"median": np.median(times), "mean": times.mean(), "p99": np.percentile(times, 99)}
+        stages.append({"stage": stage, **row})
+    return {"stages": stages, "particles": len(run.robots["r1"].filter.edges), "load": load()}
 
 
 def measure_speed(world: str, robots: int, until: float | str) -> Figures:
@@ -61,17 +62,11 @@ def cases(quick: bool) -> list[Case]:
     ]
 
 
-def _stages(figures: Outcomes) -> list[Row]:
-    found = figures.get("speed/stages")
-    stages = {"whole step": "step", "perception": "perception", "filter": "filter", "planning": "planning"}
-    return [{"stage": stage, **found[key]} for stage, key in stages.items()] if found else []
-
-
 TABLES = [
     Table(
         "stages",
         lambda figures: f"A step of one robot, {figures['speed/stages']['particles']} particles",
-        _stages,
+        lambda figures: [row for run in runs_of(figures, "speed/stages") for row in run["stages"]],
         "stage; median <= 5: median ms; mean: mean ms; p99: 99 % ms",
         judged=lambda row: row["stage"] == "whole step",
         note=lambda figures: (

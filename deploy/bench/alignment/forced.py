@@ -60,8 +60,7 @@ class ForcedRun:
     """A run of three robots whose proposals are all forced, and nearly all of them wrong."""
 
     def __init__(self, world: str, seed: int, limit_s: float, evidence: Mapping[str, Any] | None = None) -> None:
-        starts = drawn_starts(world, 3, seed)
-        self.frames = {f"r{k + 1}": pose_of(start) for k, start in enumerate(starts)}
+        self.frames = {f"r{k + 1}": pose_of(start) for k, start in enumerate(drawn_starts(world, 3, seed))}
         x0, y0, x1, y1 = load(path_of(world)).solid.bounds
         self.centre = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
         self.rng = np.random.default_rng(seed)

@@ -33,7 +33,7 @@ from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 from protocol.walls import directions
-from protocol.wireframe import Wireframe, certain
+from protocol.wireframe import enclosed
 from world.coverage import visible_wall
 from world.worldfile import World, load
 
@@ -67,14 +67,6 @@ def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
             if d < best and keeps_clear(a[i, 0], a[i, 1], b[j, 0], b[j, 1], walls, 0.5 * OFF_M):
                 best = d
     return best
-
-
-def outline_of(world: World) -> Wireframe:
-    """The true outline as a map."""
-    rings = [ring[:-1] for ring in world.rings]
-    begins = np.cumsum([0, *map(len, rings)]).tolist()
-    edges = [(b + k, b + (k + 1) % len(ring)) for b, ring in zip(begins, rings, strict=False) for k in range(len(ring))]
-    return certain(np.vstack(rings), np.array(edges))
 
 
 def _hardest(world: World, home: int, spec: RobotSpec) -> list[shapely.Geometry]:
@@ -111,7 +103,9 @@ def least_ways(world: World, starts: Floats, spec: RobotSpec) -> Floats:
     near = [shapely.dwithin(view, shapely.points(lattice), half_m) for view in sets]
     samples = [start[None] for start in starts] + [np.ascontiguousarray(lattice[inside]) for inside in near]
     views = [shapely.Point(start) for start in starts] + sets
-    roads = Roads(outline_of(world), np.asarray(starts[0], np.float64), OFF_M, node_offset_m=1e-4)
+    roads = Roads(
+        enclosed([ring[:-1] for ring in world.rings]), np.asarray(starts[0], np.float64), OFF_M, node_offset_m=1e-4
+    )
     ways = np.array([roads.leave(node).cost for node in roads.nodes])
     to_nodes = np.array([_to_nodes(points, roads.nodes, walls) for points in samples])
     s, n = len(starts), len(samples)

@@ -54,8 +54,7 @@ def _cell_for(run: ScanRecording, size: int) -> float:
 
 
 def _grid(run: ScanRecording, cell_m: float) -> OccupancyGrid:
-    grid = OccupancyGrid(_box(run), cell_m, run.spec.lidar.range_max_m)
-    return grid.add(run.ranges, np.array(run.poses))
+    return OccupancyGrid(_box(run), cell_m, run.spec.lidar.range_max_m).add(run.ranges, np.array(run.poses))
 
 
 def _compressed_grid(run: ScanRecording, size: int) -> OccupancyGrid:

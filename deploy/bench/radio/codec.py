@@ -15,8 +15,7 @@ EVERY_TICKS = 50  # partial maps are taken every 10 s
 
 def cases(quick: bool) -> list[Case]:
     """One exploration run per layout."""
-    worlds = ["apartment"] if quick else sorted(present(FURNISHED + PLAIN))
-    return each("codec/{world}", measure_maps, world=worlds)
+    return each("codec/{world}", measure_maps, world=["apartment"] if quick else sorted(present(FURNISHED + PLAIN)))
 
 
 def measure_maps(world: str) -> Figures:

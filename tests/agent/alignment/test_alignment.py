@@ -163,7 +163,7 @@ def test_a_meeting_out_of_range_or_inside_a_wall_is_impossible() -> None:
 def test_a_place_is_inside_outer_rings_and_outside_pillars() -> None:
     room = chain([(0, 0), (4, 0), (4, 4), (0, 4), (0, 0)], [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)])
     made = corners(room)
-    place = place_of(made.points, made.child, made.walls)
+    place = place_of(made.points, made.parent, made.child, made.walls)
     spots = np.array([(0.5, 0.5), (1.5, 1.5), (-1.0, 1.0), (0.05, 2.0), (3.0, 3.0)])
     assert place.reachable(spots, 0.1).tolist() == [True, False, False, False, True]
 
