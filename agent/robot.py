@@ -59,8 +59,7 @@ class Robot:
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
-        started = time.perf_counter()
-        tick = observation.tick
+        started, tick = time.perf_counter(), observation.tick
         scan = self.perception.see(observation, self.filter.predicted(observation.odometry), self.own)
         self.filter.update(scan, observation.odometry)
         pose = self.filter.pose

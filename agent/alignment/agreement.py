@@ -48,8 +48,7 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
 
     Around such a corner the ground is free on both its walls' sides, and so also beyond the end of each.
     """
-    length = lengths(segments)
-    direction = directions(segments)
+    length, direction = lengths(segments), directions(segments)
     step = max(SAMPLE_M, float(length.sum()) / MAX_SAMPLES)
     count = np.ceil(length / step).astype(np.int64)
     places, wall = points_along(segments, count)

@@ -51,10 +51,7 @@ class Meeting:
     radius_m: float = 0.0  # of both robots' bodies
 
     def possible(self, transforms: Floats, here: Place, there: Place) -> Bools:
-        """(k,) whether transforms (k, 3) of their frame into mine put both robots in range and in free space.
-
-        here, there: where a robot can be by my map, and by theirs.
-        """
+        """(k,) whether transforms (k, 3) put both in range and in free space; here, there: by my map and by theirs."""
         clearance = max(self.radius_m - BODY_SLACK_M, 0.0)
         peer = compose(transforms, np.array(self.theirs))[:, :2]
         me = compose(inverse(transforms), np.array(self.mine))[:, :2]

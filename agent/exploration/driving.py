@@ -57,8 +57,7 @@ def _steer_point(x: float, y: float, path: Floats, walls: Floats, clearance: flo
     """
     steps = _LOOKAHEAD_STEPS
     best_x, best_y = path[0, 0], path[0, 1]
-    best = math.inf
-    piece, share = 0, 0.0
+    best, piece, share = math.inf, 0, 0.0
     for k in range(path.shape[0] - 1):
         ax, ay = path[k, 0], path[k, 1]
         dx, dy = path[k + 1, 0] - ax, path[k + 1, 1] - ay
@@ -148,8 +147,7 @@ class Driver:
             return point
         ux, uy = (px - x) / way, (py - y) / way
         need = self.limits.disc + PASS_AIR_M
-        nearest = MEET_M
-        left_of_way = math.inf
+        nearest, left_of_way = MEET_M, math.inf
         for dx, dy in (obstacles.discs - (x, y)).tolist():
             ahead, left = ux * dx + uy * dy, ux * dy - uy * dx
             if 0.0 < ahead < nearest and abs(left) < need and math.hypot(dx, dy) > 1e-6:
@@ -169,9 +167,7 @@ class Driver:
 
     def towards(self, point: tuple[float, float], pose: Pose, obstacles: Obstacles, left_m: float) -> Motion:
         """Command for the next tick towards a point, with left_m to go at most."""
-        spec = self.spec
-        x, y, theta = pose
-        px, py = point
+        spec, (x, y, theta), (px, py) = self.spec, pose, point
         if math.hypot(px - x, py - y) < 1e-6:
             return STANDS
         bearing = math.atan2(py - y, px - x) - theta

@@ -54,8 +54,7 @@ class Explorer:
 
     def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
         self.config, self.spec = config, spec
-        self.driver = Driver(driving, spec)
-        self.surroundings = Surroundings(driving, spec)
+        self.driver, self.surroundings = Driver(driving, spec), Surroundings(driving, spec)
         self.viewpoints = Viewpoints()
         self.goals = Goals(config.attempts, spec)
         self.sweep = Sweep(config.smallest_object_m, spec.lidar)

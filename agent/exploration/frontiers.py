@@ -71,8 +71,7 @@ def open_ends(wireframe: Wireframe) -> Ends:
 def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:
     """Per end (g,) the lowest end that faces it across a gap in one wall, or itself: they count once."""
     d = ends.points[None, :] - ends.points[:, None]
-    ahead = (d * ends.along[:, None]).sum(2)
-    aside = np.abs((d * ends.free[:, None]).sum(2))
+    ahead, aside = (d * ends.along[:, None]).sum(2), np.abs((d * ends.free[:, None]).sum(2))
     facing = (ends.free @ ends.free.T > 0.95) & (ends.along @ ends.along.T < -0.95)
     facing &= (ahead > 0) & (ahead < gap_m) & (aside < off_m) & ends.frontier[:, None] & ends.frontier[None, :]
     one = np.arange(len(ends.points))

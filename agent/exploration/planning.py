@@ -60,8 +60,7 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
 
     into, out_of: (n,) the vertex before and after, or -1. A chain's end is walked around as the tip of a thin wall.
     """
-    nodes = np.empty((2 * points.shape[0], 2))
-    k = 0
+    nodes, k = np.empty((2 * points.shape[0], 2)), 0
     for v in range(points.shape[0]):
         a, b = into[v], out_of[v]
         if a < 0 and b < 0:
@@ -104,9 +103,7 @@ def _shortest(start: Floats, start_clearance: float, terrain: Terrain) -> tuple[
     """Dijkstra from start (2,): `cost` and `before` of an Origin."""
     nodes, joins = terrain.nodes, terrain.joins
     n = nodes.shape[0]
-    cost = np.full(n, math.inf)
-    before = np.full(n, _FROM_START)
-    settled = np.zeros(n, np.bool_)
+    cost, before, settled = np.full(n, math.inf), np.full(n, _FROM_START), np.zeros(n, np.bool_)
     at, at_cost = _FROM_START, 0.0
     while True:
         px, py = (start[0], start[1]) if at == _FROM_START else (nodes[at, 0], nodes[at, 1])
@@ -128,8 +125,7 @@ def _shortest(start: Floats, start_clearance: float, terrain: Terrain) -> tuple[
             new += FRONTIER_TOLL_M * join
             if new < cost[j]:
                 cost[j], before[j] = new, at
-        at = _FROM_START
-        best = math.inf
+        at, best = _FROM_START, math.inf
         for j in range(n):
             if not settled[j] and cost[j] < best:
                 best, at = cost[j], j

@@ -156,10 +156,7 @@ class Sweep:
         return np.asarray(points[_in_view(points, around, walls, self.range, self.radius)])
 
     def left(self, samples: Floats, eye: Floats, walls: Floats) -> tuple[Floats, bool]:
-        """Samples (n, 2) that the eye (2,) does not see from within the radius, and whether they are too few to count.
-
-        walls (m, 4): what hides them.
-        """
+        """Samples (n, 2) not seen from the eye (2,) past walls (m, 4) within the radius, and if they are too few."""
         left = samples[~np.asarray(_in_view(samples, eye[None], walls, self.radius, 0.0))]
         return left, len(left) < LEAST_SAMPLES
 

@@ -8,10 +8,7 @@ from protocol.arrays import Floats, Ints, Labels
 
 
 def chains_of(before: Ints, after: Ints) -> list[list[int]]:
-    """Vertices of each chain in order, open chains first; a ring has its first vertex again at the end.
-
-    before, after: (n,) of each vertex, or -1.
-    """
+    """Vertices of each chain in order, of a ring the first again at the end; before, after: (n,) of each, or -1."""
     left, chains = set(range(len(after))), []
     for start in (*np.flatnonzero(before < 0).tolist(), *range(len(after))):
         chain, v = [], start
@@ -37,8 +34,7 @@ def chained(tips: Floats, labels: Labels, following: Ints) -> tuple[Floats, Labe
         if following[k] >= 0:
             shared[following[k]] = True
     points, names = np.empty((2 * m, 2)), np.empty(2 * m, np.uint8)
-    edges = np.empty((m, 2), np.int32)
-    n = 0
+    edges, n = np.empty((m, 2), np.int32), 0
     for k in range(m):
         for side in range(2):
             if side == 0 and shared[k]:

@@ -87,8 +87,7 @@ def path_clear(path: Floats, walls: Floats, clearance: float) -> bool:
 @kernel
 def walls_near(walls: Floats, x: float, y: float, reach: float) -> Floats:
     """Those of walls (m, 4) whose bounding boxes meet the square around (x, y), reach metres to each side."""
-    near = np.empty(walls.shape)
-    m = 0
+    near, m = np.empty(walls.shape), 0
     for k in range(walls.shape[0]):
         if (
             min(walls[k, 0], walls[k, 2]) < x + reach

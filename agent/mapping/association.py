@@ -41,8 +41,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     if e.ux * p.ux + e.uy * p.uy < 0.7:
         return math.inf
     turn_sd = math.hypot(gates.noise * math.sqrt(1 / p.spread + 1 / spread(e)), gates.heading_sd)
-    t = along(e, p.x, p.y)
-    off = above(e, p.x, p.y)
+    t, off = along(e, p.x, p.y), above(e, p.x, p.y)
     off_sd = math.hypot(math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise)), gates.pose_sd)
     if abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + NOISE_SIGMAS * off_sd:
         return math.inf

@@ -53,8 +53,7 @@ def _corner_odds(edges: Records, pieces: Records, walls: Ints, k: int) -> float:
 @kernel
 def _wrong_ends(wall: Record, piece: Record, margin: float) -> int:
     """How many ends of a piece go on behind a corner of the wall, or end before the wall does."""
-    wrong = 0
-    t = along(wall, piece.x, piece.y)
+    wrong, t = 0, along(wall, piece.x, piece.y)
     for side in range(2):
         outward = 1.0 if side == 1 else -1.0
         beyond = outward * (t + piece.end[side] - tip_at(wall, side))

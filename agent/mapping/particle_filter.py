@@ -197,8 +197,7 @@ class WireframeFilter:
 @kernel
 def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
     """The arrays of that wireframe, in the order of its fields."""
-    place = np.full(len(edges), -1)
-    m = 0
+    place, m = np.full(len(edges), -1), 0
     for k in range(len(edges)):
         if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
             place[k] = m

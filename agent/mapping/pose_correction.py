@@ -75,8 +75,7 @@ def correct_pose(
 
     predicted, covariance: by odometry. noise: m, standard deviation of a range.
     """
-    prior = inverse(covariance)
-    pose = predicted
+    prior, pose = inverse(covariance), predicted
     h = prior
     for _ in range(ROUNDS):
         h = prior.copy()

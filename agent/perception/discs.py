@@ -52,8 +52,7 @@ def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
     A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
     another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
     """
-    step = 2 * math.pi / len(ranges)
-    rays = np.empty((len(ranges), 2))
+    step, rays = 2 * math.pi / len(ranges), np.empty((len(ranges), 2))
     for k in range(len(ranges)):
         rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
     turn = Turn(ranges, rays, step, radius, noise, NOISE_SIGMAS * noise + 0.1 * radius)

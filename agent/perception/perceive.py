@@ -26,6 +26,7 @@ OPEN_BEAMS = 3  # silent beams in a row that show free space: fewer may have dro
 IN_WALL_M = 0.08  # a disc centred this near to a known wall is that wall's end: a teammate's centre is a radius away
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
 WALL_M = 0.3  # no teammate stands in a mapped wall, unless the wall is shorter: it may be the teammate's front
+NOTHING = np.zeros((0, 4))
 
 
 class Perception:
@@ -63,9 +64,9 @@ def perceive(
     spec: RobotSpec,
     method: Method = "piecewise",
     *,
-    expected: Floats | None = None,
-    known: Floats | None = None,
-    posts: Floats | None = None,
+    expected: Floats = NOTHING,
+    known: Floats = NOTHING,
+    posts: Floats = NOTHING,
 ) -> CornerScan:
     """Corner scan of a full turn.
 
@@ -78,13 +79,10 @@ def perceive(
     ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= lidar.range_max_m + 1.0), ranges, np.inf)
     noise, n = range_noise(lidar), len(ranges)
     discs = find_discs(ranges, radius, noise)
-    if known is not None and len(known):
-        discs = discs[distances_to_walls(discs, known) > IN_WALL_M]
-    if posts is not None and len(posts) and len(discs):
+    discs = discs[distances_to_walls(discs, known) > IN_WALL_M]
+    if len(posts) and len(discs):
         discs = discs[np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1) > radius]
-    hidden = hidden_beams(n, discs, radius)
-    if expected is not None and len(expected):
-        hidden |= beams_on(ranges, expected, radius, DISC_MARGIN_M)
+    hidden = hidden_beams(n, discs, radius) | beams_on(ranges, expected, radius, DISC_MARGIN_M)
     returned = np.isfinite(ranges)
     used = np.flatnonzero(returned & ~hidden)
     pieces, unexplained = np.zeros(0, PIECE), returned

@@ -110,8 +110,7 @@ def piecewise(ranges: Floats, bearings: Floats, noise: float) -> tuple[Ints, Flo
     intervals [first, end) into the doubled turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix
     sums of the doubled turn.
     """
-    m = len(ranges)
-    sums = sums_of_two_turns(ranges, bearings, noise)
+    m, sums = len(ranges), sums_of_two_turns(ranges, bearings, noise)
     turn = _true_cut(sums, m // 4, m - m // 4)
     if turn < 0:
         turn = max(_true_cut(sums, 0, m), 0)

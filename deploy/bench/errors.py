@@ -13,10 +13,7 @@ RIGHT_M, RIGHT_DEG = 0.25, 5.0  # farther off than either is wrong (the scorer's
 
 
 def errors(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose, centre: Floats) -> tuple[float, float]:
-    """Metres at the centre (2,) of the peer's map, and degrees, that a transform (3,) is off.
-
-    mine and theirs: poses of the two frames in the world.
-    """
+    """Metres at the centre (2,) of the peer's map, and degrees, that a transform (3,) is off; mine, theirs: frames."""
     metres, radians = distance(np.asarray(transform), np.array(relative(mine, theirs)), centre)
     return metres, math.degrees(radians)
 

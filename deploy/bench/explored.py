@@ -89,10 +89,7 @@ class Explored(NamedTuple):
         return {**found, "ended_at": self.episode.t, "vertices": len(wireframe.points)}
 
     def told(self, robot: str = "r1") -> Figures:
-        """What a robot's events and its open goals say.
-
-        `silent`: frontier or occlusion ends that it neither resolved nor recorded as given up with a reason.
-        """
+        """What a robot's events and open goals say; `silent`: ends neither resolved nor given up with a reason."""
         explorer: Explorer = self.robots[robot].explorer
         reasons = explorer.goals.reasons
         events = [event for _, who, event in self.events if who == robot]

@@ -104,8 +104,7 @@ def _congruent(source: Floats, target: Floats, bases: Ints, pairs: Ints, lengths
     pairs (p, 2): ordered pairs of targets by length; lengths (p,) theirs.
     """
     found, matched = np.empty((len(bases) * MAX_SETS, 3)), np.empty(len(bases) * MAX_SETS, np.int64)
-    total = 0
-    there = np.empty((4, 2))
+    total, there = 0, np.empty((4, 2))
     for base in bases:
         four = source[base]
         u, v = _crossing(four[0], four[1], four[2], four[3])

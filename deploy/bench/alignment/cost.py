@@ -32,8 +32,7 @@ def measure(method: str, repeats: int) -> Figures:
     rng = np.random.default_rng(0)
     whole = whole_map(MAZE)
     part = certain(whole.points[:VERTICES], whole.edges[(whole.edges < VERTICES).all(1)])
-    config = AlignmentConfig()
-    times = []
+    config, times = AlignmentConfig(), []
     for _ in range(repeats + 1):
         noisy = [replace(part, points=part.points + rng.normal(0.0, NOISE_M, part.points.shape)) for _ in range(2)]
         theirs = moved(noisy[1], random_pose(rng))

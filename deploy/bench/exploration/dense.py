@@ -97,8 +97,7 @@ def _way(free: Bools, goals: Bools, i0: int, j0: int, leave: float) -> Ints:
     Cells within `leave` of the start may be driven over though they are not free, at ten times the cost.
     """
     nx, ny = free.shape
-    cost = np.full((nx, ny), math.inf)
-    before = np.full((nx, ny), -1)
+    cost, before = np.full((nx, ny), math.inf), np.full((nx, ny), -1)
     cost[i0, j0] = 0.0
     queue = [(0.0, i0, j0)]
     while len(queue):
@@ -156,8 +155,7 @@ class DenseRobot:
         self.log_odds = self.grid.log_odds
         self.given_up = np.zeros(self.log_odds.shape, np.bool_)
         self.path: Floats | None = None
-        self.complete = False
-        self.clearance = 0.0
+        self.complete, self.clearance = False, 0.0
         self._known_cells, self._steps, self._vain, self._nothing = 0, 0, 0, 0
         self._goal = np.zeros(2)
 

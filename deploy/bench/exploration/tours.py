@@ -135,8 +135,7 @@ def held_karp(cost: Floats, rounds: int = 200) -> float:
     best, step = 0.0, cost.sum() / (n * (n - 1)) / 4
     for _ in range(rounds):
         # least spanning tree (Prim) and the degree of each place
-        degree = np.zeros(n, np.int64)
-        inside = np.zeros(n, np.bool_)
+        degree, inside = np.zeros(n, np.int64), np.zeros(n, np.bool_)
         near, by = np.full(n, math.inf), np.zeros(n, np.int64)
         at, weight = 0, 0.0
         inside[0] = True

@@ -58,7 +58,7 @@ class Walk:
         ranges = self.lidar.cast(np.array([pose]), discs)
         measured = np.asarray(self.lidar.measured(ranges, [self.rng])[0], np.float64)
         odometry = odometry or pose
-        posts = None if post is None else seen_from(pose, np.array([post]))
+        posts = seen_from(pose, np.array([] if post is None else [post]).reshape(-1, 2))
         scan = perceive(measured, self.spec, expected=self.discs.expected(odometry), posts=posts)
         self.discs.add(odometry, scan.discs)
         self.filter.update(scan, odometry)
