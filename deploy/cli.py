@@ -219,7 +219,7 @@ def agent(
     connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
     secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
     reconnect_s: Annotated[
-        float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="2")
+        float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="60")
     ] = None,
     config: ConfigFile = None,
     set_: Set = None,

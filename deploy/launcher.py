@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from deploy import manifest
 from deploy.config import ConfigError, RunConfig
-from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, agent_process, world_process
+from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status
 from protocol.access import new_secrets
 from protocol.messages import Progress
@@ -120,7 +120,8 @@ class Children:
                 for pipe in wait(list(self._talking), timeout=None if deadline is None else 0.1):
                     self._listen(self._talking[pipe])
                 if deadline is None and not any(child.name == "world" for child in self._talking.values()):
-                    deadline = time.monotonic() + self._config.reconnect_s + LEAVE_S
+                    self._tell_all(STOP)  # nobody needs to wait for a world that has ended
+                    deadline = time.monotonic() + LEAVE_S
         finally:
             for number, handler in before.items():
                 signal.signal(number, handler)
@@ -150,14 +151,13 @@ class Children:
             what, value = child.pipe.recv()
         except (EOFError, OSError):
             del self._talking[child.pipe]
-            if child.name == "world" and self._interrupted:
-                self._tell_all()
             if child.name not in self._last_words:
                 child.process.join(1.0)
                 code = child.process.exitcode
                 how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
                 self._errors.append(f"{child.name}: its process died ({how})")
                 self._end_unless_begun(child)
+            self._tell_world(child.name)
             return
         if what == LISTENING:
             for robot in self._config.robot_ids:
@@ -179,7 +179,12 @@ class Children:
         """End a run that would wait for a robot that cannot join any more."""
         if self._progress is None and child.name != "world":
             self._never_began = True
-            self._tell_all()
+            self._tell_all(STOP)
+
+    def _tell_world(self, robot: str) -> None:
+        """Tell the world that a robot's process has ended, as a link that is lost may come back."""
+        with suppress(OSError):
+            self._children[0].pipe.send(robot)
 
     def _stop(self, number: int, frame: object) -> None:
         if self._interrupted:
@@ -187,12 +192,12 @@ class Children:
                 child.process.kill()
         self._interrupted = True
         with suppress(OSError):
-            self._children[0].pipe.send("stop")  # the world tells its robots; those not there yet are told at its end
+            self._children[0].pipe.send(STOP)  # the world tells its robots; those not there yet are told at its end
 
-    def _tell_all(self) -> None:
+    def _tell_all(self, what: str) -> None:
         for child in self._talking.values():
             with suppress(OSError):
-                child.pipe.send("stop")
+                child.pipe.send(what)
 
     def _status(self) -> Status:
         if self._interrupted or (self._ended == "interrupted" and not self._never_began):

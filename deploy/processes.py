@@ -26,6 +26,9 @@ GRACE_S = 3.0  # a child has this long to end by itself once its launcher is dea
 # First item of what a child sends to its launcher; the second is a value.
 LISTENING, PROGRESS, ENDED, REFUSED, FAILED = "listening", "progress", "ended", "refused", "failed"
 
+STOP = ""
+"""What the launcher says to a child to stop it. It says a robot's name to the world where that process has ended."""
+
 
 def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None) -> None:
     """Run the world; tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why."""
@@ -34,7 +37,7 @@ def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: d
     from world.worldfile import WorldFileError
 
     inbox = WorldInbox()
-    _obey(launcher, inbox)
+    _obey(launcher, inbox, robot_ended=inbox.end)
     told = {"listening": partial(_tell, launcher, LISTENING), "progress": partial(_tell, launcher, PROGRESS)}
     with _last_words(launcher, WorldFileError, OSError) as ended:
         ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, **told))
@@ -70,14 +73,19 @@ def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Ca
         raise
 
 
-def _obey(launcher: Connection, inbox: Inbox, orphan_s: float = 0.0) -> None:
+def _obey(
+    launcher: Connection, inbox: Inbox, orphan_s: float = 0.0, robot_ended: Callable[[str], None] = lambda robot: None
+) -> None:
     """Stop on SIGTERM, on the launcher's message, and orphan_s after its end; Ctrl-C is left to the launcher."""
 
     def watch() -> None:
         with suppress(EOFError, OSError):  # raised where the launcher is dead
             while True:
-                launcher.recv()
-                inbox.stop()
+                robot = launcher.recv()
+                if robot == STOP:
+                    inbox.stop()
+                else:
+                    robot_ended(robot)
         time.sleep(orphan_s)
         inbox.stop()
         time.sleep(GRACE_S - orphan_s)

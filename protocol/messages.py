@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, Strin
 from protocol.arrays import Floats
 from protocol.settings import MAX_NUMBER
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 
 EVERYONE = "*"
 """The receiver of a broadcast."""
@@ -139,7 +139,7 @@ class Join(Message):
     version: int
     robot: RobotId
     session: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{0,32}$")] = ""
-    """The robot's Zenoh ID, by which the world knows its link: for counting bytes only."""
+    """The robot's Zenoh ID, by which the world knows its link, and a process that comes back from a new one."""
 
 
 class Welcome(Message):
@@ -151,6 +151,10 @@ class Welcome(Message):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     """The robot's own seed, drawn from the run's seed."""
     lockstep: bool
+    run: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{16}$")]
+    """Which run this is: a robot that comes back to it goes on, and begins anew in another."""
+    tick: Tick = 0
+    """The tick at which the robot joins: 0 before the run begins."""
 
 
 class Refused(Message):
@@ -269,7 +273,7 @@ class Clock(Message):
     t: Annotated[Finite, Field(ge=0)]
     """Simulated seconds."""
     status: dict[RobotId, Text]
-    """Per robot: `exploring`, `complete` or `dead`."""
+    """Per robot: `exploring`, `complete`, `away` (its link is lost, and awaited) or `dead`."""
     ended: Text | None = None
     """How the run ended: `complete`, `time`, `dead`, `interrupted`; None while it goes on."""
 

@@ -43,7 +43,9 @@ def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
         "timestamping/enabled": {"router": False, "peer": False, "client": False},
         "adminspace/enabled": False,
         "transport/shared_memory/enabled": False,  # no gain at these sizes, and a race (zenoh #2628)
-        "transport/link/tx/lease": 500,  # ms until a stopped process is noticed; each side announces its own
+        # ms until the link to a stopped process ends; each side announces its own. A dead process closes its link at
+        # once, so the lease is for stopped machines and cut networks, and a short stall costs nothing.
+        "transport/link/tx/lease": 5000,
         "transport/link/tx/keep_alive": 4,
         # us that a blocking put waits for a receiver that does not read; the default of 5 s stalls all other robots
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 300_000,

@@ -9,6 +9,9 @@ from protocol.errors import ProtocolError
 from protocol.messages import Action, Event, MapReport, Send
 from world.tick import Outputs
 
+TRIES = 3
+"""How often a tick whose answer does not add up is said again before the robot is given up."""
+
 
 @dataclass
 class Answer:
@@ -19,6 +22,8 @@ class Answer:
     map: MapReport | None = None
     action: Action | None = None
     """The last message of a tick; None until it comes."""
+    tries: int = 0
+    """How often its messages did not add up."""
 
 
 class Answers:
@@ -30,21 +35,32 @@ class Answers:
     def __init__(self, robots: Iterable[str]) -> None:
         self._answers = {robot: Answer() for robot in robots}
 
-    def hear(self, robot: str, channel: str, payload: bytes, tick: int) -> None:
-        """Take a message at a tick. Raises ProtocolError for bytes that are none."""
-        answer = self._answers[robot]
-        match channel:
-            case keys.RADIO:
-                answer.sends.append(decode(Send, payload))
-            case keys.MAP:
-                answer.map = decode(MapReport, payload)
-            case keys.ACT:
-                answer.action = decode(Action, payload)
-                answer.events.extend(answer.action.events)
+    def hear(self, robot: str, channel: str, payload: bytes, tick: int) -> bool:
+        """Take a message at a tick; whether it must be said again. Raises ProtocolError for bytes that are none."""
+        answer, message = self._answers[robot], decode(_MESSAGES[channel], payload)
+        if self._came_before(robot, message, tick):
+            return False
+        match message:
+            case Send():
+                answer.sends.append(message)
+            case MapReport():
+                answer.map = message
+            case Action():
+                answer.action = message
+                answer.events.extend(message.events)
+        return False
+
+    def _came_before(self, robot: str, message: Send | MapReport | Action, tick: int) -> bool:
+        """Whether a message repeats one that was taken."""
+        return False
 
     def due(self, robots: Iterable[str]) -> list[str]:
         """Those of the robots whose action has not come."""
         return [robot for robot in robots if self._answers[robot].action is None]
+
+    def again(self, robot: str) -> None:
+        """Forget what a robot answered to this tick: it is told the tick again, and answers all of it again."""
+        self._answers[robot] = Answer(tries=self._answers[robot].tries)
 
     def take(self, robot: str, tick: int) -> Outputs:
         """A robot's answer to a tick."""
@@ -55,23 +71,51 @@ class Answers:
         raise NotImplementedError
 
 
-class LockstepAnswers(Answers):
-    """Answers where the world waits for every robot's action; only those that are not `due` may be taken."""
+_MESSAGES: dict[str, type[Send] | type[MapReport] | type[Action]] = {
+    keys.RADIO: Send,
+    keys.MAP: MapReport,
+    keys.ACT: Action,
+}
 
-    def hear(self, robot: str, channel: str, payload: bytes, tick: int) -> None:
-        """Take a message of this tick; ProtocolError also for another tick or lost messages."""
+
+class LockstepAnswers(Answers):
+    """Answers where the world waits for every robot that has joined. One that has not joined yet stands still.
+
+    A tick is said again where a link was lost, and its answer may come twice. Each saying excuses one answer too many.
+    """
+
+    def __init__(self, robots: Iterable[str]) -> None:
+        super().__init__(robots)
+        self._excused = dict.fromkeys(self._answers, 0)
+
+    def hear(self, robot: str, channel: str, payload: bytes, tick: int) -> bool:
+        """Take a message of this tick; ProtocolError also for another tick, or messages that never add up."""
         super().hear(robot, channel, payload, tick)
         answer = self._answers[robot]
         action = answer.action
-        if channel == keys.ACT and action and (action.tick, action.sent) != (tick, len(answer.sends)):
-            raise ProtocolError(
-                f"an action of tick {action.tick} after {action.sent} messages, "
-                f"where tick {tick} and {len(answer.sends)} were due"
-            )
+        if channel != keys.ACT or action is None or (action.tick, action.sent) == (tick, len(answer.sends)):
+            return False
+        answer.tries += 1
+        if action.tick == tick and answer.tries <= TRIES:  # the others were lost with a link
+            return True
+        raise ProtocolError(
+            f"an action of tick {action.tick} after {action.sent} messages, "
+            f"where tick {tick} and {len(answer.sends)} were due"
+        )
+
+    def again(self, robot: str) -> None:
+        """As above, and excuse the answer that may be on its way."""
+        super().again(robot)
+        self._excused[robot] += 1
+
+    def _came_before(self, robot: str, message: Send | MapReport | Action, tick: int) -> bool:
+        if not self._excused[robot] or (message.tick == tick and self._answers[robot].action is None):
+            return False
+        self._excused[robot] -= isinstance(message, Action)
+        return True
 
     def _outputs(self, robot: str, answer: Answer, tick: int) -> Outputs:
-        assert answer.action is not None
-        return Outputs(answer.sends, answer.action, answer.map)
+        return Outputs(answer.sends, answer.action or _standing(tick), answer.map)
 
 
 class RealTimeAnswers(Answers):
@@ -90,7 +134,7 @@ class RealTimeAnswers(Answers):
         if action is None or action.tick < tick:
             self.late_ticks += 1
         self._missed[robot] = 0 if action is not None else self._missed[robot] + 1
-        action = action or self._last.get(robot) or Action(tick=tick, speed_mps=0.0, turn_rps=0.0)
+        action = action or self._last.get(robot) or _standing(tick)
         self._last[robot] = action
         now = {"tick": tick}
         said = {"sent": len(answer.sends), "events": answer.events}
@@ -100,3 +144,7 @@ class RealTimeAnswers(Answers):
             action.model_copy(update=now | said | stop),
             answer.map and answer.map.model_copy(update=now),
         )
+
+
+def _standing(tick: int) -> Action:
+    return Action(tick=tick, speed_mps=0.0, turn_rps=0.0)

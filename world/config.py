@@ -53,8 +53,11 @@ class ServerConfig(Config):
     """Whether `wireswarm run` gives each robot a secret, with which it reads and writes its own keys only."""
     real_time: Positive | None = None
     """Simulated seconds per second of the clock; null for lockstep, which goes as fast as the robots answer."""
+    begin_with: Annotated[int, Field(ge=1)] | None = None
+    """Robots that must be ready for the run to begin; null for all. The others may join later, and stand until then."""
     join_timeout_s: Positive = 60.0
     """Seconds until all robots must be ready. A robot on a slow machine compiles its kernels at its first start."""
     silence_s: Positive = 300.0
-    """Seconds without an answer in lockstep after which a robot counts as dead. A step takes some ms, but the first
-    ones compile kernels where installation did not: a minute, measured with three robots on two cores."""
+    """Seconds without a word after which a robot counts as dead, if nobody knows of the end of its process. A step
+    takes some ms, but the first ones compile kernels where installation did not (a minute, measured with three robots
+    on two cores), and a machine may stand still for a while."""

@@ -2,6 +2,7 @@
 
 import zlib
 from collections.abc import Mapping
+from hashlib import blake2s
 from pathlib import Path
 from typing import Any, Self
 
@@ -18,7 +19,7 @@ from world.physics import Physics
 from world.radio import Radio
 from world.recorder import seconds
 from world.tick import Inputs, Outputs, checked_map
-from world.worldfile import load
+from world.worldfile import World, load
 
 CHECKPOINT_S = 5.0
 """Simulated time between two checkpoints. What follows one is told again after a kill, at the world's own speed."""
@@ -38,12 +39,16 @@ class Episode:
         self.config = config
         self.world = load(config.world)
         self.robots = config.robot_ids
+        self._name = _name_of_run(config, self.world)
+        """Tells robots whether a world that comes back is the same run."""
         self.tick = 0
         self.period_s = 1 / spec.lidar.rate_hz
         self.ended: str | None = None
         """None while the run goes on; "complete", "time", "dead" (nobody is left), or what `close` was told."""
         self.late_ticks = 0
         """Ticks that robots missed in real time; set by the shell."""
+        self.links_lost = 0
+        """How often a robot's link was lost; set by the shell before `close`."""
         self.wall_s: float | None = None
         """Seconds that the run took; set by the shell before `close`, because the core has no clock."""
         self.wire: dict[str, Any] | None = None
@@ -182,7 +187,15 @@ class Episode:
         limits = {"radio_range_m": radio.range_m, "radio_mtu_bytes": radio.mtu_bytes}
         spec = self.config.spec.model_copy(update=limits)
         seed = int(generator(self.config.seed, "mind", robot).integers(2**63))
-        return Welcome(version=PROTOCOL_VERSION, robot=robot, spec=spec, seed=seed, lockstep=lockstep)
+        return Welcome(
+            version=PROTOCOL_VERSION,
+            robot=robot,
+            spec=spec,
+            seed=seed,
+            lockstep=lockstep,
+            run=self._name,
+            tick=self.tick,
+        )
 
     def inputs(self) -> dict[str, Inputs]:
         """What each live robot hears and sees at this tick; the same on every call."""
@@ -262,9 +275,13 @@ class Episode:
             return
         self._note("kill", robot, reason)
         self.dead[robot] = reason
-        self._ledger.death(self.tick, robot, reason)
+        self.note(robot, "dead", {"reason": reason})
         if not self.live and self.ended is None:
             self.ended = "dead"
+
+    def note(self, robot: str, event: str, data: Mapping[str, Any]) -> None:
+        """Log what happened to a robot at this tick: it left, joined or came back, or died."""
+        self._ledger.note(self.tick, robot, event, data)
 
     def close(self, ended: str | None = None) -> None:
         """Write what is left of the run directory; `ended` says why, where the run did not end by itself."""
@@ -289,6 +306,7 @@ class Episode:
             "team": self._ledger.team_figures(),
             "real_time_factor": round((self.t - self._resumed_s) / self.wall_s, 2) if self.wall_s else None,
             "late_ticks": self.late_ticks,
+            "links_lost": self.links_lost,
         }
 
 
@@ -296,3 +314,8 @@ def generator(seed: int, purpose: str, robot: str = "") -> np.random.Generator:
     """The run's generator for one purpose and robot: a draw in one moves nothing in another."""
     words = [zlib.crc32(word.encode()) for word in (purpose, robot)]
     return np.random.default_rng(np.random.SeedSequence([seed, *words]))
+
+
+def _name_of_run(config: WorldConfig, world: World) -> str:
+    what = f"{config.seed} {config.starts} {world.hash}"
+    return blake2s(what.encode(), digest_size=8).hexdigest()

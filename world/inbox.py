@@ -9,7 +9,11 @@ from protocol.inbox import Arrival, Inbox
 class WorldInbox(Inbox):
     """Arrivals of all robots in one order, which one thread takes."""
 
-    ALIVE, GONE = "token", "no-token"
+    ALIVE, GONE, ENDED = "token", "no-token", "ended"
+
+    def end(self, robot: str) -> None:
+        """Take the launcher's word that a robot's process has ended for good."""
+        self.put(Arrival(self.ENDED, robot))
 
     def watch(self, sample: zenoh.Sample) -> None:
         """Take a change of a robot's liveliness token."""

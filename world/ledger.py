@@ -153,10 +153,10 @@ class Ledger:
         if self._recorder:
             self._recorder.check()
 
-    def death(self, tick: int, robot: str, reason: str) -> None:
-        """Record that a robot died."""
+    def note(self, tick: int, robot: str, event: str, data: Fields) -> None:
+        """Record what happened to a robot."""
         if self._recorder:
-            self._recorder.event(self._t(tick), tick, robot, "dead", {"reason": reason})
+            self._recorder.event(self._t(tick), tick, robot, event, data)
 
     def close(
         self, tick: int, passages: Sequence[Passage], moved_to: Floats | None, summary: Fields, wire: Fields | None

@@ -1,6 +1,6 @@
 """Which robots take part in a run, and who is let in."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 
 from protocol import keys
 from protocol.codec import decode
@@ -9,30 +9,33 @@ from protocol.messages import PROTOCOL_VERSION, Join
 
 
 class Participants:
-    """How far each robot of a run has come: awaited, let in, ready, or dead.
+    """How far each robot of a run has come: awaited, let in, ready, away, or dead.
 
-    A robot that was let in may still miss messages. Once its liveliness token is there, it reads and is read.
+    A robot that was let in may still miss messages. Once its liveliness token is there, it reads and is read. A robot
+    whose token goes is away: its process may live and come back, or another process may take its place.
     """
 
-    def __init__(self, robots: Iterable[str], dead: Mapping[str, str]) -> None:
-        """`dead` gives the reason for each robot that was given up, and may grow."""
-        self._robots, self._dead = list(robots), dead
+    def __init__(
+        self, robots: Iterable[str], dead: Mapping[str, str], linked: Callable[[], Collection[str]] = tuple
+    ) -> None:
+        """dead: the reason for each robot that was given up, which may grow. linked: the Zenoh IDs that have a link."""
+        self._robots, self._dead, self._linked = list(robots), dead, linked
         self.sessions: dict[str, str] = {}
-        """Zenoh ID of each robot that was let in and has not left."""
+        """Zenoh ID of each robot that was let in."""
         self._tokens: set[str] = set()
 
     def is_ready(self, robot: str) -> bool:
-        """Whether this robot takes part now."""
-        return robot in self._tokens and robot not in self._dead
+        """Whether this robot reads and is read now."""
+        return robot in self.sessions and robot in self._tokens and robot not in self._dead
 
     @property
     def ready(self) -> list[str]:
-        """Robots that take part now."""
+        """Robots that read and are read now."""
         return [robot for robot in self._robots if self.is_ready(robot)]
 
     @property
     def missing(self) -> list[str]:
-        """Robots that do not take part, or not yet."""
+        """Robots that do not take part, not yet, or not now."""
         return [robot for robot in self._robots if not self.is_ready(robot)]
 
     def admit(self, robot: str, service: str, payload: bytes) -> str | None:
@@ -51,18 +54,17 @@ class Participants:
             return f"no {robot} takes part, only {', '.join(self._robots)}"
         if robot in self._dead:
             return f"it was given up: {self._dead[robot]}"
-        # one that was let in asks again where the world's token changed while it asked
-        if robot in self._tokens or self.sessions.get(robot, join.session) != join.session:
+        # a process whose link was lost and is there again asks again; one that died has no link any more
+        before = self.sessions.get(robot, join.session)
+        if before != join.session and before in self._linked():
             return f"another {robot} is there already"
         self.sessions[robot] = join.session
         return None
 
     def token_came(self, robot: str) -> None:
-        """A robot that was let in is ready."""
-        if robot in self.sessions:
-            self._tokens.add(robot)
+        """A robot's token is there, maybe before the robot asked to be let in: its session declares it anew."""
+        self._tokens.add(robot)
 
-    def token_went(self, robot: str) -> bool:
-        """Whether a robot left that was here; it may join again unless it is given up."""
+    def token_went(self, robot: str) -> None:
+        """A robot's token is gone."""
         self._tokens.discard(robot)
-        return self.sessions.pop(robot, None) is not None and robot not in self._dead

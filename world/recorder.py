@@ -1,6 +1,6 @@
 """The run directory (docs/formats.md): everything that a run leaves behind, byte for byte the same for the same run.
 
-Only `real_time_factor`, `step_ms_median` and `late_ticks` of summary.json depend on the machine.
+Only `real_time_factor`, `step_ms_median`, `late_ticks` and `links_lost` of summary.json depend on the machine.
 """
 
 import csv

@@ -20,11 +20,15 @@ from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
 from world.inbox import WorldInbox
 from world.participants import Participants
-from world.tick import BadOutputsError, Outputs
+from world.tick import BadOutputsError, Inputs, Outputs
 from world.wire import Wire
 
 FAREWELL_S = 1.0
 """At the end of a run, robots have this long to go by themselves before the router closes."""
+ENDED, LOST = "its process ended", "its link was lost"
+"""Why a robot left."""
+SAY_AGAIN_S = 2.0
+"""In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
 PROGRESS_S = 0.2
 """Clock and progress are published this often, so that a viewer looks alive."""
 
@@ -79,10 +83,17 @@ class Shell:
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
         self._session, self._declared = session, ExitStack()
-        self._participants = Participants(episode.robots, episode.dead)
+        self._participants = Participants(episode.robots, episode.dead, self._linked)
         self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
+        self._here: set[str] = set()
+        """Robots that have joined the run; in lockstep their answers are waited for, even while they are away."""
+        self._away: dict[str, float] = {}
+        """Robots that were here and whose link is lost, and since when: time.monotonic()."""
+        self._newcomers: dict[str, str] = {}
+        """Robots whose process came in this tick, `joined` or `rejoined`."""
+        self._links_lost = 0
         self._began: float | None = None
         """time.monotonic() at the first tick; None before it and after the last one."""
         self._told = 0.0
@@ -110,17 +121,21 @@ class Shell:
         self._declared.close()
 
     def gather(self, endpoint: str) -> None:
-        """Wait until every robot is ready; LinkError names those missing after join_timeout_s."""
+        """Wait until as many are ready as the run begins with; LinkError names those missing after join_timeout_s."""
         timeout_s = self.config.join_timeout_s
         deadline = time.monotonic() + timeout_s
-        while missing := self._participants.missing:
+        first = self.config.begin_with or len(self.episode.robots)
+        while len(self._participants.ready) < first:
+            missing = self._participants.missing
             if not self._take(deadline):
                 raise LinkError(
                     f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by "
                     f"`wireswarm agent --id {missing[0]} --connect {endpoint}`"
                 )
-        wait_for_matching(self._put.values(), timeout_s)
+        ready = self._participants.ready
+        wait_for_matching((put for (robot, _), put in self._put.items() if robot in ready), timeout_s)
         self._wire.begin(self._ports())
+        self._here.update(ready)
         self._began = time.monotonic()
 
     def run(self) -> None:
@@ -130,18 +145,18 @@ class Shell:
         while self.episode.ended is None:
             tick = self.episode.tick
             for robot, inputs in self.episode.inputs().items():
-                for heard in inputs.heard:
-                    self._say(robot, keys.RADIO, encode(heard))
-                self._say(robot, keys.OBS, encode(inputs.observation))
+                self._say_tick(robot, inputs)
             self.episode.book()
             if self.config.real_time is None:
-                self._wait_for_all(time.monotonic() + self.config.silence_s)
+                self._wait_for_all()
             else:
                 deadline = self._began + (tick + 1) * self.episode.period_s / self.config.real_time
                 while self._take(deadline):
                     pass
+                self._give_up_silent()
             if self.episode.ended is None:
-                self._advance({robot: self._answers.take(robot, tick) for robot in self._participants.ready})
+                self._note_newcomers()
+                self._advance({robot: self._answers.take(robot, tick) for robot in self.episode.live})
             if time.monotonic() - self._told > PROGRESS_S:
                 self.tell()
 
@@ -151,7 +166,7 @@ class Shell:
         episode = self.episode
         episode.late_ticks = self._answers.late_ticks
         status = {robot: "complete" if done else "exploring" for robot, done in episode.complete.items()}
-        status |= dict.fromkeys(episode.dead, "dead")
+        status |= dict.fromkeys(self._participants.missing, "away") | dict.fromkeys(episode.dead, "dead")
         clock = Clock(tick=episode.tick, t=episode.t, status=status, ended=ended)
         coverage, team = episode.coverage, episode.team_coverage
         progress = Progress(clock=clock, coverage=coverage, team=team, late_ticks=episode.late_ticks)
@@ -167,14 +182,60 @@ class Shell:
             episode.wall_s = time.monotonic() - self._began
         self._began = None
         episode.wire, episode.late_ticks = self._wire.as_dict(), self._answers.late_ticks
+        episode.links_lost = self._links_lost
         episode.close(ended)
         self.tell(ended)
-        for robot in self._participants.ready:
+        for robot in episode.live:
             self._say(robot, keys.END, encode(End(reason=ended)))
         deadline = time.monotonic() + FAREWELL_S
         with suppress(Interrupted):
             while self._participants.ready and self._take(deadline):
                 pass
+
+    def _lose(self, robot: str) -> None:
+        """A link is lost: the process behind it may have ended, or stand still and come back."""
+        self._links_lost += 1
+        self._away[robot] = time.monotonic()
+        if not self._lockstep:
+            self.episode.note(robot, "left", {"reason": LOST})
+        self.tell()
+
+    def _welcome_back(self, robot: str) -> None:
+        """A robot that was away, or is late, may be ready now."""
+        if self._began is None or not self._participants.is_ready(robot):
+            return
+        if robot not in self._here:
+            self._here.add(robot)
+            self._newcomers[robot] = "joined"
+        elif self._away.pop(robot, None) is not None and not self._lockstep:
+            self._newcomers[robot] = "rejoined"
+        self._say_again(robot)
+
+    def _note_newcomers(self) -> None:
+        """Log who came in this tick. In lockstep a process that was away and is the same one has missed nothing."""
+        for robot in self.episode.live:
+            event = self._newcomers.get(robot)
+            if event == "rejoined" and self._lockstep:
+                self.episode.note(robot, "left", {"reason": ENDED})
+            if event is not None:
+                self.episode.note(robot, event, {})
+        self._newcomers.clear()
+
+    def _give_up_silent(self) -> None:
+        for robot, since in list(self._away.items()):
+            if time.monotonic() - since >= self.config.silence_s:
+                self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
+
+    def _say_tick(self, robot: str, inputs: Inputs) -> None:
+        for heard in inputs.heard:
+            self._say(robot, keys.RADIO, encode(heard))
+        self._say(robot, keys.OBS, encode(inputs.observation))
+
+    def _say_again(self, robot: str) -> None:
+        """Say the tick again to a robot whose link was lost in lockstep; in real time the next one will do."""
+        if self._lockstep and robot in self._here:
+            self._answers.again(robot)
+            self._say_tick(robot, self.episode.inputs()[robot])
 
     def _say(self, robot: str, channel: str, payload: bytes) -> None:
         self._wire.told(robot, channel, payload)
@@ -182,15 +243,33 @@ class Shell:
 
     def _ports(self) -> dict[str, int]:
         """Port of each robot's end of its link."""
-        far_ends = {str(link.zid): str(link.dst).rsplit(":", 1)[-1] for link in self._session.info.links()}
+        far_ends = {session: far_end.rsplit(":", 1)[-1] for session, far_end in self._linked().items()}
         ports = {robot: far_ends.get(session, "") for robot, session in self._participants.sessions.items()}
         return {robot: int(ports[robot]) for robot in self.episode.robots if ports.get(robot, "").isdigit()}
 
-    def _wait_for_all(self, deadline: float) -> None:
-        while due := self._answers.due(self._participants.ready):
-            if not self._take(deadline):
-                for robot in due:
-                    self._kill(robot, f"said nothing for {self.config.silence_s:g} s")
+    def _linked(self) -> dict[str, str]:
+        """Address of the far end of each link by its Zenoh ID."""
+        return {str(link.zid): str(link.dst) for link in self._session.info.links()}
+
+    def _wait_for_all(self) -> None:
+        """Wait for the robots that are here; those that say nothing for silence_s are dead.
+
+        Waits are counted, not hours: a freeze of this process or of the machine is nobody's silence.
+        """
+        waits = 0
+        end = time.monotonic() + SAY_AGAIN_S
+        while due := self._answers.due(robot for robot in self.episode.live if robot in self._here):
+            if time.monotonic() < end and self._take(end):
+                continue
+            waits, end = waits + 1, time.monotonic() + SAY_AGAIN_S
+            for robot in due:
+                if waits * SAY_AGAIN_S >= self.config.silence_s:
+                    self._kill(
+                        robot, f"{LOST if robot in self._away else 'it'} said nothing for {self.config.silence_s:g} s"
+                    )
+                else:
+                    self._say_again(robot)
+            self.tell()
 
     def _advance(self, outputs: dict[str, Outputs]) -> None:
         while True:
@@ -211,10 +290,16 @@ class Shell:
                 raise Interrupted
             case WorldInbox.ALIVE:
                 self._participants.token_came(arrival.robot)
+                self._welcome_back(arrival.robot)
             case WorldInbox.GONE:
-                # a robot that leaves before the first tick may be started again; after the last one it leaves as asked
-                if self._participants.token_went(arrival.robot) and self._began is not None:
-                    self._kill(arrival.robot, "its process or its link ended")
+                # before the first tick a robot may be started again, after the last one it leaves as asked
+                self._participants.token_went(arrival.robot)
+                if self._began is not None and arrival.robot in self._here:
+                    self._lose(arrival.robot)
+            case WorldInbox.ENDED:
+                self._participants.token_went(arrival.robot)
+                if self._began is not None:
+                    self._kill(arrival.robot, ENDED)
             case channel if channel in keys.NEEDED and self._began is not None:
                 self._hear(arrival.robot, channel, arrival.payload)
         return True
@@ -224,19 +309,27 @@ class Shell:
             return
         self._wire.heard(robot, payload)
         try:
-            self._answers.hear(robot, channel, payload, self.episode.tick)
+            if self._answers.hear(robot, channel, payload, self.episode.tick):
+                self._say_again(robot)
         except ProtocolError as error:
             self._kill(robot, str(error))
 
     def _kill(self, robot: str, reason: str) -> None:
+        self._away.pop(robot, None)
         self.episode.kill(robot, reason)
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
+        robot, sessions = arrival.robot, self._participants.sessions
+        before = sessions.get(robot)
         with query:
-            refusal = self._participants.admit(arrival.robot, arrival.what, arrival.payload)
+            refusal = self._participants.admit(robot, arrival.what, arrival.payload)
             if refusal is not None:
                 query.reply_err(encode(Refused(reason=refusal)))
             else:
-                welcome = self.episode.welcome(arrival.robot, lockstep=self._lockstep)
+                welcome = self.episode.welcome(robot, lockstep=self._lockstep)
                 query.reply(query.key_expr, encode(welcome))
+        if refusal is None:
+            if robot in self._here and sessions[robot] != before:
+                self._newcomers[robot] = "rejoined"
+            self._welcome_back(robot)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import zenoh
 
@@ -52,10 +53,12 @@ def run_agent(
     patience: JoinConfig | None = None,
     make_mind: MakeMind | None = None,
     inbox: AgentInbox | None = None,
+    checkpoints: Path | None = None,
 ) -> str:
     """Live as `robot` in the world at the endpoint `connect` until its run ends.
 
-    secret: of this robot, where the world asks for one. patience: how long to look for a world.
+    secret: of this robot, where the world asks for one. patience: how long to look for a world. checkpoints: folder
+    where the mind is kept, from which it goes on when its process is started again; None keeps nothing.
     Returns why the run ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
     Raises LinkError where no world is found or it does not come back in time, RefusedError where the world does not
     let the robot in, ProtocolError where the world's messages make no sense.
@@ -70,61 +73,62 @@ def run_agent(
     with open_client(connect, patience.join_timeout_s, robot, secret) as session:
         # with history: Zenoh reports the end of a token only to those to whom it reported the token
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
-        ended = None
-        while ended is None:  # a world that was gone and is back begins a new run
-            joined = join(session, robot, inbox, patience.join_timeout_s)
-            if joined is None:
-                return "interrupted"
-            welcome, changes = joined
-            mind = make_mind(robot, welcome.spec, config, welcome.seed)
-            # left as soon as the world is gone: Zenoh would tell the next world of the old token and hide the new one
+        entry = join(session, robot, inbox, patience.join_timeout_s)
+        while isinstance(entry, Entry):  # a world that was gone and is back may begin a new run
+            welcome = entry.welcome
+            life = Life(make_mind(robot, welcome.spec, config, welcome.seed), entry)
             with declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers:
-                ended = live(mind, publishers, welcome.lockstep, inbox, changes)
-            ended = ended or await_world(inbox, patience.reconnect_s)
-    return ended
+                ended = life.live(publishers, inbox)
+                while ended is None:  # the link was lost: this process, the world or the network stood still
+                    entry = join(session, robot, inbox, patience.reconnect_s)
+                    if isinstance(entry, Entry) and not life.goes_on(entry):
+                        break
+                    ended = life.live(publishers, inbox) if isinstance(entry, Entry) else entry
+            entry = ended or entry
+    return entry
 
 
-def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float) -> tuple[Welcome, int] | None:
-    """Ask the world to let `robot` in, again and again for timeout_s seconds; None where the inbox is stopped.
+class Entry(NamedTuple):
+    """A robot was let in."""
 
-    Returns the answer, and the inbox's `world_changes` when it came. Raises RefusedError where the world says no,
-    LinkError where it does not answer.
+    welcome: Welcome
+    changes: int
+    """The inbox's `world_changes` at that time."""
+
+
+def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float) -> Entry | str:
+    """Ask the world to let `robot` in, first or again, for timeout_s seconds. What came in before is dropped.
+
+    Returns why the run ended where it is over for this robot. Raises RefusedError where the world says no, LinkError
+    where it is not there or does not answer.
     """
     question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(session.info.zid())))
-    deadline = time.monotonic() + timeout_s
-    while time.monotonic() < deadline:
-        if inbox.stopped:
-            return None
-        changes = inbox.world_changes
-        if not inbox.world_up:
-            time.sleep(RETRY_S)
-            continue
-        for reply in session.get(keys.service(robot, keys.JOIN), payload=question, timeout=ANSWER_S):
+    left_s = timeout_s
+    while True:
+        began, changes = time.monotonic(), inbox.world_changes
+        service = keys.service(robot, keys.JOIN)
+        for reply in session.get(service, payload=question, timeout=ANSWER_S) if inbox.world_up else ():
             if reply.ok is not None and inbox.world_changes == changes:
-                return decode(Welcome, reply.ok.payload.to_bytes()), changes
+                return Entry(decode(Welcome, reply.ok.payload.to_bytes()), changes)
             if reply.err is not None:
                 with suppress(ProtocolError):  # an error of Zenoh itself, such as a time-out, is no answer
                     refused = decode(Refused, reply.err.payload.to_bytes())
                     raise RefusedError(f"the world does not let {robot} in: {refused.reason}")
-        time.sleep(RETRY_S)
-    raise LinkError(f"the world does not answer {robot} within {timeout_s:g} s: is it busy, or another program?")
-
-
-def await_world(inbox: AgentInbox, timeout_s: float) -> str | None:
-    """Wait for a world that is gone to come back, and drop its last messages; None when it is there.
-
-    Returns why the run ended where it is over for this robot. Raises LinkError after timeout_s seconds.
-    """
-    deadline = time.monotonic() + timeout_s
-    while not (inbox.world_up and inbox.empty()):
-        arrival = inbox.take(deadline)
-        if arrival is None:
-            raise LinkError(f"the world is gone for {timeout_s:g} s: look at its last words for why")
-        if arrival.what == keys.END:  # the message may come after the news that the world's token is gone
-            return decode(End, arrival.payload).reason
-        if inbox.stopped:
-            return "interrupted"
-    return None
+        retry = time.monotonic() + RETRY_S
+        while arrival := inbox.take(retry):
+            if arrival.what == keys.END:  # the message may come after the news that the world's token is gone
+                return decode(End, arrival.payload).reason
+            if inbox.stopped:
+                return "interrupted"
+            if arrival.what == inbox.WORLD:
+                break
+        left_s -= min(time.monotonic() - began, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
+        if left_s <= 0:
+            break
+    raise LinkError(
+        f"the world does not answer {robot} for {timeout_s:g} s: it ended or stands still, the network is cut, or this "
+        "is another program's address; look at the world's last words"
+    )
 
 
 @contextmanager
@@ -160,32 +164,60 @@ def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:
     publishers[keys.ACT].put(encode(step.action))
 
 
-def live(
-    mind: Mind, publishers: Mapping[str, zenoh.Publisher], lockstep: bool, inbox: AgentInbox, changes: int
-) -> str | None:
-    """Step once per observation until the run ends; returns why, or None where the world that was joined is gone.
+class Life:
+    """A mind in one run of a world: what it heard, and what it last did, which it says again where that was lost."""
 
-    changes: the inbox's `world_changes` when that world let the robot in. A slow world is waited for without limit.
-    """
-    heard: list[Heard] = []
-    while not inbox.stopped:
-        what, _, payload, _ = inbox.get()
-        match what:
-            case keys.RADIO:
-                heard.append(decode(Heard, payload))
-            case keys.OBS:
-                observation = decode(Observation, payload)
-                if lockstep and observation.heard != len(heard):
-                    raise ProtocolError(f"{observation.heard} messages were due at tick {observation.tick}, "
-                                        f"{len(heard)} came")  # fmt: skip
-                if not lockstep and not inbox.empty():
-                    continue  # late: it steps on the newest scan only, with all messages heard since its last step
-                answer(publishers, mind.step(observation, heard))
-                heard = []
-            case keys.END:
-                return decode(End, payload).reason
-            case AgentInbox.WORLD if inbox.world_changes != changes:
-                return None
-            case _:
-                pass  # the world's token at the start, or a key of a later version
-    return "interrupted"
+    def __init__(self, mind: Mind, entry: Entry) -> None:
+        """`entry`: how the robot was let in."""
+        self._mind, self._entry = mind, entry
+        self._heard: list[Heard] = []
+        self._tick = -1
+        """Of the last step; -1 before the first."""
+        self._step: Step | None = None
+
+    def goes_on(self, entry: Entry) -> bool:
+        """Whether the robot was let in again to the run that it lives in, at a tick that is not past."""
+        before, self._entry = self._entry.welcome, entry
+        return (entry.welcome.run, entry.welcome.lockstep) == (before.run, before.lockstep) and (
+            entry.welcome.tick >= self._tick
+        )
+
+    def live(self, publishers: Mapping[str, zenoh.Publisher], inbox: AgentInbox) -> str | None:
+        """Step once per observation until the run ends; returns why, or None where the link to the world was lost.
+
+        A slow world is waited for without limit.
+        """
+        lockstep = self._entry.welcome.lockstep
+        while not inbox.stopped:
+            what, _, payload, _ = inbox.get()
+            match what:
+                case keys.RADIO:
+                    self._heard.append(decode(Heard, payload))
+                case keys.OBS:
+                    observation = decode(Observation, payload)
+                    if not lockstep and not inbox.empty():
+                        continue  # late: it steps on the newest scan only, with all messages heard since its last step
+                    if step := self._take(observation) if lockstep else self._mind.step(observation, self._heard):
+                        answer(publishers, step)
+                    self._heard = []
+                case keys.END:
+                    return decode(End, payload).reason
+                case AgentInbox.WORLD if inbox.world_changes != self._entry.changes:
+                    return None
+                case _:
+                    pass  # the world's token at the start, or a key of a later version
+        return "interrupted"
+
+    def _take(self, observation: Observation) -> Step | None:
+        """The step on an observation in lockstep, once, however often it is said; None where messages were lost.
+
+        The world says a tick again where a link was lost.
+        """
+        heard = [message for message in self._heard if message.tick == observation.tick]
+        if observation.tick == self._tick:
+            return self._step
+        if observation.tick < self._tick or len(heard) < observation.heard:
+            return None
+        self._step = self._mind.step(observation, heard[len(heard) - observation.heard :])
+        self._tick = observation.tick
+        return self._step

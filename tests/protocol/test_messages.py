@@ -67,6 +67,8 @@ messages = st.one_of(
         spec=st.just(RobotSpec()),
         seed=st.integers(0, 2**63 - 1),
         lockstep=st.booleans(),
+        run=st.just("0123456789abcdef"),
+        tick=ticks,
     ),
     st.builds(Refused, reason=texts),
     st.builds(End, reason=texts),

@@ -29,7 +29,7 @@ from world.worldfile import WorldFileError
 
 MIND = AgentConfig()
 QUICK = WorldConfig(world="apartment", until=30.0)
-MACHINE = ("real_time_factor", "step_ms_median", "late_ticks")
+MACHINE = ("real_time_factor", "step_ms_median", "late_ticks", "links_lost")
 OF_THIS_CALL = ("command_line", "start", "end")
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from agent.config import AgentConfig, JoinConfig
-from agent.shell.process import AgentInbox, await_world, join, run_agent
+from agent.shell.process import AgentInbox, Entry, join, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
 from deploy.launcher import launch
@@ -106,7 +106,7 @@ def test_the_world_waits_for_all_and_lets_each_name_in_once(tmp_path: Path) -> N
             agent(world, "r7")
         with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
             assert "version 99" in refusal(session, "r2", Join(version=99, robot="r2"))
-            assert "says that it is r1" in refusal(session, "r2", Join(version=1, robot="r1"))
+            assert "says that it is r1" in refusal(session, "r2", Join(version=PROTOCOL_VERSION, robot="r1"))
             assert "no msgpack" in refusal(session, "r2", b"\xc1")
         assert not first.done()
         second = pool.submit(agent, world, "r2")
@@ -160,20 +160,21 @@ def test_a_robot_asks_again_where_the_world_changed_while_it_asked(tmp_path: Pat
                 return session.get(*question, **more)
 
         joined = join(Between(), "r1", inbox, 5.0)  # type: ignore[arg-type]
-        assert joined is not None and joined[1] == inbox.world_changes == 2
+        assert isinstance(joined, Entry) and joined.changes == inbox.world_changes == 2
         assert len(asked) == 2  # and the second time it was let in again
         assert "another r1 is there already" in refusal(session, "r1", Join(version=PROTOCOL_VERSION, robot="r1"))
 
 
 def test_the_last_word_of_a_world_counts_after_its_end() -> None:
-    inbox = AgentInbox()
-    inbox.put(Arrival(keys.OBS, payload=b"late"))
-    inbox.put(Arrival(keys.END, payload=encode(End(reason="time"))))
-    assert await_world(inbox, 0.1) == "time"
-    with pytest.raises(LinkError, match=r"the world is gone for 0\.1 s"):
-        await_world(inbox, 0.1)
-    inbox.stop()
-    assert await_world(inbox, 0.1) == "interrupted"
+    with open_router() as (session, _):  # a world without a token is none
+        inbox = AgentInbox()
+        inbox.put(Arrival(keys.OBS, payload=b"late"))
+        inbox.put(Arrival(keys.END, payload=encode(End(reason="time"))))
+        assert join(session, "r1", inbox, 0.1) == "time"
+        with pytest.raises(LinkError, match=r"does not answer r1 for 0\.1 s"):
+            join(session, "r1", inbox, 0.1)
+        inbox.stop()
+        assert join(session, "r1", inbox, 0.1) == "interrupted"
 
 
 def test_missing_robots_are_named(tmp_path: Path) -> None:
