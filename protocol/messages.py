@@ -139,7 +139,9 @@ class Join(Message):
     version: int
     robot: RobotId
     session: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{0,32}$")] = ""
-    """The robot's Zenoh ID, by which the world knows its link, and a process that comes back from a new one."""
+    """The robot's Zenoh ID, by which the world knows its link."""
+    process: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{0,16}$")] = ""
+    """Drawn by the robot's process, by which the world tells one that comes back from a new one."""
 
 
 class Welcome(Message):

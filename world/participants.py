@@ -22,6 +22,8 @@ class Participants:
         self._robots, self._dead, self._linked = list(robots), dead, linked
         self.sessions: dict[str, str] = {}
         """Zenoh ID of each robot that was let in."""
+        self.processes: dict[str, str] = {}
+        """The process of each robot that was let in."""
         self._tokens: set[str] = set()
 
     def is_ready(self, robot: str) -> bool:
@@ -58,7 +60,7 @@ class Participants:
         before = self.sessions.get(robot, join.session)
         if before != join.session and before in self._linked():
             return f"another {robot} is there already"
-        self.sessions[robot] = join.session
+        self.sessions[robot], self.processes[robot] = join.session, join.process
         return None
 
     def token_came(self, robot: str) -> None:

@@ -320,8 +320,8 @@ class Shell:
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
-        robot, sessions = arrival.robot, self._participants.sessions
-        before = sessions.get(robot)
+        robot, processes = arrival.robot, self._participants.processes
+        before = processes.get(robot)
         with query:
             refusal = self._participants.admit(robot, arrival.what, arrival.payload)
             if refusal is not None:
@@ -330,6 +330,6 @@ class Shell:
                 welcome = self.episode.welcome(robot, lockstep=self._lockstep)
                 query.reply(query.key_expr, encode(welcome))
         if refusal is None:
-            if robot in self._here and sessions[robot] != before:
+            if robot in self._here and processes[robot] != before:
                 self._newcomers[robot] = "rejoined"
             self._welcome_back(robot)

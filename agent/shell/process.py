@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -32,6 +33,12 @@ class AgentInbox(Inbox):
     """What comes to one robot: samples of robots/ID/in/**, and changes of the world's liveliness token."""
 
     WORLD = "world"
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.process = secrets.token_hex(8)
+        """By which the world knows this process, as another may take its place."""
+
     world_up = False
     """Whether the world's liveliness token is there."""
     world_changes = 0
@@ -102,7 +109,8 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
     Returns why the run ended where it is over for this robot. Raises RefusedError where the world says no, LinkError
     where it is not there or does not answer.
     """
-    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(session.info.zid())))
+    zid = str(session.info.zid())
+    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=zid, process=inbox.process))
     left_s = timeout_s
     while True:
         began, changes = time.monotonic(), inbox.world_changes

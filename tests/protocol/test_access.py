@@ -103,14 +103,13 @@ def test_a_robots_secret_in_a_session_of_another_id_reads_and_says_nothing(
 ) -> None:
     world, secrets, out = guarded
     endpoint = world.endpoint.result(JOIN_S)
+    act = keys.from_robot("r1", keys.ACT)
+    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+        all_of_it = Ear(viewer)
+        wait_for(lambda: {act, keys.CLOCK} <= all_of_it.keys)  # the robots are there, with their own IDs
     monkeypatch.setattr(session, "session_id", lambda name, secret: "f00d")
-    with (
-        open_client(endpoint, 5.0, "r1", secrets["r1"]) as rogue,
-        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
-    ):
-        theirs, all_of_it = Ear(rogue), Ear(viewer)
-        act = keys.from_robot("r1", keys.ACT)
-        wait_for(lambda: {act, keys.CLOCK} <= all_of_it.keys)
+    with open_client(endpoint, 5.0, "r1", secrets["r1"]) as rogue:
+        theirs = Ear(rogue)
         for _ in range(20):
             rogue.put(act, encode(Action(tick=0, speed_mps=0.0, turn_rps=0.0, sent=77)))
             time.sleep(0.02)
