@@ -110,6 +110,8 @@ class Episode:
                 self.advance({robot: Outputs.restored(*answer) for robot, answer in answers.items()})
             case "kill", [robot, reason]:
                 self.kill(robot, reason)
+            case "happened", [robot, event, reason]:
+                self.happened(robot, event, reason)
             case _:
                 raise ValueError(f"the log says {name!r}")
 
@@ -275,13 +277,14 @@ class Episode:
             return
         self._note("kill", robot, reason)
         self.dead[robot] = reason
-        self.note(robot, "dead", {"reason": reason})
+        self._ledger.happened(self.tick, robot, "dead", reason)
         if not self.live and self.ended is None:
             self.ended = "dead"
 
-    def note(self, robot: str, event: str, data: Mapping[str, Any]) -> None:
-        """Log what happened to a robot at this tick: it left, joined or came back, or died."""
-        self._ledger.note(self.tick, robot, event, data)
+    def happened(self, robot: str, event: str, reason: str) -> None:
+        """Log what happened to a robot's process at this tick: it left, joined or came back."""
+        self._note("happened", robot, event, reason)
+        self._ledger.happened(self.tick, robot, event, reason)
 
     def close(self, ended: str | None = None) -> None:
         """Write what is left of the run directory; `ended` says why, where the run did not end by itself."""

@@ -153,10 +153,10 @@ class Ledger:
         if self._recorder:
             self._recorder.check()
 
-    def note(self, tick: int, robot: str, event: str, data: Fields) -> None:
-        """Record what happened to a robot."""
+    def happened(self, tick: int, robot: str, event: str, reason: str) -> None:
+        """Record what happened to a robot's process."""
         if self._recorder:
-            self._recorder.event(self._t(tick), tick, robot, event, data)
+            self._recorder.event(self._t(tick), tick, robot, event, {"reason": reason})
 
     def close(
         self, tick: int, passages: Sequence[Passage], moved_to: Floats | None, summary: Fields, wire: Fields | None

@@ -197,7 +197,7 @@ class Shell:
         self._links_lost += 1
         self._away[robot] = time.monotonic()
         if not self._lockstep:
-            self.episode.note(robot, "left", {"reason": LOST})
+            self.episode.happened(robot, "left", LOST)
         self.tell()
 
     def _welcome_back(self, robot: str) -> None:
@@ -216,9 +216,9 @@ class Shell:
         for robot in self.episode.live:
             event = self._newcomers.get(robot)
             if event == "rejoined" and self._lockstep:
-                self.episode.note(robot, "left", {"reason": ENDED})
+                self.episode.happened(robot, "left", ENDED)
             if event is not None:
-                self.episode.note(robot, event, {})
+                self.episode.happened(robot, event, "its process is ready")
         self._newcomers.clear()
 
     def _give_up_silent(self) -> None:
