@@ -197,12 +197,15 @@ def test_missing_robots_are_named(tmp_path: Path) -> None:
 def test_bad_bytes_cost_the_robot_its_place_and_nobody_else(
     tmp_path: Path, channel: str, payload: bytes, words: str
 ) -> None:
-    config = tiny_config(tmp_path, robots=2, until=400.0)
+    config = tiny_config(tmp_path, robots=2, until=7000.0)
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
         good, bad = (pool.submit(agent, world, robot) for robot in ("r1", "r2"))
-        time.sleep(1.0)
         with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
-            session.put(keys.from_robot("r2", channel), payload)
+            for _ in range(200):  # what comes before the run is nobody's
+                session.put(keys.from_robot("r2", channel), payload)
+                if bad.done():
+                    break
+                time.sleep(0.1)
             assert bad.result(10).startswith("given up by the world:")
         world.inbox.stop()
         assert good.result(10) == "interrupted"
