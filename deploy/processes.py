@@ -30,17 +30,25 @@ STOP = ""
 """What the launcher says to a child to stop it. It says a robot's name to the world where that process has ended."""
 
 
-def world_process(launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None) -> None:
-    """Run the world; tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why."""
+def world_process(
+    launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None, resume: bool = False
+) -> None:
+    """Run the world, or go on with one that was killed (resume).
+
+    Tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why.
+    """
     from world.inbox import WorldInbox
     from world.server import serve
     from world.worldfile import WorldFileError
 
     inbox = WorldInbox()
     _obey(launcher, inbox, robot_ended=inbox.end)
-    told = {"listening": partial(_tell, launcher, LISTENING), "progress": partial(_tell, launcher, PROGRESS)}
+    told: dict[str, Any] = {
+        "listening": partial(_tell, launcher, LISTENING),
+        "progress": partial(_tell, launcher, PROGRESS),
+    }
     with _last_words(launcher, WorldFileError, OSError) as ended:
-        ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, **told))
+        ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, resume=resume, **told))
 
 
 def agent_process(

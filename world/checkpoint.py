@@ -5,7 +5,10 @@ end is found by telling a world at the checkpoint all that follows it. The file 
 each new state; the log is appended to it, entry by entry, and an entry that was cut off counts as never told.
 """
 
+import errno
+import fcntl
 import json
+import os
 from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
@@ -37,70 +40,73 @@ class CheckpointError(ValueError):
 
 
 class Checkpoint:
-    """The file while it is written."""
+    """The file, which its world holds locked, so that nobody else goes on with a run that goes on."""
 
     def __init__(self, out: Path) -> None:
         """`out` is the run directory."""
-        self._file = out / NAME
-        self._log: FileIO | None = None
-
-    def go_on(self, size: int) -> None:
-        """Go on with the file as it is, but for an entry after the first `size` bytes that was cut off."""
-        self._log = self._file.open("ab", buffering=0)
-        self._log.truncate(size)
+        self._out, self._file = out, out / NAME
+        self._stream: FileIO | None = None
+        self._size = 0
 
     def begin(self, state: State) -> None:
         """Begin the file anew with a state. Raises UnwritableError."""
-        self._close()
         write_whole(self._file, msgpack.packb({"format": FORMAT, **state}), durable=False)
-        self._log = self._file.open("ab", buffering=0)
+        self._lock()
+
+    def read(self) -> tuple[dict[str, Any], list[Entry]]:
+        """State and log that a killed world left. Raises CheckpointError."""
+        try:
+            stream = self._lock()
+            if self._file.stat().st_size > MAX_BYTES:
+                raise CheckpointError(f"{self._file} is larger than {MAX_BYTES} bytes, which no checkpoint is")
+            unpacker = msgpack.Unpacker(stream, strict_map_key=False, max_buffer_size=MAX_BYTES)
+            found = [(value, unpacker.tell()) for value in unpacker]
+            state, log, self._size = found[0][0], [entry for entry, _ in found[1:]], found[-1][1]
+            if state["format"] != FORMAT:
+                raise CheckpointError(f"{self._file} is not of format {FORMAT}, which this program reads")
+        except FileNotFoundError:
+            raise CheckpointError(f"{self._out} holds no run that can go on: it has no {NAME}") from None
+        except BlockingIOError:
+            raise CheckpointError(f"{self._out}: its run goes on, in another process") from None
+        except CheckpointError:
+            raise
+        except (OSError, *BROKEN) as error:
+            raise self.broken(error) from None
+        return state, log
+
+    def go_on(self) -> None:
+        """Go on with the log that was read; an entry that was cut off is gone."""
+        assert self._stream is not None
+        self._stream.truncate(self._size)
 
     def add(self, entry: Entry) -> None:
         """Add to the log. Raises UnwritableError."""
-        assert self._log is not None
+        assert self._stream is not None
         data = msgpack.packb(entry)
         try:
-            if self._log.write(data) != len(data):
-                raise OSError("the disk is full")
+            if self._stream.write(data) != len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise UnwritableError((self._file, error.strerror or str(error))) from error
 
     def remove(self) -> None:
         """Remove the file, as all results of the run are written."""
-        self._close()
         self._file.unlink(missing_ok=True)
+        if self._stream is not None:
+            self._stream.close()
 
-    def _close(self) -> None:
-        if self._log is not None:
-            self._log.close()
+    def broken(self, error: BaseException) -> CheckpointError:
+        """The error to raise where what was read makes no sense."""
+        reason = error.strerror if isinstance(error, OSError) else type(error).__name__
+        return CheckpointError(f"{self._file} is damaged, or no world wrote it ({reason})")
 
-
-def read(out: Path) -> tuple[dict[str, Any], list[Entry], int]:
-    """State and log in a run directory, and how many bytes of the file they take. Raises CheckpointError."""
-    file = out / NAME
-    try:
-        if file.stat().st_size > MAX_BYTES:
-            raise CheckpointError(f"{file} is larger than {MAX_BYTES} bytes, which no checkpoint is")
-        with file.open("rb") as stream:
-            unpacker = msgpack.Unpacker(stream, strict_map_key=False, max_buffer_size=MAX_BYTES)
-            found = [(value, unpacker.tell()) for value in unpacker]
-        state, log, size = found[0][0], [entry for entry, _ in found[1:]], found[-1][1]
-        if state["format"] != FORMAT:
-            raise CheckpointError(f"{file} has format {state['format']!r:.20}, this program reads format {FORMAT}")
-    except FileNotFoundError:
-        raise CheckpointError(f"{out} holds no run that can go on: it has no {NAME}") from None
-    except OSError as error:
-        raise CheckpointError(f"{file}: {error.strerror}") from None
-    except CheckpointError:
-        raise
-    except BROKEN as error:
-        raise broken(out, error) from None
-    return state, log, size
-
-
-def broken(out: Path, error: BaseException) -> CheckpointError:
-    """The error to raise where a checkpoint was read, but makes no sense."""
-    return CheckpointError(f"{out / NAME} is damaged: a world did not write it so ({type(error).__name__})")
+    def _lock(self) -> FileIO:
+        before = self._stream
+        self._stream = FileIO(os.open(self._file, os.O_RDWR | os.O_APPEND), "r+")
+        fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if before is not None:
+            before.close()
+        return self._stream
 
 
 def restore_array(array: NDArray[Any], data: bytes) -> None:

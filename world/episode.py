@@ -10,7 +10,7 @@ import numpy as np
 
 from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
-from world.checkpoint import BROKEN, Checkpoint, State, broken, luck_state, read, restore_luck
+from world.checkpoint import BROKEN, Checkpoint, State, luck_state, restore_luck
 from world.config import WorldConfig
 from world.ledger import Ledger, Look
 from world.lidar import Lidar
@@ -55,6 +55,8 @@ class Episode:
         """Bytes on the robots' links for bandwidth.json; set by the shell before `close`."""
         self.complete = dict.fromkeys(self.robots, False)
         """Whether each robot's last action said that it is complete."""
+        self.processes: dict[str, str] = {}
+        """By which the shell knows the process of each robot that has joined; see `arrive`."""
         self.dead: dict[str, str] = {}
         """The reason for each robot that died."""
 
@@ -90,15 +92,16 @@ class Episode:
 
         Raises CheckpointError where there is none, or it is damaged; OSError where `out` cannot be written.
         """
-        state, log, size = read(out)
+        checkpoint = Checkpoint(out)
+        state, log = checkpoint.read()
         try:
             episode = cls(config, out, state)
             for name, looked, arguments in log:
                 episode._tell(name, looked, arguments)
         except BROKEN as error:
-            raise broken(out, error) from error
-        episode._checkpoint = Checkpoint(out)
-        episode._checkpoint.go_on(size)
+            raise checkpoint.broken(error) from error
+        checkpoint.go_on()
+        episode._checkpoint = checkpoint
         return episode
 
     def _tell(self, name: str, looked: bool, arguments: list[Any]) -> None:
@@ -110,12 +113,14 @@ class Episode:
                 self.advance({robot: Outputs.restored(*answer) for robot, answer in answers.items()})
             case "kill", [robot, reason]:
                 self.kill(robot, reason)
+            case "arrive", [robot, process]:
+                self.arrive(robot, process)
             case "happened", [robot, event, reason]:
                 self.happened(robot, event, reason)
             case _:
                 raise ValueError(f"the log says {name!r}")
 
-    def _note(self, name: str, *arguments: Any) -> None:
+    def _log(self, name: str, *arguments: Any) -> None:
         if self._checkpoint is not None:
             self._checkpoint.add((name, self._inputs is not None, list(arguments)))
 
@@ -125,6 +130,7 @@ class Episode:
         return {
             "tick": self.tick,
             "complete": self.complete,
+            "processes": self.processes,
             "dead": self.dead,
             "late_ticks": self.late_ticks,
             "physics": self._physics.state(),
@@ -138,6 +144,7 @@ class Episode:
         self.tick, self.late_ticks = int(state["tick"]), int(state["late_ticks"])
         self._checkpoint_tick, self._resumed_s = self.tick, self.t
         self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
+        self.processes.update(state["processes"])
         self.dead.update(state["dead"])
         self._physics.restore(state["physics"])
         self._radio.restore(state["radio"])
@@ -237,7 +244,7 @@ class Episode:
         """
         live = self.live
         maps = {robot: checked_map(robot, outputs[robot], self.tick, self._rows, self._radio) for robot in live}
-        self._note("advance", {robot: outputs[robot].state() for robot in live})
+        self._log("advance", {robot: outputs[robot].state() for robot in live})
         self.inputs()  # a shell that did not ask for them gets the same world
         self.book()
         commands = np.zeros((len(self.robots), 2))
@@ -275,15 +282,20 @@ class Episode:
         """Count a robot as dead: it stands where it is, hears and says nothing more; the others go on."""
         if robot in self.dead:
             return
-        self._note("kill", robot, reason)
+        self._log("kill", robot, reason)
         self.dead[robot] = reason
         self._ledger.happened(self.tick, robot, "dead", reason)
         if not self.live and self.ended is None:
             self.ended = "dead"
 
+    def arrive(self, robot: str, process: str) -> None:
+        """Keep in mind that a process is this robot's, for a shell that goes on after a kill."""
+        self._log("arrive", robot, process)
+        self.processes[robot] = process
+
     def happened(self, robot: str, event: str, reason: str) -> None:
         """Log what happened to a robot's process at this tick: it left, joined or came back."""
-        self._note("happened", robot, event, reason)
+        self._log("happened", robot, event, reason)
         self._ledger.happened(self.tick, robot, event, reason)
 
     def close(self, ended: str | None = None) -> None:

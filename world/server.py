@@ -1,7 +1,7 @@
 """The shell around an episode over Zenoh: an embedded router, the join, the ticks, and robots that die."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Self
@@ -47,16 +47,18 @@ def serve(
     *,
     secrets: Secrets | None = None,
     inbox: WorldInbox | None = None,
+    resume: bool = False,
     listening: Callable[[str], None] = lambda endpoint: None,
     progress: OnProgress = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
     out: the run directory. secrets: of the robots and viewers that may connect; None lets everybody connect.
+    resume: go on with the run that a killed world left in `out`.
     `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises LinkError
-    where the world cannot listen, or robots do not join in time.
+    where the world cannot listen, or robots do not join in time, CheckpointError where no run can go on.
     """
-    episode = Episode(config, out)
+    episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
     with (
         open_router(server.listen, secrets) as (session, endpoint),
         Shell(episode, server, session, inbox or WorldInbox(), progress) as shell,
@@ -84,11 +86,10 @@ class Shell:
         self._lockstep = config.real_time is None
         self._session, self._declared = session, ExitStack()
         self._participants = Participants(episode.robots, episode.dead, self._linked)
+        self._participants.processes.update(episode.processes)
         self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
-        self._here: set[str] = set()
-        """Robots that have joined the run; in lockstep their answers are waited for, even while they are away."""
         self._away: dict[str, float] = {}
         """Robots that were here and whose link is lost, and since when: time.monotonic()."""
         self._newcomers: dict[str, str] = {}
@@ -121,11 +122,14 @@ class Shell:
         self._declared.close()
 
     def gather(self, endpoint: str) -> None:
-        """Wait until as many are ready as the run begins with; LinkError names those missing after join_timeout_s."""
+        """Wait until as many are ready as the run begins with; LinkError names those missing after join_timeout_s.
+
+        In a run that goes on, those that were there come back by themselves, and are waited for as if they were away.
+        """
         timeout_s = self.config.join_timeout_s
         deadline = time.monotonic() + timeout_s
         first = self.config.begin_with or len(self.episode.robots)
-        while len(self._participants.ready) < first:
+        while not self._here and len(self._participants.ready) < first:
             missing = self._participants.missing
             if not self._take(deadline):
                 raise LinkError(
@@ -135,12 +139,24 @@ class Shell:
         ready = self._participants.ready
         wait_for_matching((put for (robot, _), put in self._put.items() if robot in ready), timeout_s)
         self._wire.begin(self._ports())
-        self._here.update(ready)
         self._began = time.monotonic()
+        self._away = {robot: self._began for robot in self.episode.live if robot in self._here and robot not in ready}
+        for robot in ready:
+            self._arrive(robot)
+
+    @property
+    def _here(self) -> Collection[str]:
+        """Robots that have joined the run; in lockstep their answers are waited for, even while they are away."""
+        return self.episode.processes
+
+    def _arrive(self, robot: str) -> None:
+        if self.episode.processes.get(robot) != self._participants.processes[robot]:
+            self.episode.arrive(robot, self._participants.processes[robot])
 
     def run(self) -> None:
         """Tick by tick, as fast as the robots answer or by the clock, until the episode ends."""
         assert self._began is not None
+        begin = self.episode.tick
         self.tell()
         while self.episode.ended is None:
             tick = self.episode.tick
@@ -150,7 +166,7 @@ class Shell:
             if self.config.real_time is None:
                 self._wait_for_all()
             else:
-                deadline = self._began + (tick + 1) * self.episode.period_s / self.config.real_time
+                deadline = self._began + (tick + 1 - begin) * self.episode.period_s / self.config.real_time
                 while self._take(deadline):
                     pass
                 self._give_up_silent()
@@ -205,7 +221,7 @@ class Shell:
         if self._began is None or not self._participants.is_ready(robot):
             return
         if robot not in self._here:
-            self._here.add(robot)
+            self._arrive(robot)
             self._newcomers[robot] = "joined"
         elif self._away.pop(robot, None) is not None and not self._lockstep:
             self._newcomers[robot] = "rejoined"
@@ -332,4 +348,5 @@ class Shell:
         if refusal is None:
             if robot in self._here and processes[robot] != before:
                 self._newcomers[robot] = "rejoined"
+                self._arrive(robot)
             self._welcome_back(robot)

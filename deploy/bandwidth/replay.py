@@ -28,7 +28,7 @@ class Seen:
     ranges: NDArray[np.float32]  # (t, beams) metres, inf where nothing came back
 
 
-def config_of(run: Path) -> WorldConfig:
+def config_of(run: Path) -> RunConfig:
     """The configuration of a run directory. Raises NoRunError."""
     try:
         return RunConfig.model_validate(json.loads((run / "manifest.json").read_text(encoding="utf-8"))["config"])

@@ -53,6 +53,7 @@ class Run:
             self.episode.advance({r: Outputs(step.sends, step.action, step.map) for r, step in steps.items()})
 
     def kill_and_resume(self) -> None:
+        self.episode = None  # type: ignore[assignment]  # as a dead process, it holds no lock
         self.episode = Episode.resume(self.config, self.out)
 
     def end(self) -> dict[str, str]:
@@ -112,4 +113,13 @@ def test_a_damaged_checkpoint_is_refused_with_one_sentence(tmp_path: Path) -> No
             run.kill_and_resume()
     file.unlink()
     with pytest.raises(CheckpointError, match="holds no run that can go on"):
+        run.kill_and_resume()
+
+
+def test_nobody_goes_on_with_a_run_that_goes_on(tmp_path: Path) -> None:
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    for tick in (1, 30):  # before and after a checkpoint
+        run.until(tick)
+        with pytest.raises(CheckpointError, match="its run goes on, in another process"):
+            Episode.resume(run.config, run.out)
         run.kill_and_resume()

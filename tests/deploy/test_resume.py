@@ -1,0 +1,73 @@
+"""A world whose process is killed goes on with its robots, or is finished; nothing of the run is lost."""
+
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agent.config import AgentConfig, JoinConfig
+from agent.shell.process import run_agent
+from deploy import inprocess
+from tests.tiny import digests, tiny_config
+from tests.wanderer import Wanderer
+
+REPO = Path(__file__).parents[2]
+WORLD = """
+import sys
+from pathlib import Path
+from deploy.config import RunConfig
+from world.server import serve
+config, out = RunConfig.model_validate_json(sys.argv[1]), Path(sys.argv[2])
+say = lambda what: print(what, flush=True)
+tell = {"listening": say, "progress": lambda progress: say(progress.clock.tick)}
+say(serve(config, config.server, out, resume=sys.argv[3] == "resume", **tell))
+"""
+
+
+class World:
+    """A world in a process of its own."""
+
+    def __init__(self, config: Any, out: Path, mode: str) -> None:
+        command = [sys.executable, "-c", WORLD, config.model_dump_json(), str(out), mode]
+        self.process = subprocess.Popen(command, cwd=REPO, stdout=subprocess.PIPE, text=True)
+        self.endpoint = self.word()
+
+    def word(self) -> str:
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().strip()
+
+    def kill_after(self, tick: int) -> int:
+        while (now := int(self.word())) < tick:
+            pass
+        self.process.kill()
+        self.process.wait()
+        return now
+
+
+@pytest.mark.parametrize("kills", [1, pytest.param(20, marks=[pytest.mark.slow, pytest.mark.timeout(600)])])
+def test_a_world_that_is_killed_and_resumed_ends_with_the_bytes_of_one_that_is_not(tmp_path: Path, kills: int) -> None:
+    config = tiny_config(tmp_path, until=60.0 * kills, seed=1)
+    world = World(config, tmp_path / "run", "begin")
+    listen = config.server.model_copy(update={"listen": world.endpoint})
+    config = config.model_copy(update={"server": listen})
+
+    def agent(robot: str) -> str:
+        patience = JoinConfig(join_timeout_s=60, reconnect_s=60)
+        return run_agent(robot, world.endpoint, AgentConfig(), patience=patience, make_mind=Wanderer)
+
+    with ThreadPoolExecutor() as pool:
+        agents = [pool.submit(agent, robot) for robot in config.robot_ids]
+        last = 0
+        for _ in range(kills):
+            last = world.kill_after(last + 50)
+            world = World(config, tmp_path / "run", "resume")
+        assert world.endpoint == listen.listen
+        assert [one.result(60) for one in agents] == ["time"] * 3
+    assert world.process.wait(10) == 0
+    inprocess.run(config, config.agent, tmp_path / "alone", make_mind=Wanderer)
+    assert digests(tmp_path / "run") == digests(tmp_path / "alone")
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["team"]["coverage"] > 0.5
