@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Context, Exit, Option, Typer
+from typer import Abort, Argument, Context, Exit, Option, Typer
 
 from deploy.status import ENDINGS, Status
+from deploy.text import printable
 
 if TYPE_CHECKING:
     from deploy.bandwidth.representations import Measurement
@@ -23,6 +27,7 @@ for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")  # small arrays: threads would only wait for each other
 
 EXTRAS = {"pymunk": "world"} | dict.fromkeys(("matplotlib", "PIL", "psutil", "rich"), "deploy")  # what brings a package
+MAX_SENTENCE = 600  # characters of an error: longer ones quote what was given
 
 app = Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 bench = Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
@@ -79,22 +84,22 @@ def run(
     from deploy.report import write_report
 
     settings = _settings(context)
-    directory = run_directory(out, settings.world, settings.seed)
-    with Display(settings.world, str(settings.radio), quiet) as display:
-        result = launch(settings, directory, show=display.show)
-    for error in result.errors:
-        _say(error)
-    if result.status == Status.USAGE:  # nothing was run
+    with run_directory(out, settings.world, settings.seed) as directory:
+        with Display(settings.world, str(settings.radio), quiet) as display:
+            result = launch(settings, directory, show=display.show)
+        for error in result.errors:
+            _say(error)
+        if result.status == Status.USAGE:  # nothing was run
+            raise Exit(result.status)
+        made = {}
+        for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
+            try:
+                made[what] = make(directory)
+            except Exception as error:  # the run itself is written and must not be lost with its picture
+                _say(f"no {what}: {type(error).__name__}: {error}")
+        print_summary(directory)
+        print(printable(str(made.get("report", directory))))
         raise Exit(result.status)
-    made = {}
-    for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
-        try:
-            made[what] = make(directory)
-        except Exception as error:  # the run itself is written and must not be lost with its picture
-            _say(f"no {what}: {type(error).__name__}: {error}")
-    print_summary(directory)
-    print(made.get("report", directory))
-    raise Exit(result.status)
 
 
 def _measure_bandwidth(run: Path) -> Measurement:
@@ -129,17 +134,11 @@ def world_(
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
     from deploy import manifest
     from deploy.launcher import run_directory
-    from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
     from world.inbox import WorldInbox
     from world.server import serve
     from world.worldfile import load
 
     settings = _settings(context)
-    names = [*settings.robot_ids, VIEWER]
-    if secrets is not None and not secrets.exists():
-        write_secrets(secrets, new_secrets(names[:-1]))
-    known = None if secrets is None else read_secrets(secrets, names)
-    directory = run_directory(out, settings.world, settings.seed)
     begun = manifest.begun(settings, load(settings.world))
     del begun["config"]["agent"]  # each robot has its own
     _stop_on_signals(inbox := WorldInbox())
@@ -147,11 +146,34 @@ def world_(
     def listening(endpoint: str) -> None:
         print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
 
-    ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
-    status = ENDINGS.get(ended, Status.INTERRUPTED)
-    manifest.write(directory, begun, ended, exit_status=status)
-    print(f"ended: {ended}; {directory}")
+    with run_directory(out, settings.world, settings.seed) as directory, _secrets(secrets, settings.robot_ids) as known:
+        ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
+        status = ENDINGS.get(ended, Status.INTERRUPTED)
+        manifest.write(directory, begun, ended, exit_status=status)
+    print(f"ended: {ended}; {printable(str(directory))}")
     raise Exit(status)
+
+
+@contextmanager
+def _secrets(file: Path | None, robots: list[str]) -> Iterator[dict[str, str] | None]:
+    """The secrets of a file, which is made where there is none, and removed where the world cannot be run."""
+    from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
+    from protocol.errors import InputError
+
+    if file is None:
+        yield None
+        return
+    try:
+        if new := not file.exists():
+            write_secrets(file, new_secrets(robots))
+    except OSError as error:
+        raise InputError(f"--secrets: {error}") from None
+    try:
+        yield read_secrets(file, [*robots, VIEWER])
+    except InputError:
+        if new:
+            file.unlink()
+        raise
 
 
 @app.command()
@@ -227,8 +249,12 @@ def agent(
     """Run one robot."""
     from agent.shell.process import AgentInbox, run_agent
     from protocol.access import read_secrets
+    from protocol.errors import InputError
+    from protocol.messages import ID
 
     settings = _settings(context)
+    if not re.fullmatch(ID, id_):
+        raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
     _stop_on_signals(inbox := AgentInbox())
     ended = run_agent(id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox)
@@ -239,9 +265,10 @@ def agent(
 def _settings(context: Context) -> RunConfig:
     """Configuration of a command from its flags (parameters named like a setting), --config and --set.
 
-    Raises ConfigError, and WorldFileError before anything is made for a world that cannot be loaded.
+    Raises ConfigError, and WorldFileError before anything is made for a world that cannot be run.
     """
     from deploy.config import RunConfig, load
+    from world.draws import starts_of
     from world.worldfile import load as load_world
 
     given, settings_below = context.params, ("radio.range_m", "server.real_time", "server.listen")
@@ -250,7 +277,7 @@ def _settings(context: Context) -> RunConfig:
     }
     settings = load(given["config"], flags, given["set_"] or ())
     if "world" in given:
-        load_world(settings.world)
+        starts_of(settings, load_world(settings.world))
     return settings
 
 
@@ -266,29 +293,31 @@ def _stop_on_signals(inbox: Inbox) -> None:
 
 
 def _say(sentence: str) -> None:
-    print(f"wireswarm: {sentence}", file=sys.stderr)
+    print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr)
 
 
 def main() -> None:
     """Entry point of `wireswarm`: what a user can act on becomes one sentence and an exit status."""
-    from deploy.bandwidth.books import NoRunError
-    from deploy.config import ConfigError
-    from protocol.errors import LinkError, ProtocolError, RefusedError
-    from world.worldfile import WorldFileError
+    from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
 
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
             raise
         _say(f"this command needs {error.name}: install it with `pip install 'wireswarm[{extra}]'`")
         sys.exit(Status.USAGE)
-    except (ConfigError, NoRunError, WorldFileError, RefusedError) as error:
+    except (InputError, RefusedError) as error:
         _say(str(error))
         sys.exit(Status.USAGE)
     except (LinkError, ProtocolError, OSError) as error:
         _say(str(error))
         sys.exit(Status.FAILURE)
-    except KeyboardInterrupt:
+    except (Abort, KeyboardInterrupt):
         sys.exit(Status.INTERRUPTED)
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # Typer has Click's errors, but no public name for all of them
+            raise
+        _say(error.format_message() or "which command? `--help` lists them")
+        sys.exit(Status.USAGE)

@@ -1,18 +1,20 @@
 """The configuration of a run: a YAML file, then the flags, then --set KEY=VALUE; later ones win."""
 
 import re
+import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from agent.config import AgentConfig, JoinConfig
+from protocol.document import parse_document, read_document
+from protocol.errors import InputError
 from world.config import ServerConfig, WorldConfig
 
 
-class ConfigError(ValueError):
+class ConfigError(InputError):
     """A file, flag or setting that is no configuration; one sentence that names the key."""
 
 
@@ -37,11 +39,11 @@ def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets:
     for setting in sets:
         key, equals, text = setting.partition("=")
         if not equals or not key:
-            raise ConfigError(f"--set {setting}: write it as KEY=VALUE, such as starts=random")
+            raise ConfigError(f"--set {setting:.200}: write it as KEY=VALUE, such as starts=random")
         try:
-            value = yaml.safe_load(text)
-        except yaml.YAMLError:
-            raise ConfigError(f"--set {key}: {text!r} is no YAML value") from None
+            value = parse_document(text)
+        except InputError as error:
+            raise ConfigError(f"--set {key:.200}: {reprlib.repr(text)} is no value: {error}") from None
         _put(tree, key, value)
     try:
         return RunConfig.model_validate(tree)
@@ -55,9 +57,9 @@ def _sentence(error: ValidationError) -> str:
     key = _key(found[0]["loc"])
     same = [one for one in found if _key(one["loc"]) == key]
     if same[0]["type"] == "extra_forbidden":
-        return f"{key}: there is no such setting"
+        return f"{key:.200}: there is no such setting"
     wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
-    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {same[0]['input']!r}"
+    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {reprlib.repr(same[0]['input'])}"
 
 
 def _key(where: tuple[int | str, ...]) -> str:
@@ -67,17 +69,13 @@ def _key(where: tuple[int | str, ...]) -> str:
 
 def _read(file: Path) -> dict[str, Any]:
     try:
-        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"--config {file}: {error.strerror}") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        raise ConfigError(f"--config {file}{where}: this is no YAML") from None
+        tree = read_document(file)
+    except InputError as error:
+        raise ConfigError(f"--config {file}: {error}") from None
     if tree is None:
         return {}
     if not isinstance(tree, dict):
-        raise ConfigError(f"--config {file}: settings are KEY: VALUE, not a {type(tree).__name__}")
+        raise ConfigError(f"--config {file}: settings are KEY: VALUE, not {type(tree).__name__}")
     return tree
 
 
@@ -86,6 +84,6 @@ def _put(tree: dict[str, Any], key: str, value: object) -> None:
     for branch in branches:
         below = tree.setdefault(branch, {})
         if not isinstance(below, dict):
-            raise ConfigError(f"{key}: {branch} is a value, not a group of settings")
+            raise ConfigError(f"{key:.200}: {branch:.200} is a value, not a group of settings")
         tree = below
     tree[leaf] = value

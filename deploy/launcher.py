@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
+import errno
 import multiprocessing as mp
+import os
 import signal
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
@@ -31,6 +32,8 @@ are up in 0.2 s (measured)."""
 
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
 
+MAX_RUNS = 100_000  # directories runs/WORLD-SEED, -2, -3, ... of one world and seed
+
 
 Show = Callable[[Progress], None]
 
@@ -51,22 +54,31 @@ class Child(NamedTuple):
     pipe: Connection
 
 
-def run_directory(asked: Path | None, world: str, seed: int) -> Path:
+@contextmanager
+def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[Path]:
     """Make the run directory: the one asked for, which must be empty, or runs/WORLD-SEED, -2, -3, ...
 
-    Raises ConfigError where that asked for is taken.
+    Folders that were made and stay empty are removed again. Raises ConfigError where it is taken or cannot be made.
     """
-    if asked is not None:
-        if asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
+    default = (Path("runs", f"{Path(world).stem}-{seed}" + (f"-{k}" if k > 1 else "")) for k in range(1, MAX_RUNS))
+    try:
+        if asked is not None and asked.exists() and (not asked.is_dir() or any(asked.iterdir())):
             raise ConfigError(f"--out {asked}: something is there already; name an empty or a new directory")
-        asked.mkdir(parents=True, exist_ok=True)
-        return asked
-    for count in itertools.count(1):
-        out = Path("runs", f"{Path(world).stem}-{seed}" + (f"-{count}" if count > 1 else ""))
-        with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
-            out.mkdir(parents=True)
-            break
-    return out
+        for out in default if asked is None else [asked]:
+            made = [folder for folder in (out, *out.parents) if not folder.exists()]
+            with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
+                out.mkdir(parents=True, exist_ok=asked is not None)
+                break
+        if not os.access(out, os.W_OK | os.X_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise ConfigError(f"--out {asked or out}: {error.strerror}; name a directory that can be written") from None
+    try:
+        yield out
+    finally:
+        with suppress(OSError):  # something is in it
+            for folder in made:
+                folder.rmdir()
 
 
 def launch(
@@ -74,13 +86,15 @@ def launch(
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
-    Raises WorldFileError for a world that cannot be loaded, before anything is started.
+    A run that cannot begin, because an option or a file is wrong, leaves nothing in it. Raises WorldFileError for a
+    world that cannot be loaded, before anything is started.
     """
     begun = manifest.begun(config, load(config.world))
     out.mkdir(parents=True, exist_ok=True)
     result = Children(config, out, show, make_mind).follow()
     errors = {"errors": result.errors} if result.errors else {}
-    manifest.write(out, begun, result.ended, exit_status=result.status, **errors)
+    if result.status != Status.USAGE:
+        manifest.write(out, begun, result.ended, exit_status=result.status, **errors)
     return result
 
 

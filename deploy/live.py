@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,9 +13,14 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from deploy.pairs import fates
+from deploy.report.rundir import mapping
+from deploy.report.words import MAX_SHOWN
+from deploy.terminal import add_row
+from deploy.text import printable
 from protocol.messages import Progress
 
 LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
+CONTACTS = ("wall_contacts", "robot_contacts")
 
 
 class Display:
@@ -23,7 +28,7 @@ class Display:
 
     def __init__(self, world: str, radio: str, quiet: bool) -> None:
         """radio: its settings in words, printed when the run begins."""
-        self._world, self._radio, self._quiet = world, radio, quiet
+        self._world, self._radio, self._quiet = printable(world), radio, quiet
         self._console = Console(stderr=True)
         self._began: float | None = None
         self._line = 0.0
@@ -60,7 +65,7 @@ class Display:
 
     def _say(self, line: str) -> None:
         if not self._quiet:
-            self._console.print(line, highlight=False, soft_wrap=True)
+            self._console.print(Text(printable(line)), soft_wrap=True)
 
 
 def _bars(progress: Progress) -> Table:
@@ -74,38 +79,39 @@ def _bars(progress: Progress) -> Table:
 def print_summary(out: Path) -> None:
     """Print the table of a run directory's summary.json to stdout, where there is one."""
     try:
-        summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except OSError:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return
+    summary = mapping(summary)
+    robots = mapping(summary.get("robots"))
     table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B"])
-    for robot, row in summary["robots"].items():
-        times = _seconds(row["t_90"]), _seconds(row["t_99"])
-        counts = str(row["wall_contacts"] + row["robot_contacts"]), str(row["bytes_sent"])
-        table.add_row(robot, row["ended"], f"{row['coverage']:.1%}", *times, f"{row['path_m']:.1f}", *counts)
-    team = summary["team"]
-    table.add_row("team", "", f"{team['coverage']:.1%}", _seconds(team["t_90"]), _seconds(team["t_99"]))
+    for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):
+        path = _number(row.get("path_m"), ".1f")
+        contacts = _number(sum(count for key in CONTACTS if isinstance(count := row.get(key), int)))
+        add_row(table, robot, str(row.get("ended")), *_times(row), path, contacts, _number(row.get("bytes_sent")))
+    add_row(table, "team", "", *_times(mapping(summary.get("team"))))
     console = Console()
     console.print(table)
-    _print_pairs(out, console)
-    factor = summary["real_time_factor"]
+    _print_pairs(out, console, robots)
+    factor = summary.get("real_time_factor")
     if factor is not None:
-        console.print(f"{factor:g} times real time{_late(summary['late_ticks'])}", highlight=False)
+        console.print(f"{_number(factor, 'g')} times real time{_late(summary.get('late_ticks'))}", highlight=False)
 
 
-def _print_pairs(out: Path, console: Console) -> None:
-    """Print who met whom, and what became of their maps."""
+def _print_pairs(out: Path, console: Console, robots: Container[str]) -> None:
+    """Print who of the robots met whom, and what became of their maps."""
     try:
-        pairs = fates(out)
-    except (OSError, ValueError, KeyError):
+        pairs = [pair for pair in fates(out) if pair.robot in robots and pair.peer in robots]
+    except (OSError, ValueError):
         pairs = []
     if not pairs:
         return
     rest = ["merged s", "peer's frame x, y, theta", "last"]
     table = _table(["robot", "peer"], ["contacts", "attempts", "proposed"], rest)
     for pair in pairs:
-        frame = "-" if pair.transform is None else ", ".join(f"{value:.2f}" for value in pair.transform)
+        frame = "-" if pair.transform is None else ", ".join(_number(value, ".2f") for value in pair.transform)
         counts = (str(pair.contacts), str(pair.attempts), str(pair.proposed))
-        table.add_row(pair.robot, pair.peer, *counts, _seconds(pair.merged_at), frame, pair.last)
+        add_row(table, pair.robot, pair.peer, *counts, _number(pair.merged_at, ".1f"), frame, pair.last)
     console.print(table)
 
 
@@ -113,9 +119,14 @@ def _table(words: list[str], numbers: list[str], rest: Sequence[str] = ()) -> Ta
     return Table(*words, *(Column(head, justify="right") for head in numbers), *rest, box=None, pad_edge=False)
 
 
-def _late(ticks: int) -> str:
-    return f", {ticks} late ticks" if ticks else ""
+def _late(ticks: Any) -> str:
+    return f", {_number(ticks)} late ticks" if ticks else ""
 
 
-def _seconds(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"
+def _times(row: dict[str, Any]) -> tuple[str, str, str]:
+    return _number(row.get("coverage"), ".1%"), _number(row.get("t_90"), ".1f"), _number(row.get("t_99"), ".1f")
+
+
+def _number(value: Any, form: str = "") -> str:
+    """A number as text; a dash for anything else, as robots and killed worlds leave it."""
+    return format(value, form) if isinstance(value, int | float) and abs(value) < MAX_SHOWN else "-"

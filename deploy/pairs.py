@@ -1,8 +1,10 @@
 """What became of each pair of robots, from the events of a run directory."""
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass
@@ -20,19 +22,41 @@ class PairFate:
 
 
 def fates(out: Path) -> list[PairFate]:
-    """For each pair that met, by name. Raises OSError or ValueError where events.jsonl cannot be read."""
+    """For each pair that met, by name. Raises OSError or ValueError where events.jsonl cannot be read.
+
+    A line whose fields are not as docs/formats.md says is left out: a robot may write anything.
+    """
     pairs: dict[tuple[str, str], PairFate] = {}
-    for event in map(json.loads, (out / "events.jsonl").read_text(encoding="utf-8").splitlines()):
-        what = event["event"]
-        if what not in ("contact", "attempt", "proposed", "accepted", "rejected", "unmerged"):
-            continue
-        pair = event["robot"], event["peer"]
-        fate = pairs.setdefault(pair, PairFate(*pair))
+    for line in (out / "events.jsonl").read_text(encoding="utf-8").splitlines():
+        event: Any = None
+        with suppress(ValueError, RecursionError):
+            event = json.loads(line)
+        match event:
+            case {"event": "contact" as what, "robot": str(robot), "peer": str(peer)}:
+                reason = ""
+            case {
+                "event": ("attempt" | "proposed" | "accepted" | "rejected" | "unmerged") as what,
+                "robot": str(robot),
+                "peer": str(peer),
+                "reason": str(reason),
+            }:
+                pass
+            case _:
+                continue
+        fate = pairs.setdefault((robot, peer), PairFate(robot, peer))
         fate.contacts += what == "contact"
         fate.attempts += what == "attempt"
         fate.proposed += what == "proposed"
         if what != "contact":
-            fate.last = f"{what}: {event['reason']}"
+            fate.last = f"{what}: {reason}"
         if what in ("accepted", "unmerged"):
-            fate.merged_at, fate.transform = (event["t"], event["transform"]) if what == "accepted" else (None, None)
+            fate.merged_at, fate.transform = _merged(event) if what == "accepted" else (None, None)
     return [pairs[pair] for pair in sorted(pairs)]
+
+
+def _merged(event: dict[str, Any]) -> tuple[float | None, list[float] | None]:
+    """Time and transform of an acceptance; None for each that is not of numbers."""
+    match event:
+        case {"t": int() | float() as t, "transform": [int() | float(), int() | float(), int() | float()] as transform}:
+            return t, transform
+    return None, None

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deploy.config import RunConfig
-from protocol.errors import LinkError, ProtocolError
+from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.inbox import Inbox
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ def world_process(
     """
     from world.inbox import WorldInbox
     from world.server import serve
-    from world.worldfile import WorldFileError
 
     inbox = WorldInbox()
     _obey(launcher, inbox, robot_ended=inbox.end)
@@ -47,7 +46,7 @@ def world_process(
         "listening": partial(_tell, launcher, LISTENING),
         "progress": partial(_tell, launcher, PROGRESS),
     }
-    with _last_words(launcher, WorldFileError, OSError) as ended:
+    with _last_words(launcher, InputError, OSError) as ended:
         ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, resume=resume, **told))
 
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from protocol import keys
-from protocol.errors import LinkError
+from protocol.document import read_text
+from protocol.errors import InputError
 from protocol.files import write_whole
 
 VIEWER = "viewer"
@@ -38,15 +39,15 @@ def write_secrets(file: Path, secrets: Secrets) -> None:
 
 
 def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
-    """The secrets of these names only. Raises LinkError where one is missing or the file cannot be read."""
+    """The secrets of these names only. Raises InputError where one is missing or the file cannot be read."""
     try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise LinkError(f"--secrets {file}: cannot be read: {getattr(error, 'strerror', error)}") from None
+        lines = read_text(file).splitlines()
+    except InputError as error:
+        raise InputError(f"--secrets {file}: {error}") from None
     found = {match[1]: match[2] for line in lines if (match := _LINE.fullmatch(line.strip()))}
     missing = [name for name in names if name not in found]
     if missing:
-        raise LinkError(f"--secrets {file}: it has no line {missing[0]}:SECRET of at least 16 letters and digits")
+        raise InputError(f"--secrets {file}: it has no line {missing[0]}:SECRET of at least 16 letters and digits")
     return {name: found[name] for name in names}
 
 

@@ -1,6 +1,10 @@
 """Errors between processes. The text of each is one sentence for a user."""
 
 
+class InputError(ValueError):
+    """Something that a person gave is wrong, such as a file or an option; the text says what to do."""
+
+
 class ProtocolError(ValueError):
     """Bytes that are no valid message: malformed, too large, not finite, or of another version."""
 

@@ -24,7 +24,9 @@ MAX_EVENT_NODES = 10_000
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
 
-Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}$")]
+ID = r"^[a-z][a-z0-9_-]{0,15}$"
+"""Pattern of a robot's name, which becomes part of keys and file names."""
+Kind = Annotated[str, StringConstraints(pattern=ID)]
 RobotId = Kind
 Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Text = Annotated[str, StringConstraints(max_length=MAX_TEXT)]
@@ -89,11 +91,11 @@ class LidarSpec(Message, use_attribute_docstrings=True):
 
     beams: Annotated[int, Field(ge=8, le=4096)] = 360
     """Beams over a full turn; beam k points at k * 2 pi / beams from the robot's heading."""
-    rate_hz: Annotated[Finite, Field(gt=0, le=100)] = 5.0
+    rate_hz: Annotated[Finite, Field(ge=0.01, le=100)] = 5.0
     """Scans a second; a tick of the run is one scan."""
-    range_min_m: Annotated[Finite, Field(ge=0)] = 0.12
+    range_min_m: Annotated[Finite, Field(ge=0, le=100)] = 0.12
     """Metres; a nearer wall returns nothing."""
-    range_max_m: Annotated[Finite, Field(gt=0, le=100)] = 3.5
+    range_max_m: Annotated[Finite, Field(ge=0.05, le=100)] = 3.5
     """Metres; a farther wall returns nothing."""
     noise_m: Annotated[Finite, Field(ge=0, le=1)] = 0.01
     """Standard deviation of a range, metres."""
@@ -106,22 +108,22 @@ class OdometrySpec(Message, use_attribute_docstrings=True):
 
     noisy: bool = False
     """Whether the errors below are added."""
-    distance_sd: Annotated[Finite, Field(ge=0)] = 0.02
+    distance_sd: Annotated[Finite, Field(ge=0, le=1000)] = 0.02
     """Metres of error along the path, per square root of a metre driven."""
-    heading_sd_deg: Annotated[Finite, Field(ge=0)] = 1.0
+    heading_sd_deg: Annotated[Finite, Field(ge=0, le=1000)] = 1.0
     """Degrees of heading error, per square root of a metre driven."""
-    turn_sd: Annotated[Finite, Field(ge=0)] = 0.02
+    turn_sd: Annotated[Finite, Field(ge=0, le=1000)] = 0.02
     """Radians of heading error, per square root of a radian turned."""
 
 
 class RobotSpec(Message, use_attribute_docstrings=True):
     """A differential-drive robot; the default is the TurtleBot3 Burger."""
 
-    radius_m: Annotated[Finite, Field(gt=0, le=5)] = 0.105
+    radius_m: Annotated[Finite, Field(ge=0.01, le=5)] = 0.105
     """Radius of the body, metres."""
-    max_speed_mps: Annotated[Finite, Field(gt=0, le=10)] = 0.22
+    max_speed_mps: Annotated[Finite, Field(ge=1e-3, le=10)] = 0.22
     """Largest speed, metres a second."""
-    max_turn_rps: Annotated[Finite, Field(gt=0, le=20)] = 2.84
+    max_turn_rps: Annotated[Finite, Field(ge=1e-3, le=20)] = 2.84
     """Largest turn rate, radians a second."""
     lidar: LidarSpec = LidarSpec()
     """The robot's lidar."""

@@ -19,7 +19,7 @@ import zenoh
 
 from protocol.access import VIEWER, Secrets, access_control, session_id, write_secrets
 from protocol.codec import MAX_FRAME_BYTES
-from protocol.errors import LinkError
+from protocol.errors import InputError, LinkError
 
 # Zenoh's log is never initialised, because it would go to stdout, which is for tables and JSON.
 
@@ -58,10 +58,10 @@ def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Raise LinkError unless endpoint looks like tcp/127.0.0.1:7447."""
+    """Raise InputError unless endpoint looks like tcp/127.0.0.1:7447."""
     match = re.fullmatch(r"[a-z][a-z0-9-]*/\S+:(\d{1,5})", endpoint)
     if not match or int(match[1]) > 65535:
-        raise LinkError(f"{endpoint!r} is no endpoint: write it like tcp/127.0.0.1:7447")
+        raise InputError(f"{endpoint!r:.200} is no endpoint: write it like tcp/127.0.0.1:7447")
 
 
 def _free_endpoint() -> str:
@@ -76,7 +76,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
 
     listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1. secrets: of all that may
     connect, each with its own rights (protocol.access); None gives everybody all rights.
-    Raises LinkError where the endpoint cannot be listened on.
+    Raises InputError where the endpoint cannot be listened on.
     """
     if listen:
         check_endpoint(listen)
@@ -88,7 +88,7 @@ def open_router(listen: str | None = None, secrets: Secrets | None = None) -> It
         except zenoh.ZError as error:
             if left:
                 continue
-            raise LinkError(f"cannot listen on {endpoint}: {_cause(error)}; choose another address") from None
+            raise InputError(f"cannot listen on {endpoint}: {_cause(error)}; choose another address") from None
         with session:  # closes it: a process with callbacks would hang at its exit
             yield session, endpoint
         return

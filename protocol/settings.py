@@ -15,6 +15,7 @@ MAX_NUMBER = 1e9
 """Bounds the numbers of settings and messages, so that no sum, mean or square of them overflows (ours). Nothing in a
 building is larger in any unit."""
 
-Positive = Annotated[float, Field(gt=0, le=MAX_NUMBER, allow_inf_nan=False)]
+Positive = Annotated[float, Field(ge=1e-3, le=MAX_NUMBER, allow_inf_nan=False)]
+"""At least a thousandth: a smaller time or length makes endless work, and its inverse overflows."""
 NotNegative = Annotated[float, Field(ge=0, le=MAX_NUMBER, allow_inf_nan=False)]
 Chance = Annotated[float, Field(ge=0, le=1)]

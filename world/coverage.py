@@ -24,6 +24,8 @@ GRID_M = 0.30
 """Distance between the poses from which visibility is tried (as in the scorer)."""
 _EYE_M = 2e-4
 """Sight of a piece of wall ends this far before its middle, in free space (as in the scorer)."""
+_BLOCK = 1_000_000
+"""Pairs of a pose and a piece of wall that are compared at a time; a pair takes 50 bytes."""
 _JOINT_M = 1e-6
 """A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
 NEVER = np.iinfo(np.int64).max
@@ -58,29 +60,40 @@ def visible_wall(world: World, region: int, radius_m: float, reach_m: float) -> 
 
 
 def _visible(world: World, reachable: Polygon, ends: Floats, reach_m: float) -> Bools:
-    """(n,) which pieces some pose sees. Each piece is tried from its nearest poses first, until one sees it."""
+    """(n,) which pieces some pose sees. Near poses are tried first, as they show nearly all pieces."""
     poses = _poses(reachable)
     normal = directions(ends)[:, ::-1] * (-1, 1)  # free space lies on the left
     eye = (ends[:, :2] + ends[:, 2:]) / 2 + _EYE_M * normal
     tree = shapely.STRtree(shapely.points(poses))
-    piece, pose = tree.query(shapely.points(eye), predicate="dwithin", distance=reach_m)
+    visible = np.zeros(len(ends), np.bool_)
+    shapely.prepare(world.solid)
+    for distance in (reach_m / 8, reach_m / 4, reach_m / 2, reach_m):
+        around = math.pi * (distance + GRID_M) ** 2 / GRID_M**2  # poses, about; bounds the memory of a block
+        hidden = np.flatnonzero(~visible)
+        for block in np.array_split(hidden, math.ceil(len(hidden) * around / _BLOCK) or 1):
+            visible[block] = _seen(world, tree, poses, eye[block], normal[block], distance)
+    return visible
+
+
+def _seen(world: World, tree: shapely.STRtree, poses: Floats, eye: Floats, normal: Floats, distance: float) -> Bools:
+    """(n,) which eyes (n, 2) on walls with these normals some pose (p, 2) sees from at most this distance."""
+    piece, pose = tree.query(shapely.points(eye), predicate="dwithin", distance=distance)
     view = poses[pose] - eye[piece]
     away = np.hypot(view[:, 0], view[:, 1])
     steep = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
     piece, pose, away = piece[steep], pose[steep], away[steep]
     order = np.lexsort((away, piece))
     piece, pose = piece[order], pose[order]
-    first = np.searchsorted(piece, np.arange(len(ends)))
-    count = np.bincount(piece, minlength=len(ends))
-    visible = np.zeros(len(ends), np.bool_)
-    shapely.prepare(world.solid)
+    first = np.searchsorted(piece, np.arange(len(eye)))
+    count = np.bincount(piece, minlength=len(eye))
+    seen = np.zeros(len(eye), np.bool_)
     for nth in range(int(count.max(initial=0))):
-        hidden = np.flatnonzero(~visible & (count > nth))
+        hidden = np.flatnonzero(~seen & (count > nth))
         if not len(hidden):
             break
         sight = shapely.linestrings(np.stack([eye[hidden], poses[pose[first[hidden] + nth]]], 1))
-        visible[hidden] = ~shapely.intersects(world.solid, sight)
-    return visible
+        seen[hidden] = ~shapely.intersects(world.solid, sight)
+    return seen
 
 
 def _poses(reachable: Polygon) -> Floats:

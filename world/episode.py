@@ -1,6 +1,5 @@
 """One run of the world, tick by tick: observations out, actions in. No clock, no network."""
 
-import zlib
 from collections.abc import Mapping
 from hashlib import blake2s
 from pathlib import Path
@@ -12,6 +11,7 @@ from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
 from world.checkpoint import BROKEN, Checkpoint, State, luck_state, restore_luck
 from world.config import WorldConfig
+from world.draws import generator, starts_of
 from world.ledger import Ledger, Look
 from world.lidar import Lidar
 from world.odometry import Odometry
@@ -60,8 +60,7 @@ class Episode:
         self.dead: dict[str, str] = {}
         """The reason for each robot that died."""
 
-        rng = generator(config.seed, "starts")
-        self.starts = self.world.starts(config.robots, spec.radius_m, rng, drawn=config.starts == "random")
+        self.starts = starts_of(config, self.world)
         """(k, 3) world poses at tick 0: the robots' own frames."""
         self._rows = {robot: i for i, robot in enumerate(self.robots)}
         self._physics = Physics(self.world.segments, self.starts, spec, self.period_s)
@@ -323,12 +322,6 @@ class Episode:
             "late_ticks": self.late_ticks,
             "links_lost": self.links_lost,
         }
-
-
-def generator(seed: int, purpose: str, robot: str = "") -> np.random.Generator:
-    """The run's generator for one purpose and robot: a draw in one moves nothing in another."""
-    words = [zlib.crc32(word.encode()) for word in (purpose, robot)]
-    return np.random.default_rng(np.random.SeedSequence([seed, *words]))
 
 
 def _name_of_run(config: WorldConfig, world: World) -> str:

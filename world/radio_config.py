@@ -143,7 +143,7 @@ class RadioConfig(Config):
     """Range in m, judged at the sending tick (paper III: robots within radio range); null for no limit."""
     mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = MTU_BYTES
     """The longest message that goes on the air; robots are told it."""
-    models: list[Model] = Field(default_factory=list)
+    models: list[Model] = Field(default_factory=list, max_length=100)
     """Further losses and delays in this order, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""
 
     def __str__(self) -> str:

@@ -55,24 +55,23 @@ def serve(
 
     out: the run directory. secrets: of the robots and viewers that may connect; None lets everybody connect.
     resume: go on with the run that a killed world left in `out`.
-    `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises LinkError
-    where the world cannot listen, or robots do not join in time, CheckpointError where no run can go on.
+    `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises InputError
+    where the world cannot listen or cannot be run, before anything is written; LinkError where robots do not join,
+    CheckpointError where no run can go on.
     """
-    episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
-    with (
-        open_router(server.listen, secrets) as (session, endpoint),
-        Shell(episode, server, session, inbox or WorldInbox(), progress) as shell,
-    ):
-        listening(endpoint)
-        ended = "interrupted"
-        try:
-            shell.gather(endpoint)
-            shell.run()
-            ended = episode.ended or ended
-        except Interrupted:
-            pass
-        finally:
-            shell.close(ended)
+    with open_router(server.listen, secrets) as (session, endpoint):
+        episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
+        with Shell(episode, server, session, inbox or WorldInbox(), progress) as shell:
+            listening(endpoint)
+            ended = "interrupted"
+            try:
+                shell.gather(endpoint)
+                shell.run()
+                ended = episode.ended or ended
+            except Interrupted:
+                pass
+            finally:
+                shell.close(ended)
     return ended
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -17,6 +18,8 @@ from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from protocol.arrays import Floats
+from protocol.document import read_document
+from protocol.errors import InputError
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -34,8 +37,19 @@ SPAWN_CLEARANCE_M = 0.1
 """Drawn starts leave this between body and walls, so that a robot can turn and leave."""
 MAX_COORDINATE_M = 1000.0
 """A file with larger coordinates is probably not in metres."""
-MAX_BYTES = 10_000_000
-"""Largest world file; a thousand walls take 50 kB."""
+MAX_AREA_M2 = 40_000.0
+"""Largest rectangle around a world. A robot of 0.22 m/s sees a quarter of it in two hours, and poses on a grid that
+fills it take 250 MB."""
+MAX_WALL_M = 10_000.0
+"""Edges of all shapes together: 200,000 pieces of wall to account for."""
+MAX_CORNERS = 10_000
+"""Corners of all shapes: half of what a robot's map may have."""
+MAX_NEAR, MAX_CROSSINGS = 1_000_000, 50_000
+"""Pairs of edges whose rectangles overlap, and that cross or touch: joining shapes costs time and memory for each."""
+MAX_SPAWNS = 1000
+"""Twice as many as robots."""
+MAX_NAME = 100
+"""Characters of a world's name."""
 
 
 Level = tuple[str, float, float]
@@ -51,12 +65,12 @@ LISTS: Mapping[str, Sequence[Level]] = {
         ("a ring must be a list of at least 3 points", 3, math.inf),
         ("a point must be a list of 2 numbers", 2, 2),
     ),
-    "spawns": (_ANY, ("must be a list of 3 numbers", 3, 3)),
+    "spawns": ((f"must be a list of at most {MAX_SPAWNS} poses", 0, MAX_SPAWNS), ("must be a list of 3 numbers", 3, 3)),
 }
 """The fields of numbers, as lists in lists."""
 
 
-class WorldFileError(ValueError):
+class WorldFileError(InputError):
     """A world file that cannot be run; the text names file and field."""
 
 
@@ -190,36 +204,34 @@ def bundled() -> list[str]:
 def load(name_or_path: str | Path) -> World:
     """World of a bundled name or of a YAML or JSON file; raises WorldFileError naming file and field."""
     path = BUNDLED / f"{name_or_path}.yaml" if str(name_or_path) in bundled() else Path(name_or_path)
-    if not path.is_file():
-        raise WorldFileError(f"{name_or_path}: neither a file nor a bundled world ({', '.join(bundled())})")
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise WorldFileError(f"{path}: larger than {MAX_BYTES} bytes")
-        return parse(path.read_text(encoding="utf-8"), str(path))
-    except (OSError, UnicodeDecodeError) as error:
-        raise WorldFileError(f"{path}: cannot be read: {error}") from None
+        changed = path.stat()
+    except (OSError, ValueError):  # a name that no file can have
+        known = ", ".join(bundled())
+        raise WorldFileError(f"{name_or_path!s:.200}: neither a file nor a bundled world ({known})") from None
+    return _loaded(path, (changed.st_mtime_ns, changed.st_size))
 
 
 @lru_cache(maxsize=8)
-def parse(text: str, source: str) -> World:
-    """World of a file's text; `source` names it in errors. The same text gives the same object."""
+def _loaded(path: Path, state: tuple[int, int]) -> World:
+    """World of a file; `state` tells a changed file from the one that was loaded before."""
     try:
-        document = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (yaml.YAMLError, RecursionError, ValueError) as error:  # or nested too deep; an impossible date or number
-        raise WorldFileError(f"{source}: no YAML: {' '.join(str(error).split())}") from None
+        document = read_document(path)
+    except InputError as error:
+        raise WorldFileError(f"{path}: {error}") from None
     if not isinstance(document, dict):
-        raise WorldFileError(f"{source}: must be a map of fields, not {type(document).__name__}")
-    return from_document(document, source)
+        raise WorldFileError(f"{path}: must be a map of fields, not {type(document).__name__}")
+    return from_document(document, str(path))
 
 
 def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     """World of the fields of a file; raises WorldFileError naming the field."""
     units = document.get("units", "m")
     if units != "m":
-        raise WorldFileError(f"{source}: units: {units!r} is unknown; worlds are in m")
+        raise WorldFileError(f"{source}: units: {reprlib.repr(units)} is unknown; worlds are in m")
     name = document.get("name", Path(source).stem)
-    if not isinstance(name, str) or not name:
-        raise WorldFileError(f"{source}: name: must be a text")
+    if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME:
+        raise WorldFileError(f"{source}: name: must be a text of 1 to {MAX_NAME} characters")
     given = {key: document[key] for key in LISTS if document.get(key) is not None}
     lists: dict[str, Any] = {key: _numbers(rows, f"{source}: {key}", LISTS[key]) for key, rows in given.items()}
     boxes, walls, polygons, spawns = (lists.get(key, []) for key in LISTS)
@@ -227,29 +239,55 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
         raise WorldFileError(f"{source}: has no boxes, walls or polygons")
     solids: list[BaseGeometry] = []
     for i, (cx, cy, yaw, length, thickness) in enumerate(boxes):
-        if length <= 0 or thickness <= 0:
-            raise WorldFileError(f"{source}: boxes[{i}]: length and thickness must be more than zero")
+        if min(length, thickness) < THIN_M:
+            raise WorldFileError(f"{source}: boxes[{i}]: length and thickness must be at least {THIN_M:g} m")
         box = shapely.box(-length / 2, -thickness / 2, length / 2, thickness / 2)
         solids.append(affinity.translate(affinity.rotate(box, yaw, origin=(0, 0), use_radians=True), cx, cy))
     for i, (x1, y1, x2, y2) in enumerate(walls):
         if math.hypot(x2 - x1, y2 - y1) < THIN_M:
             raise WorldFileError(f"{source}: walls[{i}]: zero length")
         solids.append(LineString([(x1, y1), (x2, y2)]).buffer(THIN_M / 2, cap_style="flat"))
-    for i, rings in enumerate(polygons):
-        polygon = Polygon(rings[0], rings[1:]).buffer(0)
-        if not polygon.area > 0:
-            raise WorldFileError(f"{source}: polygons[{i}]: has no area")
-        solids.append(polygon)
+    areas = [Polygon(rings[0], rings[1:]) for rings in polygons]
     try:
+        _check_size([*solids, *areas], source)
+        for i, area in enumerate(areas):
+            solids.append(area.buffer(0))
+            if solids[-1].area < THIN_M**2:
+                raise WorldFileError(f"{source}: polygons[{i}]: has no area")
         solid = shapely.union_all(solids)
         solid = solid.buffer(SLIT_M, join_style="mitre").buffer(-SLIT_M, join_style="mitre")
     except shapely.GEOSException as error:
         raise WorldFileError(f"{source}: the shapes cannot be joined: {error}") from None
+    if not solid.area > 0:
+        raise WorldFileError(f"{source}: its boxes, walls and polygons have no area")
     for i, (x, y, _) in enumerate(spawns):
         if solid.intersects(Point(x, y)):
             raise WorldFileError(f"{source}: spawns[{i}]: no free space, ({x:g}, {y:g}) lies in a wall")
     known = {"name": name, "units": "m", **{key: rows for key, rows in lists.items() if rows}}
     return World(name, source, solid, np.array(spawns, np.float64).reshape(-1, 3), {**document, **known})
+
+
+def _check_size(shapes: Sequence[BaseGeometry], source: str) -> None:
+    """Raise WorldFileError for a world that would take more than seconds, or all memory, to load."""
+    x0, y0, x1, y1 = shapely.total_bounds(shapes).tolist()
+    if (x1 - x0) * (y1 - y0) > MAX_AREA_M2:
+        size = f"{x1 - x0:.0f} m x {y1 - y0:.0f} m"
+        raise WorldFileError(f"{source}: {size} is too large; at most {MAX_AREA_M2:.0f} m2 are taken")
+    points, ring = shapely.get_coordinates(shapely.get_rings(shapes), return_index=True)
+    inside = ring[1:] == ring[:-1]
+    if inside.sum() > MAX_CORNERS:
+        raise WorldFileError(f"{source}: {inside.sum()} corners are too many; at most {MAX_CORNERS} are taken")
+    edges = shapely.linestrings(np.stack([points[:-1][inside], points[1:][inside]], 1))
+    if (wall_m := shapely.length(edges).sum()) > MAX_WALL_M:
+        raise WorldFileError(f"{source}: {wall_m:.0f} m of wall are too much; at most {MAX_WALL_M:.0f} m are taken")
+    tree, near, crossings = shapely.STRtree(edges), 0, 0
+    for block in np.array_split(edges, math.ceil(len(edges) / 50)):
+        one, other = tree.query(block)
+        near += len(one)
+        if near <= MAX_NEAR:
+            crossings += int(shapely.intersects(block[one], edges[other]).sum())
+        if near > MAX_NEAR or crossings > MAX_CROSSINGS:
+            raise WorldFileError(f"{source}: too many of its shapes lie over each other")
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:
@@ -275,13 +313,13 @@ def _numbers(value: object, where: str, levels: Sequence[Level]) -> Any:
 
 
 def _number(value: object, where: str) -> float:
-    """A finite float. Texts such as 1e-5 are accepted: a number in JSON, but a text in YAML 1.1."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise WorldFileError(f"{where}: must be a number, not {value!r}")
+    """A finite float."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise WorldFileError(f"{where}: must be a number, not {reprlib.repr(value)}")
     try:
         number = float(value)
-    except (ValueError, OverflowError):
-        raise WorldFileError(f"{where}: must be a number, not {str(value)[:40]!r}") from None
+    except OverflowError:
+        raise WorldFileError(f"{where}: must be a number, not {reprlib.repr(value)}") from None
     if not math.isfinite(number):
         raise WorldFileError(f"{where}: not finite")
     if abs(number) > MAX_COORDINATE_M:

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from protocol.settings import Config, Positive
+from protocol.settings import Config, NotNegative, Positive
 
 
 class AlignmentConfig(Config):
@@ -14,14 +14,14 @@ class AlignmentConfig(Config):
     """Pairs of like corners are tried best first, or drawn by their likelihood as RANSAC draws."""
     repetition: bool = True
     """Whether a pattern that repeats within one map makes an alignment ambiguous."""
-    min_corners: Annotated[int, Field(ge=2)] = 16
+    min_corners: Annotated[int, Field(ge=2, le=20_000)] = 16
     """True corners that each map must have, as smaller maps fit anywhere. Measured: 86 % right at 12, 93 % at 16."""
-    max_vertices: Annotated[int, Field(ge=2)] = 1500
+    max_vertices: Annotated[int, Field(ge=2, le=20_000)] = 1500
     """Walls of its own that a map may have; larger ones are refused, as work grows with the square. A building of
     600 m2 has 200."""
-    min_inliers: Annotated[int, Field(ge=2)] = 6
+    min_inliers: Annotated[int, Field(ge=2, le=20_000)] = 6
     """Corners of both maps that must match."""
-    min_score_m: float = 4.0
+    min_score_m: NotNegative = 4.0
     """Metres of wall that must agree, less the weighted metres in conflict."""
     max_conflict: Positive = 0.15
     """Metres in conflict per metre of wall that agrees, at most."""

@@ -26,7 +26,7 @@ class ExplorationConfig(Config):
     team_detour_m: NotNegative = 2.0
     """The same beside teammates, who share the frontiers. With 0, 2 and 8 m the team has 99 % after 359, 287 and 324 s
     and is complete after 505, 566 and 581 s (means of three seeds in maze-15, within their spread)."""
-    smallest_object_m: Positive = 0.1
+    smallest_object_m: Annotated[float, Field(ge=0.02, le=10)] = 0.1
     """Width in metres of the smallest object that the interior sweep must find: a post."""
     least_likelihood: Chance = 0.5
     """Walls that are less likely than this (0 to 1) are looked at again by the least-likely state."""
@@ -35,7 +35,7 @@ class ExplorationConfig(Config):
 
     With 0 and 0.25, five starts in each of seven worlds: 269 and 248 m until 99 % in gbeltramo_building and no clear
     difference elsewhere; with 0.5 all take 4 % longer until complete."""
-    attempts: Annotated[int, Field(ge=1)] = 2
+    attempts: Annotated[int, Field(ge=1, le=1000)] = 2
     """Attempts at a goal before it counts as unreachable. Later ones are made when nothing else is left and the map
     has changed."""
     patience_s: Positive = 15.0

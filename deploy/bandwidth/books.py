@@ -7,10 +7,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from protocol.errors import InputError
+
 Sums = Counter[tuple[str, ...]]
 
 
-class NoRunError(ValueError):
+class NoRunError(InputError):
     """A directory that is no finished run, or whose figures contradict each other; says what is wrong."""
 
 

@@ -15,7 +15,7 @@ from deploy.config import RunConfig
 from protocol.arrays import Floats
 from protocol.geometry import relative
 from world.config import WorldConfig
-from world.episode import generator
+from world.draws import generator
 from world.lidar import Lidar
 from world.worldfile import load
 

@@ -6,8 +6,11 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
+from rich.text import Text
 
 from deploy.bandwidth.representations import FORMS, Measurement
+from deploy.terminal import add_row
+from deploy.text import printable
 
 MANY_LINKS = 12  # more links than that are in the JSON only
 
@@ -23,7 +26,9 @@ def print_tables(figures: dict[str, Any]) -> None:
     """Print a document's tables to stdout."""
     console = Console()
     console.width = max(console.width, 110)
-    console.print(f"[b]{figures['run']}[/b]: {figures['updates']} contact updates", highlight=False)
+    console.print(
+        Text(printable(figures["run"]), "bold"), f": {figures['updates']} contact updates", sep="", highlight=False
+    )
     console.print(_robots(figures["robots"]))
     if len(figures["links"]) <= MANY_LINKS:
         console.print(_links(figures["links"]))
@@ -51,7 +56,7 @@ def _robots(robots: dict[str, Any]) -> Table:
     for robot, books in robots.items():
         for kind in sorted({*books["offered"], *books["delivered"], *books["dropped"]}):
             parts = [_counts(books[part].get(kind)) for part in ("offered", "addressed", "delivered")]
-            table.add_row(robot, kind, *parts, _lost(books["dropped"].get(kind, {})))
+            add_row(table, robot, kind, *parts, _lost(books["dropped"].get(kind, {})))
     return table
 
 
@@ -60,7 +65,7 @@ def _links(links: list[dict[str, Any]]) -> Table:
     for link in links:
         for kind, counts in link["kinds"].items():
             parts = [_counts(counts[part]) for part in ("offered", "delivered")]
-            table.add_row(link["sender"], link["receiver"], kind, *parts, _lost(counts["dropped"]))
+            add_row(table, link["sender"], link["receiver"], kind, *parts, _lost(counts["dropped"]))
     return table
 
 
@@ -72,7 +77,7 @@ def _wire(wire: dict[str, Any]) -> Table:
             explained = flow["payload_bytes"] + flow["overhead_bytes"]
             figures = (flow["messages"], flow["payload_bytes"], flow["overhead_bytes"], explained, flow["wire_bytes"])
             to = "robot" if way == "to_robot" else "world"
-            table.add_row(robot, to, *(f"{value:,}" for value in figures), f"{flow['unexplained_share']:.3%}")
+            add_row(table, robot, to, *(f"{value:,}" for value in figures), f"{flow['unexplained_share']:.3%}")
     return table
 
 
@@ -83,7 +88,7 @@ def _representations(figures: dict[str, Any]) -> Table:
         size, ratio = figures["representations"][name], figures["delta_against"][name]
         each = f"{size / figures['updates']:,.1f}" if figures["updates"] else "-"
         per_area = f"{size / area:,.2f}" if area else "-"
-        table.add_row(name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", meaning)
-    table.add_row("viewpoints", f"{figures['viewpoint_bytes']:,}", "", "", "", "where robots looked from: no map")
-    table.add_row("beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
+        add_row(table, name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", meaning)
+    add_row(table, "viewpoints", f"{figures['viewpoint_bytes']:,}", "", "", "", "where robots looked from: no map")
+    add_row(table, "beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
     return table

@@ -13,7 +13,7 @@ from deploy.bench.cases import ROOT
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
-from world.episode import generator
+from world.draws import generator
 from world.maze import generate
 from world.worldfile import BUNDLED, load, to_yaml
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from deploy.text import all_printable, printable
 from protocol.arrays import Floats
 from protocol.geometry import apply
 from protocol.walls import directions
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 _BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
 """What parsing a file of any content may raise."""
+
+MAX_TIME_S = 1e9  # of a simulated time in a file
+MAX_M = 1e6  # of a coordinate in a file: neither pictures nor pages can show more
 
 T = TypeVar("T")
 
@@ -162,7 +166,7 @@ def read_run(directory: str | Path) -> Run:
         files = [file for file in sorted((path / folder).glob(f"*{suffix}")) if file.name.count(".") == 1]
         if not files:
             run.notes.append(f"{folder}/ is missing or empty")
-        made = {file.name.removesuffix(suffix): part(f"{folder}/{file.name}", read, None) for file in files}
+        made = {printable(file.name.removesuffix(suffix)): part(f"{folder}/{file.name}", read, None) for file in files}
         return {robot: item for robot, item in made.items() if item is not None}
 
     run.manifest = part("manifest.json", _object, {})
@@ -174,15 +178,17 @@ def read_run(directory: str | Path) -> Run:
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
     run.paths = each("trajectories", ".tum", _trajectory)
     run.metrics = part("metrics.csv", read_metrics, {})
-    run.events = part("events.jsonl", lambda file: _events(_lines(file, run)), [])
+    run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
+    run.notes = [printable(note) for note in run.notes]
     return run
 
 
 def _object(file: Path) -> dict[str, Any]:
-    return _as_object(json.loads(file.read_text("utf-8")))
+    return _as_object(file.read_text("utf-8"))
 
 
-def _as_object(value: Any) -> dict[str, Any]:
+def _as_object(text: str) -> dict[str, Any]:
+    value = all_printable(json.loads(text))
     if not isinstance(value, dict):
         raise ValueError("it holds no JSON object")
     return value
@@ -192,8 +198,8 @@ def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
     lines, objects = file.read_text("utf-8").splitlines(), []
     for line in lines:
-        with suppress(ValueError):
-            objects.append(_as_object(json.loads(line)))
+        with suppress(ValueError, RecursionError):
+            objects.append(_as_object(line))
     if bad := len(lines) - len(objects):
         run.notes.append(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
     return objects
@@ -220,11 +226,16 @@ def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
     return sorted(((float(line["t"]), _map(line["map"])) for line in lines), key=lambda frame: frame[0]) or None
 
 
-def _events(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    for line in lines:
-        line["t"] = float(line["t"])
-        line["event"], line["robot"] = str(line["event"]), str(line.get("robot", ""))
-    return lines
+def _events(lines: list[dict[str, Any]], run: Run) -> list[dict[str, Any]]:
+    """Those that have a time and a name; whatever else is in them."""
+    events = [line for line in lines if isinstance(line.get("event"), str) and _is_time(line.get("t"))]
+    if bad := len(lines) - len(events):
+        run.notes.append(f"events.jsonl: {bad} of {len(lines)} events have no time or no name")
+    return [{**event, "t": float(event["t"]), "robot": str(event.get("robot", ""))} for event in events]
+
+
+def _is_time(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 <= value < MAX_TIME_S
 
 
 def _trajectory(file: Path) -> Floats | None:
@@ -237,7 +248,7 @@ def read_metrics(file: Path) -> dict[str, Series]:
     by_robot: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
     with file.open(encoding="utf-8", newline="") as stream:
         for row in csv.DictReader(stream):
-            by_robot[row["robot"]].append(row)
+            by_robot[printable(row["robot"])].append(row)
     made = {}
     for robot, own in by_robot.items():
         names = [name for name in own[0] if name not in ("t", "tick", "robot")]

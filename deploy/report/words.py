@@ -1,16 +1,17 @@
 """Headline and subtitle of a run, and numbers as texts."""
 
-import math
 from typing import Any
 
 from deploy.report.rundir import Run, mapping
+from deploy.text import printable
 
 NONE = "—"  # stands for a missing value
+MAX_SHOWN = 1e15  # larger numbers of a file are no figures of a run
 
 
 def headline(run: Run) -> str:
     """World and number of robots."""
-    name = run.world.name if run.world is not None else run.path.name
+    name = printable(run.world.name if run.world is not None else run.path.name)
     count = len(run.robots)
     return f"{name}: {count} robot{'' if count == 1 else 's'}"
 
@@ -33,7 +34,7 @@ def subtitle(run: Run) -> str:
 
 def number(value: Any, digits: int = 1, unit: str = "") -> str:
     """A number with so many decimals and its unit; NONE for anything else."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_SHOWN:
         return NONE
     return f"{value:,.{digits}f} {unit}".rstrip()
 

@@ -73,10 +73,10 @@ finally:
         (["run", "--set", "agent.wings=2"], "agent.wings: there is no such setting"),
         (["run", "--set", "robots.x=2"], "robots"),
         (["run", "--set", "seed"], "KEY=VALUE"),
-        (["run", "--set", "seed=[1"], "no YAML"),
-        (["run", "--config", "absent.yaml"], "absent.yaml: No such file"),
-        (["run", "--config", "broken.yaml"], "broken.yaml, line 1: this is no YAML"),
-        (["run", "--config", "list.yaml"], "KEY: VALUE, not a list"),
+        (["run", "--set", "seed=[1"], "is no value"),
+        (["run", "--config", "absent.yaml"], "absent.yaml: there is no such file"),
+        (["run", "--config", "broken.yaml"], "broken.yaml: no YAML: "),
+        (["run", "--config", "list.yaml"], "KEY: VALUE, not list"),
         (["run", "--world", "tiny.yaml", "--out", "full"], "something is there already"),
         (["run", "--world", "tiny.yaml", "--robots", "400", "--out", "crowd"], "no room for 400 robots"),
         (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
@@ -92,7 +92,7 @@ def test_what_a_user_can_act_on_is_one_sentence(
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     status, out, err = wireswarm(*arguments)
-    assert status == (1 if arguments[0] == "agent" else 2)
+    assert status == 2
     assert out == "" and words in err
     assert err.count("\n") == 1 and "Traceback" not in err
 
@@ -126,8 +126,21 @@ def test_later_settings_win(tmp_path: Path) -> None:
 
 def test_run_directories_are_numbered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    names = [str(run_directory(None, world, 4)) for world in ("maze-15", "maze-15", "some/maze-15.yaml")]
+    names = []
+    for world in ("maze-15", "maze-15", "some/maze-15.yaml"):
+        with run_directory(None, world, 4) as out:
+            (out / "manifest.json").touch()
+            names.append(str(out))
     assert names == ["runs/maze-15-4", "runs/maze-15-4-2", "runs/maze-15-4-3"]
+
+
+def test_a_run_directory_that_stays_empty_is_removed_with_the_folders_made_for_it(tmp_path: Path) -> None:
+    with run_directory(tmp_path / "a" / "b", "maze-15", 0) as out:
+        assert out.is_dir()
+    assert list(tmp_path.iterdir()) == []
+    with run_directory(tmp_path, "maze-15", 0):
+        pass
+    assert tmp_path.is_dir()
 
 
 def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:

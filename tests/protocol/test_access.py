@@ -16,7 +16,7 @@ from agent.shell.process import run_agent
 from protocol import keys, session
 from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
 from protocol.codec import encode
-from protocol.errors import LinkError
+from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from protocol.messages import Action
 from protocol.session import open_client, open_router
@@ -204,9 +204,9 @@ def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
     write_secrets(file, secrets)
     assert file.stat().st_mode & 0o777 == 0o600
     assert read_secrets(file, ["r2"]) == {"r2": secrets["r2"]}
-    for names, words in ((["r3"], "no line r3"), (["r1"], "cannot be read")):
-        with pytest.raises(LinkError, match=words):
-            read_secrets(file if words.startswith("no") else tmp_path / "none", names)
+    for names, words in ((["r3"], "no line r3"), (["r1"], "no such file")):
+        with pytest.raises(InputError, match=words):
+            read_secrets(file if words.endswith("r3") else tmp_path / "none", names)
     with pytest.raises(UnwritableError, match=r"cannot write .*: No such file"):
         write_secrets(tmp_path / "none/secrets", secrets)
     assert new_secrets(["r1"])["r1"] != secrets["r1"]

@@ -20,7 +20,8 @@ from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observa
 from protocol.wireframe import Wireframe, encode_wireframe
 from tests.scripted import ScriptedStep, Wanderer
 from world.config import WorldConfig
-from world.episode import Episode, generator
+from world.draws import generator
+from world.episode import Episode
 from world.ledger import EVENT_BYTES, EVENT_BYTES_PER_S
 from world.odometry import Odometry
 from world.recorder import own_part

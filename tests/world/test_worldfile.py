@@ -73,7 +73,7 @@ def test_a_raster_contour_becomes_a_few_walls() -> None:
         ({"units": "ft"}, "units: 'ft' is unknown"),
         ({"boxes": [[0, 0, 0, math.nan, 1]]}, "boxes[0][3]: not finite"),
         ({"boxes": [[0, 0, 0, 1, 1], [0, math.inf, 0, 1, 1]]}, "boxes[1][1]: not finite"),
-        ({"boxes": [[0, 0, 0, 0, 1]]}, "boxes[0]: length and thickness must be more than zero"),
+        ({"boxes": [[0, 0, 0, 0, 1]]}, "boxes[0]: length and thickness must be at least 0.0002 m"),
         ({"boxes": [[0, 0, 0, 1, -1]]}, "boxes[0]: length and thickness"),
         ({"boxes": [[0, 0, 0, 1]]}, "boxes[0]: must be a list of 5 numbers"),
         ({"boxes": {"a": 1}}, "boxes: must be a list"),
@@ -107,7 +107,10 @@ def test_a_bad_file_is_refused_with_file_and_field(change: dict[str, object], wo
         ("- 1\n- 2", "must be a map of fields, not list"),
         ("", "must be a map of fields, not NoneType"),
         ("boxes: [[.nan, 0, 0, 1, 1]]", "boxes[0][0]: not finite"),
-        ("a: !!python/object/apply:os.system [ls]", "no YAML"),
+        (
+            "a: !!python/object/apply:os.system [ls]",
+            "the tag 'tag:yaml.org,2002:python/object/apply:os.system' is not known",
+        ),
     ],
 )
 def test_a_bad_text_is_refused(tmp_path: Path, text: str, words: str) -> None:
