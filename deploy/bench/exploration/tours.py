@@ -46,19 +46,6 @@ RAYS = 180
 
 
 @kernel
-def _to_nodes(points: Floats, nodes: Floats, walls: Floats) -> Floats:
-    """(n,) distance from the nearest of points (k, 2) in line of sight to each of nodes (n, 2); inf where none is."""
-    out = np.full(nodes.shape[0], math.inf)
-    for i in range(nodes.shape[0]):
-        d = np.hypot(points[:, 0] - nodes[i, 0], points[:, 1] - nodes[i, 1])
-        for k in np.argsort(d):
-            if keeps_clear(nodes[i, 0], nodes[i, 1], points[k, 0], points[k, 1], walls, 0.5 * OFF_M):
-                out[i] = d[k]
-                break
-    return out
-
-
-@kernel
 def _between(a: Floats, b: Floats, walls: Floats, best: float) -> float:
     """Distance between points (k, 2) and (m, 2) in line of sight if below best, else best."""
     for i in range(a.shape[0]):
@@ -107,7 +94,7 @@ def least_ways(world: World, starts: Floats, spec: RobotSpec) -> Floats:
         enclosed([ring[:-1] for ring in world.rings]), np.asarray(starts[0], np.float64), OFF_M, node_offset_m=1e-4
     )
     ways = np.array([roads.leave(node).cost for node in roads.nodes])
-    to_nodes = np.array([_to_nodes(points, roads.nodes, walls) for points in samples])
+    to_nodes = np.array([[_between(node[None], points, walls, math.inf) for node in roads.nodes] for points in samples])
     s, n = len(starts), len(samples)
     out = np.zeros((n, n))
     for i in range(n):
