@@ -8,7 +8,8 @@ import re
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -79,9 +80,11 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a world and its robots, one process each, and write the run directory."""
+    from deploy.interrupts import on_interrupt
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
     from deploy.report import write_report
+    from protocol.files import UnwritableError
 
     settings = _settings(context)
     with run_directory(out, settings.world, settings.seed) as directory:
@@ -91,15 +94,33 @@ def run(
             _say(error)
         if result.status == Status.USAGE:  # nothing was run
             raise Exit(result.status)
+        if result.status == Status.INTERRUPTED:
+            _say(f"interrupted; `wireswarm report {directory}` draws what there is")
+            print_summary(directory)
+            raise Exit(result.status)
         made = {}
-        for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
-            try:
-                made[what] = make(directory)
-            except Exception as error:  # the run itself is written and must not be lost with its picture
-                _say(f"no {what}: {type(error).__name__}: {error}")
-        print_summary(directory)
-        print(printable(str(made.get("report", directory))))
+        with on_interrupt(partial(_leave_report, directory)):
+            for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
+                try:
+                    made[what] = make(directory)
+                except UnwritableError as error:
+                    _say(str(error))
+                except Exception as error:  # the run itself is written and must not be lost with its picture
+                    _say(f"no {what}: {type(error).__name__}: {error}")
+            print_summary(directory)
+            print(printable(str(made.get("report", directory))), flush=True)
         raise Exit(result.status)
+
+
+def _leave_report(run: Path) -> None:
+    """End at once, in the midst of drawing: a finished run needs nothing more, and libraries drop what is raised."""
+    from deploy import manifest
+
+    why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
+    with suppress(OSError):
+        manifest.finish(run, exit_status=Status.INTERRUPTED, errors=[why])
+    _say(why)
+    os._exit(Status.INTERRUPTED)
 
 
 def _measure_bandwidth(run: Path) -> Measurement:
@@ -134,6 +155,7 @@ def world_(
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
     from deploy import manifest
     from deploy.launcher import run_directory
+    from protocol.errors import InputError
     from world.inbox import WorldInbox
     from world.server import serve
     from world.worldfile import load
@@ -147,9 +169,17 @@ def world_(
         print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
 
     with run_directory(out, settings.world, settings.seed) as directory, _secrets(secrets, settings.robot_ids) as known:
-        ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
+        manifest.begin(directory, begun)
+        try:
+            ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
+        except InputError:
+            manifest.withdraw(directory)
+            raise
+        except Exception as error:
+            manifest.finish(directory, ended="failed", exit_status=Status.FAILURE, errors=[str(error)])
+            raise
         status = ENDINGS.get(ended, Status.INTERRUPTED)
-        manifest.write(directory, begun, ended, exit_status=status)
+        manifest.finish(directory, ended=ended, exit_status=status)
     print(f"ended: {ended}; {printable(str(directory))}")
     raise Exit(status)
 
@@ -174,6 +204,14 @@ def _secrets(file: Path | None, robots: list[str]) -> Iterator[dict[str, str] | 
         if new:
             file.unlink()
         raise
+
+
+@app.command()
+def report(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")]) -> None:
+    """Write the report of a run directory anew."""
+    from deploy.report import write_report
+
+    print(printable(str(write_report(run))))
 
 
 @app.command()
@@ -226,6 +264,7 @@ BENCHMARKS = {
 def _measure(context: Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
     from deploy.bench.benchmark import Benchmark
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # raised, so that cases under way are ended
     if not Benchmark(str(context.info_name)).run(quick, results, jobs):
         raise Exit(Status.FAILURE)
 

@@ -29,6 +29,8 @@ def run(
     episode = Episode(config, out)
     begun = manifest.begun(config, episode.world)
     begun["config"]["agent"] = agent_config.model_dump(mode="json")
+    if out is not None:
+        manifest.begin(out, begun)
     try:
         minds = {}
         for robot in episode.robots:
@@ -41,7 +43,9 @@ def run(
                 progress(episode)
     finally:
         episode.wall_s = time.perf_counter() - begin
-        episode.close()
-        if out is not None:
-            manifest.write(out, begun, episode.ended)
+        try:
+            episode.close()
+        finally:
+            if out is not None:
+                manifest.finish(out, ended=episode.ended)
     return episode.summary()

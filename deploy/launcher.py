@@ -7,16 +7,19 @@ import multiprocessing as mp
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import psutil
 
 from deploy import manifest
 from deploy.config import ConfigError, RunConfig
+from deploy.interrupts import on_interrupt
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status
 from protocol.access import new_secrets
@@ -31,6 +34,7 @@ PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely", "agent.s
 are up in 0.2 s (measured)."""
 
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
+FAREWELL_S = 1.0  # likewise after an interrupted one, which is to be gone within 5 s
 
 MAX_RUNS = 100_000  # directories runs/WORLD-SEED, -2, -3, ... of one world and seed
 
@@ -86,24 +90,35 @@ def launch(
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
-    A run that cannot begin, because an option or a file is wrong, leaves nothing in it. Raises WorldFileError for a
-    world that cannot be loaded, before anything is started.
+    Ctrl-C or SIGTERM ends the run; a second one kills it. A run that cannot begin, because an option or a file is
+    wrong, leaves nothing in it. Raises WorldFileError for a world that cannot be loaded, before anything is started,
+    and UnwritableError where the run directory cannot be written.
     """
-    begun = manifest.begun(config, load(config.world))
-    out.mkdir(parents=True, exist_ok=True)
-    result = Children(config, out, show, make_mind).follow()
-    errors = {"errors": result.errors} if result.errors else {}
-    if result.status != Status.USAGE:
-        manifest.write(out, begun, result.ended, exit_status=result.status, **errors)
-    return result
+    children = Children(config, out, show, make_mind)
+    with on_interrupt(children.interrupt):
+        begun = manifest.begun(config, load(config.world))
+        out.mkdir(parents=True, exist_ok=True)
+        manifest.begin(out, begun)
+        status, ended, errors = children.follow()
+        if status == Status.INTERRUPTED and ended != "interrupted":
+            errors.append("interrupted while the run ended")
+        try:
+            if status == Status.USAGE:
+                manifest.withdraw(out)
+            else:
+                manifest.finish(out, ended=ended, exit_status=status, **({"errors": errors} if errors else {}))
+        except OSError as error:
+            errors += [] if str(error) in errors else [str(error)]
+            status = status or Status.FAILURE
+    return Result(status, ended, errors)
 
 
 class Children:
     """The processes of one run, from their start to their end."""
 
     def __init__(self, config: RunConfig, out: Path, show: Show, make_mind: MakeMind | None) -> None:
-        """Start the world; its robots follow when it listens."""
-        self._config, self._show, self._make_mind = config, show, make_mind
+        """Nothing is started yet."""
+        self._config, self._out, self._show, self._make_mind = config, out, show, make_mind
         self._context = mp.get_context("forkserver")
         # secrets are drawn for this run, reach the children by their pipes, and are written nowhere else
         self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
@@ -113,34 +128,68 @@ class Children:
         self._ended: str | None = None
         self._errors: list[str] = []
         self._last_words: set[str] = set()  # names of children that said how they ended
-        self._refused = self._interrupted = self._never_began = False
+        self._listening = self._refused = self._interrupted = self._never_began = False
+
+    def follow(self) -> Result:
+        """Start the world, its robots when it listens, and listen to all until they have ended; kill those that do not.
+
+        A child's end of its pipe closes when it ends. The server that they are forked from tells a sentinel how they
+        ended: a sentinel that is ready while the pipe is open tells the end of that server.
+        """
+        try:
+            self._begin()
+            if self._interrupted:  # while the world started
+                self._tell_all(STOP)
+            deadline = None
+            while self._talking and (deadline is None or time.monotonic() < deadline):
+                world = [child for child in self._talking.values() if child.name == "world"]
+                if deadline is None and not world:
+                    self._tell_all(STOP)  # nobody needs to wait for a world that has ended
+                    deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)
+                sentinels = [] if self._interrupted else [child.process.sentinel for child in world]
+                for ready in wait([*self._talking, *sentinels], timeout=None if deadline is None else 0.1):
+                    if ready in self._talking:
+                        self._listen(self._talking[ready])
+                    elif not world[0].pipe.poll():
+                        self._end_without_server()
+            self._kill(self._talking.values())
+        finally:
+            self._leave()
+        return Result(self._status(), self._ended or ("interrupted" if self._interrupted else "failed"), self._errors)
+
+    def interrupt(self) -> None:
+        """End the run: in order where the world listens, else at once, as a second call does."""
+        if self._interrupted or not self._listening:
+            for process in psutil.Process().children(recursive=True):  # with the server, in which a start may wait
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
+            self._kill(self._talking.values())
+        self._interrupted = True
+        for world in self._children[:1]:  # it tells its robots; those not there yet are told at its end
+            with suppress(OSError):
+                world.pipe.send(STOP)
+
+    def _begin(self) -> None:
         self._context.set_forkserver_preload(PRELOAD)
-        ctrl_c = signal.signal(signal.SIGINT, signal.SIG_IGN)  # children inherit it: Ctrl-C is ours
+        resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is ours
         try:
             forkserver.ensure_running()
         finally:
-            signal.signal(signal.SIGINT, ctrl_c)
-        self._start("world", world_process, config, out, self._secrets)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+        self._start("world", world_process, self._config, self._out, self._secrets)
 
-    def follow(self) -> Result:
-        """Listen to the children until all have ended, and kill those that do not end.
+    def _end_without_server(self) -> None:
+        if not self._interrupted:
+            self._errors.append("interrupted: the server from which world and robots are forked was killed")
+        self._interrupted = True
+        self._tell_all(STOP)
 
-        Ctrl-C or SIGTERM ends the run, a second one kills it.
-        """
-        before = {number: signal.signal(number, self._stop) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            deadline = None
-            while self._talking and (deadline is None or time.monotonic() < deadline):
-                for pipe in wait(list(self._talking), timeout=None if deadline is None else 0.1):
-                    self._listen(self._talking[pipe])
-                if deadline is None and not any(child.name == "world" for child in self._talking.values()):
-                    self._tell_all(STOP)  # nobody needs to wait for a world that has ended
-                    deadline = time.monotonic() + LEAVE_S
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-            self._leave()
-        return Result(self._status(), self._ended or "failed", self._errors)
+    def _kill(self, children: Iterable[Child]) -> None:
+        """Kill processes by their number, as multiprocessing cannot where the server is dead."""
+        for child in children:
+            with suppress(ProcessLookupError):
+                os.kill(cast(int, child.process.pid), signal.SIGKILL)
 
     def _leave(self) -> None:
         for child in self._children:
@@ -153,19 +202,25 @@ class Children:
                 child.process.join()
 
     def _start(self, name: str, target: Callable[..., None], *arguments: Any) -> None:
+        if self._interrupted:
+            return
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=target, args=(theirs, *arguments), name=name, daemon=True)
-        process.start()
+        try:
+            process.start()
+        except (EOFError, OSError):
+            self._end_without_server()
+        else:
+            self._talking[ours] = child = Child(name, process, ours)
+            self._children.append(child)
         theirs.close()
-        self._talking[ours] = child = Child(name, process, ours)
-        self._children.append(child)
 
     def _listen(self, child: Child) -> None:
         try:
             what, value = child.pipe.recv()
         except (EOFError, OSError):
             del self._talking[child.pipe]
-            if child.name not in self._last_words:
+            if child.name not in self._last_words and not self._interrupted:
                 child.process.join(1.0)
                 code = child.process.exitcode
                 how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
@@ -174,6 +229,7 @@ class Children:
             self._tell_world(child.name)
             return
         if what == LISTENING:
+            self._listening = True
             for robot in self._config.robot_ids:
                 secret = self._secrets and self._secrets[robot]
                 self._start(robot, agent_process, robot, value, secret, self._config, self._make_mind)
@@ -199,14 +255,6 @@ class Children:
         """Tell the world that a robot's process has ended, as a link that is lost may come back."""
         with suppress(OSError):
             self._children[0].pipe.send(robot)
-
-    def _stop(self, number: int, frame: object) -> None:
-        if self._interrupted:
-            for child in self._children:
-                child.process.kill()
-        self._interrupted = True
-        with suppress(OSError):
-            self._children[0].pipe.send(STOP)  # the world tells its robots; those not there yet are told at its end
 
     def _tell_all(self, what: str) -> None:
         for child in self._talking.values():

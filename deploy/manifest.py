@@ -13,7 +13,7 @@ from world.worldfile import World
 
 
 def begun(config: WorldConfig, world: World) -> dict[str, Any]:
-    """Its fields that are known when a run begins."""
+    """Its fields that are known before a run begins."""
     return {
         "version": version("wireswarm"),
         "command_line": sys.argv,
@@ -24,10 +24,24 @@ def begun(config: WorldConfig, world: World) -> dict[str, Any]:
     }
 
 
-def write(out: Path, fields: dict[str, Any], ended: str | None, **more: Any) -> None:
-    """Write it into a run directory; ended: how, just now."""
-    text = json.dumps(fields | {"end": _now(), "ended": ended} | more, indent=1)
-    write_whole(out / "manifest.json", text + "\n")
+def begin(out: Path, fields: dict[str, Any]) -> None:
+    """Write it into the directory of a run that begins. Raises UnwritableError."""
+    _write(out, fields | {"end": None, "ended": None})
+
+
+def finish(out: Path, **more: Any) -> None:
+    """Add to it what is known now that the run has ended. Raises UnwritableError, OSError where there is none."""
+    fields = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    _write(out, fields | {"end": _now()} | more)
+
+
+def withdraw(out: Path) -> None:
+    """Remove it, where the run could not begin."""
+    (out / "manifest.json").unlink(missing_ok=True)
+
+
+def _write(out: Path, fields: dict[str, Any]) -> None:
+    write_whole(out / "manifest.json", json.dumps(fields, indent=1) + "\n")
 
 
 def _now() -> str:

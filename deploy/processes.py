@@ -14,8 +14,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deploy import manifest
 from deploy.config import RunConfig
 from protocol.errors import InputError, LinkError, ProtocolError
+from protocol.files import UnwritableError
 from protocol.inbox import Inbox
 
 if TYPE_CHECKING:
@@ -47,7 +49,9 @@ def world_process(
         "progress": partial(_tell, launcher, PROGRESS),
     }
     with _last_words(launcher, InputError, OSError) as ended:
-        ended(serve(config, config.server, out, secrets=secrets, inbox=inbox, resume=resume, **told))
+        how = serve(config, config.server, out, secrets=secrets, inbox=inbox, resume=resume, **told)
+        manifest.finish(out, ended=how)  # here, because the launcher may be dead
+        ended(how)
 
 
 def agent_process(
@@ -71,10 +75,10 @@ def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Ca
     """
     try:
         yield partial(_tell, launcher, ENDED)
+    except (LinkError, ProtocolError, UnwritableError) as error:
+        _tell(launcher, FAILED, str(error))
     except refusals as error:
         _tell(launcher, REFUSED, str(error))
-    except (LinkError, ProtocolError) as error:
-        _tell(launcher, FAILED, str(error))
     except Exception as error:
         _tell(launcher, FAILED, f"stopped by a mistake in its program: {type(error).__name__}: {error}")
         raise

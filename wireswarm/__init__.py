@@ -11,6 +11,13 @@ docs/notebook.md is a worked example. Numpy, numba, pymunk and matplotlib are im
 from __future__ import annotations
 
 import sys
+
+from wireswarm.interrupts import leave_at_once
+
+_AS_COMMAND = sys.argv[0] == "-m" or sys.argv[0].endswith("wireswarm")  # not in a notebook or a script
+if _AS_COMMAND:
+    leave_at_once()  # before more is imported
+
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
