@@ -8,7 +8,7 @@ import re
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -83,8 +83,6 @@ def run(
     from deploy.interrupts import on_interrupt
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
-    from deploy.report import write_report
-    from protocol.files import UnwritableError
 
     settings = _settings(context)
     with run_directory(out, settings.world, settings.seed) as directory:
@@ -98,18 +96,27 @@ def run(
             _say(f"interrupted; `wireswarm report {directory}` draws what there is")
             print_summary(directory)
             raise Exit(result.status)
-        made = {}
         with on_interrupt(partial(_leave_report, directory)):
-            for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
-                try:
-                    made[what] = make(directory)
-                except UnwritableError as error:
-                    _say(str(error))
-                except Exception as error:  # the run itself is written and must not be lost with its picture
-                    _say(f"no {what}: {type(error).__name__}: {error}")
-            print_summary(directory)
-            print(printable(str(made.get("report", directory))), flush=True)
+            _draw(directory)
         raise Exit(result.status)
+
+
+def _draw(run: Path) -> None:
+    """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
+    from deploy.live import print_summary
+    from deploy.report import write_report
+    from protocol.files import UnwritableError
+
+    made = {}
+    for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
+        try:
+            made[what] = make(run)
+        except UnwritableError as error:
+            _say(str(error))
+        except Exception as error:  # the run itself is written and must not be lost with its picture
+            _say(f"no {what}: {type(error).__name__}: {error}")
+    print_summary(run)
+    print(printable(str(made.get("report", run))), flush=True)
 
 
 def _leave_report(run: Path) -> None:
@@ -149,6 +156,10 @@ def world_(
     secrets: Annotated[
         Path | None, Option(help="File of secrets, without which nobody gets in; made where there is none.")
     ] = None,
+    resume: Annotated[
+        Path | None,
+        Option(help="Go on in the directory of a run whose world was killed, with its settings.", metavar="DIR"),
+    ] = None,
     config: ConfigFile = None,
     set_: Set = None,
 ) -> None:
@@ -160,7 +171,7 @@ def world_(
     from world.server import serve
     from world.worldfile import load
 
-    settings = _settings(context)
+    settings = _settings(context) if resume is None else _resumed(context, resume)
     begun = manifest.begun(settings, load(settings.world))
     del begun["config"]["agent"]  # each robot has its own
     _stop_on_signals(inbox := WorldInbox())
@@ -168,12 +179,18 @@ def world_(
     def listening(endpoint: str) -> None:
         print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
 
-    with run_directory(out, settings.world, settings.seed) as directory, _secrets(secrets, settings.robot_ids) as known:
-        manifest.begin(directory, begun)
+    goes_on = resume is not None
+    place = nullcontext(resume) if resume else run_directory(out, settings.world, settings.seed)
+    with place as directory, _secrets(secrets, settings.robot_ids) as known:
+        if not goes_on:
+            manifest.begin(directory, begun)
         try:
-            ended = serve(settings, settings.server, directory, secrets=known, inbox=inbox, listening=listening)
+            ended = serve(
+                settings, settings.server, directory, secrets=known, inbox=inbox, resume=goes_on, listening=listening
+            )
         except InputError:
-            manifest.withdraw(directory)
+            if not goes_on:
+                manifest.withdraw(directory)
             raise
         except Exception as error:
             manifest.finish(directory, ended="failed", exit_status=Status.FAILURE, errors=[str(error)])
@@ -204,6 +221,30 @@ def _secrets(file: Path | None, robots: list[str]) -> Iterator[dict[str, str] | 
         if new:
             file.unlink()
         raise
+
+
+def _resumed(context: Context, run: Path) -> RunConfig:
+    """Configuration of a run that goes on; only where its world listens may be new."""
+    from deploy.config import ConfigError
+    from deploy.finish import left_by
+
+    given = [name for name, value in context.params.items() if value and name not in ("resume", "listen", "secrets")]
+    if given:
+        raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
+    config, listen = left_by(run), context.params["listen"]
+    server = config.server.model_copy(update={"listen": listen} if listen else {})
+    return config.model_copy(update={"server": server})
+
+
+@app.command()
+def finish(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")]) -> None:
+    """Bring a run whose world was killed to its end: summary, maps, books and report."""
+    from deploy.finish import finish
+
+    if finish(run):
+        _draw(run)
+    else:
+        print(f"{printable(str(run))} is finished already")
 
 
 @app.command()

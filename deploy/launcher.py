@@ -19,11 +19,13 @@ import psutil
 
 from deploy import manifest
 from deploy.config import ConfigError, RunConfig
+from deploy.finish import finish
 from deploy.interrupts import on_interrupt
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status
 from protocol.access import new_secrets
 from protocol.messages import Progress
+from world.checkpoint import NAME, CheckpointError
 from world.worldfile import load
 
 if TYPE_CHECKING:
@@ -100,6 +102,11 @@ def launch(
         out.mkdir(parents=True, exist_ok=True)
         manifest.begin(out, begun)
         status, ended, errors = children.follow()
+        if status != Status.INTERRUPTED and (out / NAME).exists():
+            try:
+                finish(out)  # the world was killed, or failed
+            except (CheckpointError, OSError) as error:
+                errors += [] if str(error) in errors else [str(error)]
         if status == Status.INTERRUPTED and ended != "interrupted":
             errors.append("interrupted while the run ended")
         try:

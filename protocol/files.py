@@ -45,6 +45,12 @@ def write_whole(file: Path, content: str | bytes, *, private: bool = False, dura
         raise UnwritableError((file, error.strerror or str(error))) from error
 
 
+def remove_parts(folder: Path) -> None:
+    """Remove what `write_whole` left in a folder, or below, where its process was killed."""
+    for part in folder.rglob(f".*.*-{'[0-9a-f]' * 8}"):
+        part.unlink()
+
+
 def write_all(*writers: Callable[[], object]) -> None:
     """Call each, so that one failing file loses no other; raises one UnwritableError for all that raised it."""
     failures: list[tuple[Path, str]] = []

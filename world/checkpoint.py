@@ -18,6 +18,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
 
 NAME = "checkpoint.msgpack"
@@ -35,7 +36,7 @@ Entry = tuple[str, bool, list[Any]]
 """What the episode was told: its method's name, whether it had looked at its tick by then, and the arguments."""
 
 
-class CheckpointError(ValueError):
+class CheckpointError(InputError):
     """No run can go on from this directory; one sentence says why."""
 
 

@@ -25,7 +25,7 @@ class WorldConfig(Config):
     max_time_s: Positive = 7200.0
     """Simulated seconds after which the run ends in any case. No bundled world takes a robot two hours."""
     snapshot_s: Positive = 10.0
-    """Simulated seconds between two maps in snapshots/. A killed run loses at most this much of its files."""
+    """Simulated seconds between two maps in snapshots/."""
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     radio: RadioConfig = RadioConfig()

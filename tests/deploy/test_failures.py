@@ -17,6 +17,7 @@ import pytest
 from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import inprocess
+from deploy.bandwidth.books import read_books
 from protocol.session import open_router
 from tests.tiny import ROOM, digests, tiny_config
 from tests.wanderer import Wanderer, endless
@@ -123,6 +124,8 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     assert result["errors"] == ["world: its process died (signal 9)"]
     assert json.loads((run.out / "manifest.json").read_text())["exit_status"] == 1
     assert run.gone_within(5)
+    assert len(json.loads((run.out / "summary.json").read_text())["robots"]) == len(agents)
+    read_books(run.out)  # raises where they do not balance
 
 
 @pytest.mark.parametrize("pause_s", [0.3, 1.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (5.5, 30.0))])

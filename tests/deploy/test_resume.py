@@ -11,9 +11,12 @@ import pytest
 
 from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
-from deploy import inprocess
+from deploy import cli, inprocess, manifest
+from deploy.bandwidth.books import read_books
+from protocol.errors import LinkError
 from tests.tiny import digests, tiny_config
-from tests.wanderer import Wanderer
+from tests.wanderer import Wanderer, endless
+from world.worldfile import load
 
 REPO = Path(__file__).parents[2]
 WORLD = """
@@ -71,3 +74,53 @@ def test_a_world_that_is_killed_and_resumed_ends_with_the_bytes_of_one_that_is_n
     inprocess.run(config, config.agent, tmp_path / "alone", make_mind=Wanderer)
     assert digests(tmp_path / "run") == digests(tmp_path / "alone")
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["team"]["coverage"] > 0.5
+
+
+def killed(folder: Path, until: float = 120.0) -> Path:
+    """The directory of a run whose world was killed after 10 s; its robots are gone, too."""
+    config, run = tiny_config(folder, until=until), folder / "run"
+    world = World(config, run, "begin")
+    manifest.begin(run, manifest.begun(config, load(config.world)))
+
+    def agent(robot: str) -> None:
+        with pytest.raises(LinkError):
+            run_agent(robot, world.endpoint, AgentConfig(), patience=JoinConfig(reconnect_s=0), make_mind=endless)
+
+    with ThreadPoolExecutor() as pool:
+        agents = [pool.submit(agent, robot) for robot in config.robot_ids]
+        world.kill_after(50)
+        for one in agents:
+            one.result(30)
+    return run
+
+
+def test_what_a_killed_world_left_is_finished_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = killed(tmp_path)
+    (run / ".checkpoint.msgpack.1-0123abcd").write_bytes(b"half of a file")
+
+    def command(*words: str) -> tuple[object, str, str]:
+        monkeypatch.setattr(sys, "argv", ["wireswarm", *words])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code or 0, *capsys.readouterr()
+
+    monkeypatch.setattr(cli, "_draw", lambda run: None)
+    assert command("finish", str(run))[0] == 0
+    summary, fields = (json.loads((run / name).read_text()) for name in ("summary.json", "manifest.json"))
+    assert {robot["ended"] for robot in summary["robots"].values()} == {fields["ended"]} == {"interrupted"}
+    read_books(run)  # raises where they do not balance
+    lines = (run / "trajectories" / "r1.tum").read_text().splitlines()
+    assert len(lines) > 50
+    assert not list(run.glob("*checkpoint*")) + list(run.glob(".*"))
+    inprocess.run(tiny_config(tmp_path, until=120.0), AgentConfig(), tmp_path / "alone", make_mind=endless)
+    undisturbed = (tmp_path / "alone" / "trajectories" / "r1.tum").read_text().splitlines()
+    assert lines == undisturbed[: len(lines)]
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    assert command("finish", str(run)) == (0, f"{run} is finished already\n", "")
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
+    for words in (("finish", str(tmp_path)), ("world", "--resume", str(tmp_path)), ("world", "--resume", str(run))):
+        status, _, said = command(*words)
+        assert status == 2 and len(said.splitlines()) == 1, said
+    assert "leave out seed" in command("world", "--resume", str(run), "--seed", "1")[2]

@@ -1,0 +1,48 @@
+"""Run directories that a killed world left: their configuration, and their end."""
+
+import json
+from pathlib import Path
+
+from deploy import manifest
+from deploy.bandwidth.replay import config_of
+from deploy.config import RunConfig
+from protocol.files import remove_parts
+from world.checkpoint import BROKEN, NAME, CheckpointError
+from world.episode import Episode
+from world.worldfile import load
+
+
+def left_by(run: Path) -> RunConfig:
+    """Configuration with which an episode goes on in a run directory.
+
+    Raises NoRunError where it is none, CheckpointError where its world file is not the one that was run.
+    """
+    config = config_of(run)
+    kept = run / "world.yaml"
+    if load(str(kept)).hash != _manifest(run).get("world_hash"):
+        raise CheckpointError(f"{kept} is not the world that was run")
+    return config.model_copy(update={"world": str(kept)})
+
+
+def finish(run: Path) -> bool:
+    """Write what a killed world did not: summary, maps, books and the last lines. Whether there was anything to do.
+
+    Raises NoRunError and CheckpointError where the directory does not tell enough, OSError where it cannot be written.
+    """
+    config, left = left_by(run), (run / NAME).exists()
+    if not left and _manifest(run).get("ended"):
+        return False
+    if left:
+        episode = Episode.resume(config, run)
+        try:
+            episode.close()
+        except BROKEN as error:
+            raise CheckpointError(f"{run / NAME} is damaged ({type(error).__name__})") from error
+    remove_parts(run)
+    manifest.finish(run, ended=episode.ended if left else "interrupted")
+    return True
+
+
+def _manifest(run: Path) -> dict[str, object]:
+    fields: dict[str, object] = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    return fields
