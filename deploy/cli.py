@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from importlib.metadata import version
@@ -108,7 +108,10 @@ def _draw(run: Path) -> None:
     from protocol.files import UnwritableError
 
     made = {}
-    for what, make in {"report": write_report, "bandwidth measurement": _measure_bandwidth}.items():
+    makers: dict[str, Callable[[Path], object]] = {"report": write_report}
+    if (run / "bandwidth.json").exists():  # else the run broke off
+        makers["bandwidth measurement"] = _measure_bandwidth
+    for what, make in makers.items():
         try:
             made[what] = make(run)
         except UnwritableError as error:

@@ -1,0 +1,101 @@
+"""Runs on small and full disks: one sentence with the paths, and every file that is there is whole."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.tiny import ROOM
+
+REPO = Path(__file__).parents[2]
+MOUNTS = subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode == 0
+
+needs_mounts = pytest.mark.skipif(not MOUNTS, reason="a small disk needs a user namespace, and unshare -rm is refused")
+
+RUN = """
+import json, sys
+from pathlib import Path
+from agent.config import AgentConfig
+from deploy.inprocess import run
+from protocol.files import UnwritableError
+from tests.scripted import Wanderer
+from world.config import WorldConfig
+
+out, fill_at = Path("disk/out"), int(sys.argv[1])
+
+def whole(file):
+    text = file.read_text() if file.suffix != ".msgpack" else ""
+    if file.suffix == ".json":
+        json.loads(text)
+    return text[-1:] in ("", "\\n")
+
+def fill(episode):
+    if episode.tick == fill_at:
+        with Path("disk/other").open("wb", buffering=0) as other:
+            try:
+                while True:
+                    other.write(bytes(1000))
+            except OSError:
+                pass
+
+try:
+    run(WorldConfig(world=sys.argv[2], until=20000.0), AgentConfig(), out, fill, make_mind=Wanderer)
+    said = "nothing"
+except UnwritableError as error:
+    said = str(error)
+found = {str(file.relative_to(out)): whole(file) for file in out.rglob("*") if file.is_file()}
+print(json.dumps({"said": said, "found": found}))
+"""
+
+
+def on_disk(folder: Path, options: str, *command: str) -> subprocess.CompletedProcess[str]:
+    """Run a command where `disk` is a small one."""
+    (folder / "disk").mkdir()
+    (folder / "tiny.yaml").write_text(ROOM)
+    return subprocess.run(
+        ["unshare", "-rm", "sh", "-c", f'mount -t tmpfs -o {options} none disk && exec "$@"', "sh", *command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(REPO)},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+
+
+@needs_mounts
+@pytest.mark.parametrize(
+    ("size", "fill_at"), [("60k", -1), ("300k", -1), ("1m", 60)], ids=["60 kB", "300 kB", "full in mid-run"]
+)
+def test_a_run_ends_at_once_when_the_disk_is_full_and_what_is_there_is_whole(
+    tmp_path: Path, size: str, fill_at: int
+) -> None:
+    done = on_disk(tmp_path, f"size={size}", sys.executable, "-c", RUN, str(fill_at), "tiny.yaml")
+    assert done.returncode == 0, done.stderr
+    result: dict[str, Any] = json.loads(done.stdout)
+    assert result["said"].startswith("cannot write disk/out/") and result["said"].endswith(": No space left on device")
+    assert all(result["found"].values()), result
+    assert {"manifest.json", "truth.json", "events.jsonl"} <= result["found"].keys()
+    assert not any(Path(file).name.startswith(".") for file in result["found"])
+
+
+@needs_mounts
+def test_the_command_says_which_files_a_full_disk_did_not_take(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "wireswarm", "run", "--world", "tiny.yaml", "--until", "20", "--quiet"]
+    done = on_disk(tmp_path, "size=60k", *command, "--out", "disk/out")
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    lines = done.stderr.splitlines()
+    assert all(line.startswith("wireswarm: ") and line.endswith(": No space left on device") for line in lines)
+    assert "disk/out/report.html" in done.stderr and "disk/out/manifest.json" in done.stderr
+
+
+@needs_mounts
+def test_a_disk_that_takes_nothing_is_refused_before_anything_starts(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "wireswarm", "run", "--world", "tiny.yaml", "--out", "disk/out"]
+    done = on_disk(tmp_path, "ro", *command)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert done.stderr.startswith("wireswarm: --out disk/out: Read-only file system")
