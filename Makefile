@@ -2,6 +2,7 @@
 
 PYTHON ?= python3
 ARGS ?=
+SECONDS ?= 60
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
@@ -9,7 +10,7 @@ INSTALLED := .venv/.installed
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install run test check format lock
+.PHONY: help install run test fuzz check format lock
 
 help: ## list the targets
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/make \1 \t\2/p' $(MAKEFILE_LIST) | expand -t 16
@@ -30,6 +31,11 @@ run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--s
 
 test: $(INSTALLED) ## run the tests (make test ARGS="-k report")
 	$(BIN)/python -m pytest -n 2 $(ARGS)
+
+fuzz: $(INSTALLED) ## fuzz every decoder and loader for SECONDS each (make fuzz SECONDS=10 ARGS="messages worlds")
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: \
+		-r tests/fuzz/requirements.txt || echo "atheris has no wheel for this Python"
+	$(BIN)/python -m tests.fuzz $(SECONDS) $(ARGS)
 
 check: $(INSTALLED) ## lint, format, types, import rules
 	$(BIN)/ruff check

@@ -34,7 +34,7 @@ def decode(kind: type[M], data: bytes) -> M:
         return kind.model_validate(fields)
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "message"
+        where = ascii(".".join(str(part) for part in first["loc"]))[1:100].rstrip("'") or "message"  # or hostile keys
         raise ProtocolError(f"a bad {kind.__name__}: {where}: {first['msg']}") from None
 
 

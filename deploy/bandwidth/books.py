@@ -24,7 +24,7 @@ def read_books(run: Path) -> dict[str, Any]:
             listed = _of_lines(csv.DictReader(file))
         summed = _of_books(books)
         off = (summed - listed) + (listed - summed)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error) as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     if off:
         first = min(off, key=lambda key: (-len(key), key))

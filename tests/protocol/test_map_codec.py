@@ -14,7 +14,7 @@ from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.wireframe import MAX_VERTICES, Label, Wireframe
-from tests.fuzz_map_codec import BASE, changes, fuzz_one, some_map
+from tests.fuzz.maps import BASE, changes, fuzz_one, some_map
 
 
 @st.composite
