@@ -26,7 +26,11 @@ from protocol.talk import Ack, Beacon, Part, in_parts
 from protocol.viewpoints import AskViews, Views, decode_views
 from protocol.wireframe import decode_wireframe, encode_wireframe
 from tests.fuzz import maps
-from tests.tiny import ROOM
+from tests.tiny import ROOM, tiny_config
+from world import checkpoint
+from world.config import WorldConfig
+from world.episode import Episode
+from world.tick import Outputs
 from world.worldfile import World, WorldFileError, from_document
 
 PATIENCE = 150  # ticks
@@ -325,6 +329,33 @@ def _files() -> list[bytes]:
     return [bytes([k]) + content for k, content in enumerate(FILES.values())]
 
 
+def a_checkpoint(data: bytes) -> None:
+    """What a killed world left, whose checkpoint is anything."""
+    config, files = _killed()
+    for file, content in files.items():
+        file.write_bytes(content)
+    out = _folder() / "killed"
+    (out / checkpoint.NAME).write_bytes(data)
+    with suppress(checkpoint.CheckpointError):
+        Episode.resume(config, out)
+
+
+@cache
+def _killed() -> tuple[WorldConfig, dict[Path, bytes]]:
+    config, out = tiny_config(_folder(), robots=2), _folder() / "killed"
+    episode = Episode(config, out)
+    for tick in range(3):
+        told = messages.Send(tick=tick, to="*", kind="map", payload=b"abc")
+        action = messages.Action(tick=tick, speed_mps=0.1, turn_rps=0.2, sent=1)
+        episode.advance({robot: Outputs([told], action, None) for robot in episode.live})
+    episode.kill("r2", "gone")
+    return config, {file: file.read_bytes() for file in out.rglob("*") if file.is_file()}
+
+
+def _checkpoints() -> list[bytes]:
+    return [content for file, content in _killed()[1].items() if file.name == checkpoint.NAME]
+
+
 TARGETS = {
     "messages": Target(a_message, _messages),
     "parts": Target(a_part, _parts),
@@ -337,6 +368,7 @@ TARGETS = {
     "secrets": Target(some_secrets, lambda: [b"r1:0123456789abcdef\nviewer:0123456789abcdef\n"]),
     "runs": Target(a_run_directory, _files),
     "reports": Target(a_report, _files),
+    "checkpoints": Target(a_checkpoint, _checkpoints),
 }
 """By name."""
 
