@@ -135,7 +135,8 @@ def decode_wireframe(data: bytes) -> Wireframe:
     for (name, sent, kept, columns), rows in zip(_ARRAYS, (n, n, m, m, m), strict=True):
         array = np.frombuffer(data, sent, rows * columns, at)
         at += array.nbytes
-        arrays[name] = array.astype(kept).reshape((rows, columns) if columns > 1 else rows)
+        with np.errstate(invalid="ignore"):  # a NaN is refused below, without a warning on the terminal
+            arrays[name] = array.astype(kept).reshape((rows, columns) if columns > 1 else rows)
     wireframe = Wireframe(**arrays)
     wireframe.check()
     return wireframe
