@@ -15,6 +15,7 @@ from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.perceive import Perception
+from agent.state import State
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
@@ -51,6 +52,16 @@ class Robot:
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
         self._arrived: bool | None = None
+
+    def state(self) -> State:
+        """For a checkpoint, after a step: the own map, the pose, and what was seen. Peers are met anew."""
+        return self.filter.state() | self.explorer.state()
+
+    def restore(self, state: State) -> None:
+        """Go on from a checkpoint, before the first step. Raises ValueError or LookupError where it makes no sense."""
+        self.filter.restore(state)
+        self.explorer.restore(state)
+        self.own = self.filter.wireframe()
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:

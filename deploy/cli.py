@@ -75,6 +75,9 @@ def run(
     until: Until = None,
     max_time_s: MaxTime = None,
     real_time: RealTime = None,
+    restart: Annotated[
+        bool | None, Option("--restart", help="Start a process that dies again: it goes on from its checkpoint.")
+    ] = None,
     config: ConfigFile = None,
     set_: Set = None,
     quiet: Quiet = False,
@@ -326,6 +329,9 @@ def agent(
     reconnect_s: Annotated[
         float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="60")
     ] = None,
+    checkpoints: Annotated[
+        Path | None, Option(help="Folder where the robot keeps its map, and goes on from when started again.")
+    ] = None,
     config: ConfigFile = None,
     set_: Set = None,
 ) -> None:
@@ -340,7 +346,9 @@ def agent(
         raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
     secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
     _stop_on_signals(inbox := AgentInbox())
-    ended = run_agent(id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox)
+    ended = run_agent(
+        id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox, checkpoints=checkpoints
+    )
     print(f"{id_}: {ended}")
     raise Exit(ENDINGS.get(ended, Status.FAILURE))
 

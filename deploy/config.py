@@ -21,6 +21,8 @@ class ConfigError(InputError):
 class RunConfig(WorldConfig, JoinConfig):
     """A whole run: the world's settings at the top, the robots' minds and the processes below."""
 
+    restart: bool = False
+    """Whether `wireswarm run` starts a process that dies again; robots then keep checkpoints to go on from."""
     agent: AgentConfig = AgentConfig()
     """Every robot's mind."""
     server: ServerConfig = ServerConfig()

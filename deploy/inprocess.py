@@ -7,8 +7,11 @@ from typing import Any
 
 from agent.config import AgentConfig
 from agent.robot import Robot
-from agent.shell.mind import MakeMind
+from agent.shell.checkpoint import Keeps, due
+from agent.shell.mind import MakeMind, Mind
+from agent.state import State
 from deploy import manifest
+from deploy.faults import schedule
 from world.config import WorldConfig
 from world.episode import Episode
 from world.tick import Outputs
@@ -32,13 +35,25 @@ def run(
     if out is not None:
         manifest.begin(out, begun)
     try:
-        minds = {}
-        for robot in episode.robots:
+
+        def make(robot: str) -> Mind:
             welcome = episode.welcome(robot)
-            minds[robot] = (make_mind or Robot)(robot, welcome.spec, agent_config, welcome.seed)
+            return (make_mind or Robot)(robot, welcome.spec, agent_config, welcome.seed)
+
+        faults, kept = schedule(config.robot_ids, config.faults), dict[str, State]()
+        minds = {robot: make(robot) for robot in episode.robots}
         while episode.ended is None:
+            for robot in episode.live:
+                if episode.tick in faults[robot]:
+                    episode.came_back(robot)
+                    mind = minds[robot] = make(robot)
+                    if isinstance(mind, Keeps) and robot in kept:
+                        mind.restore(kept[robot])
+            tick = episode.tick
             steps = {robot: minds[robot].step(seen, heard) for robot, (heard, seen) in episode.inputs().items()}
             episode.advance({robot: Outputs(step.sends, step.action, step.map) for robot, step in steps.items()})
+            if config.faults and due(tick, config.spec.lidar.rate_hz):
+                kept = {robot: mind.state() for robot, mind in minds.items() if isinstance(mind, Keeps)}
             if progress is not None:
                 progress(episode)
     finally:

@@ -20,6 +20,7 @@ import psutil
 from deploy import manifest
 from deploy.config import ConfigError, RunConfig
 from deploy.finish import finish
+from deploy.faults import schedule
 from deploy.interrupts import on_interrupt
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status
@@ -35,6 +36,7 @@ PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely", "agent.s
 """Imported once, by the server from which all children are forked: a robot takes 7 MiB instead of 27, and 30 robots
 are up in 0.2 s (measured)."""
 
+RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
 FAREWELL_S = 1.0  # likewise after an interrupted one, which is to be gone within 5 s
 
@@ -136,6 +138,11 @@ class Children:
         self._errors: list[str] = []
         self._last_words: set[str] = set()  # names of children that said how they ended
         self._listening = self._refused = self._interrupted = self._never_began = False
+        restarts, faults = RESTARTS if config.restart else 0, schedule(config.robot_ids, config.faults)
+        self._restarts = {"world": restarts} | {robot: restarts + len(ticks) for robot, ticks in faults.items()}
+        self._checkpoints = out / "checkpoints" if config.restart or config.faults else None
+        self._gone: set[str] = set()  # robots that do not come back
+        self._endpoint = ""
 
     def follow(self) -> Result:
         """Start the world, its robots when it listens, and listen to all until they have ended; kill those that do not.
@@ -149,7 +156,7 @@ class Children:
                 self._tell_all(STOP)
             deadline = None
             while self._talking and (deadline is None or time.monotonic() < deadline):
-                world = [child for child in self._talking.values() if child.name == "world"]
+                world = self._world()
                 if deadline is None and not world:
                     self._tell_all(STOP)  # nobody needs to wait for a world that has ended
                     deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)
@@ -172,7 +179,7 @@ class Children:
                     process.kill()
             self._kill(self._talking.values())
         self._interrupted = True
-        for world in self._children[:1]:  # it tells its robots; those not there yet are told at its end
+        for world in self._world():  # it tells its robots; those not there yet are told at its end
             with suppress(OSError):
                 world.pipe.send(STOP)
 
@@ -185,6 +192,10 @@ class Children:
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         self._start("world", world_process, self._config, self._out, self._secrets)
+
+    def _world(self) -> list[Child]:
+        """The world, while it runs."""
+        return [child for child in self._talking.values() if child.name == "world"]
 
     def _end_without_server(self) -> None:
         if not self._interrupted:
@@ -222,6 +233,22 @@ class Children:
             self._children.append(child)
         theirs.close()
 
+    def _start_robot(self, robot: str) -> None:
+        secret = self._secrets and self._secrets[robot]
+        config, mind = self._config, self._make_mind
+        self._start(robot, agent_process, robot, self._endpoint, secret, config, mind, self._checkpoints)
+
+    def _may_start_again(self, name: str) -> bool:
+        return self._progress is not None and self._ended is None and self._restarts[name] > 0
+
+    def _start_again(self, name: str) -> None:
+        self._restarts[name] -= 1
+        if name != "world":
+            return self._start_robot(name)
+        server = self._config.server.model_copy(update={"listen": self._endpoint})  # where the robots look for it
+        config = self._config.model_copy(update={"server": server})
+        return self._start("world", world_process, config, self._out, self._secrets, True)
+
     def _listen(self, child: Child) -> None:
         try:
             what, value = child.pipe.recv()
@@ -231,15 +258,23 @@ class Children:
                 child.process.join(1.0)
                 code = child.process.exitcode
                 how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
-                self._errors.append(f"{child.name}: its process died ({how})")
+                again = self._may_start_again(child.name)
+                self._errors.append(f"{child.name}: its process died ({how})" + again * " and was started again")
+                if again:
+                    self._start_again(child.name)
+                    return
                 self._end_unless_begun(child)
+            self._gone.add(child.name)
             self._tell_world(child.name)
             return
         if what == LISTENING:
             self._listening = True
-            for robot in self._config.robot_ids:
-                secret = self._secrets and self._secrets[robot]
-                self._start(robot, agent_process, robot, value, secret, self._config, self._make_mind)
+            if not self._endpoint:
+                self._endpoint = value
+                for robot in self._config.robot_ids:
+                    self._start_robot(robot)
+            for robot in self._gone:  # a world that is there again may not know
+                self._tell_world(robot)
         elif what == PROGRESS:
             self._progress = value
             self._show(value)
@@ -260,8 +295,9 @@ class Children:
 
     def _tell_world(self, robot: str) -> None:
         """Tell the world that a robot's process has ended, as a link that is lost may come back."""
-        with suppress(OSError):
-            self._children[0].pipe.send(robot)
+        for world in self._world():
+            with suppress(OSError):
+                world.pipe.send(robot)
 
     def _tell_all(self, what: str) -> None:
         for child in self._talking.values():

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from deploy import manifest
 from deploy.config import RunConfig
+from deploy.faults import doomed, schedule
 from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.files import UnwritableError
 from protocol.inbox import Inbox
@@ -55,7 +56,13 @@ def world_process(
 
 
 def agent_process(
-    launcher: Connection, robot: str, endpoint: str, secret: str | None, config: RunConfig, make_mind: MakeMind | None
+    launcher: Connection,
+    robot: str,
+    endpoint: str,
+    secret: str | None,
+    config: RunConfig,
+    make_mind: MakeMind | None,
+    checkpoints: Path | None = None,
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
     from agent.shell.process import AgentInbox, run_agent
@@ -63,7 +70,16 @@ def agent_process(
     inbox = AgentInbox()
     _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends before, and tells the robots
     with _last_words(launcher) as ended:
-        how = run_agent(robot, endpoint, config.agent, secret=secret, patience=config, make_mind=make_mind, inbox=inbox)
+        how = run_agent(
+            robot,
+            endpoint,
+            config.agent,
+            secret=secret,
+            patience=config,
+            make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
+            inbox=inbox,
+            checkpoints=checkpoints,
+        )
         ended(how)
 
 

@@ -1,12 +1,14 @@
 """Settings of the world, with units and reasons."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from protocol.messages import MTU_BYTES, RobotSpec
 from protocol.settings import Config, Positive
 from world.radio_config import RadioConfig
+
+FaultText = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}@[1-9][0-9]{0,8}$")]
 
 
 class WorldConfig(Config):
@@ -25,7 +27,14 @@ class WorldConfig(Config):
     max_time_s: Positive = 7200.0
     """Simulated seconds after which the run ends in any case. No bundled world takes a robot two hours."""
     snapshot_s: Positive = 10.0
+<<<<<<< HEAD
     """Simulated seconds between two maps in snapshots/."""
+=======
+    """Simulated seconds between two maps in snapshots/. A killed run loses at most this much of its files."""
+    faults: list[FaultText] = Field([], max_length=1000)
+    """Robots whose process is killed and started again, and the tick at which, such as r2@100: for tests of recovery.
+    A run in one process does the same with its minds."""
+>>>>>>> f137874 (Processes that die come back: checkpoints, --restart, a fault schedule, late robots)
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     radio: RadioConfig = RadioConfig()
@@ -37,6 +46,13 @@ class WorldConfig(Config):
         if (spec.radio_range_m, spec.radio_mtu_bytes) != (None, MTU_BYTES):
             raise ValueError("the robots' radio follows from radio.range_m and radio.mtu_bytes: set these")
         return spec
+
+    @model_validator(mode="after")
+    def _faults_of_robots(self) -> Self:
+        for fault in self.faults:
+            if fault.partition("@")[0] not in self.robot_ids:
+                raise ValueError(f"faults: {fault} is of no robot that takes part")
+        return self
 
     @property
     def robot_ids(self) -> list[str]:

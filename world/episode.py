@@ -292,6 +292,11 @@ class Episode:
         self._log("arrive", robot, process)
         self.processes[robot] = process
 
+    def came_back(self, robot: str) -> None:
+        """Log that a robot's process ended, and that another took its place at this tick."""
+        self.happened(robot, "left", "its process ended")
+        self.happened(robot, "rejoined", "another process took its place")
+
     def happened(self, robot: str, event: str, reason: str) -> None:
         """Log what happened to a robot's process at this tick: it left, joined or came back."""
         self._log("happened", robot, event, reason)

@@ -231,8 +231,8 @@ class Shell:
         for robot in self.episode.live:
             event = self._newcomers.get(robot)
             if event == "rejoined" and self._lockstep:
-                self.episode.happened(robot, "left", ENDED)
-            if event is not None:
+                self.episode.came_back(robot)
+            elif event is not None:
                 self.episode.happened(robot, event, "its process is ready")
         self._newcomers.clear()
 

@@ -5,10 +5,11 @@ is a state that a new frontier ends.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
+from numpy.typing import NDArray
 
 from agent.exploration import standing
 from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_nearer_to
@@ -18,9 +19,10 @@ from agent.exploration.driving import STANDS, Driver, Motion
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.planning import GIVE_M, Roads, ahead_of, circle, length_of, still_clear
-from agent.exploration.surroundings import Scene, Situation, Surroundings
-from agent.exploration.sweep import Sweep, Viewpoints
+from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
+from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
 from agent.geometry.clearance import distances_to_walls
+from agent.state import State, checked
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
@@ -93,6 +95,25 @@ class Explorer:
             self._decided_tick, self._decided_version = scene.tick, scene.version
             self._put_back, self.target = self.target, None
         return scene
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What it saw and felt, for a checkpoint; where to go is decided anew."""
+        eyes = self.viewpoints
+        return {
+            "eyes": eyes.own_places(),
+            "eye_ticks": np.array(eyes.ticks, np.int64),
+            "felt": self.surroundings.touch.walls.copy(),
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on with what was kept. Raises ValueError or LookupError where it makes no sense."""
+        eyes = checked(state, "eyes", np.zeros((0, 2)), rows=True)
+        ticks = checked(state, "eye_ticks", np.zeros(0, np.int64), rows=True)
+        felt = checked(state, "felt", self.surroundings.touch.walls, rows=True)
+        if not len(eyes) == len(ticks) <= MOST_KEPT or len(felt) > MOST_WALLS:
+            raise ValueError("more viewpoints or walls than are kept")
+        self.viewpoints.own = [(x, y) for x, y in eyes.tolist()]
+        self.viewpoints.ticks, self.surroundings.touch.walls = ticks.tolist(), felt
 
     # the branches of Algorithm 1
 

@@ -11,6 +11,7 @@ import numpy as np
 from agent.corner_scan import FRONTIER, NOMINAL
 from agent.geometry.lines import Record, along, meet
 from agent.kernels import kernel
+from agent.state import LARGEST
 from protocol.arrays import Records
 
 FREE, WALL, CANDIDATE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
@@ -46,6 +47,16 @@ EDGE = np.dtype(
     align=True,
 )
 """One wall. An aligned record, so that numba reads its fields like attributes."""
+
+
+def check_records(edges: Records) -> None:
+    """Raise ValueError where records (n,) from a file make no sense, as kernels trust them."""
+    numbers = [edges[name] for name in EDGE.names or () if edges[name].dtype.kind == "f"]
+    whole = {"alive": (0, 2), "own": (0, 1), "label": (0, 2), "link": (-1, len(edges) - 1), "probation": (0, 1)}
+    if not all((np.abs(values) <= LARGEST).all() for values in numbers):
+        raise ValueError("a wall has a number that is not finite or too large")
+    if not all(((edges[name] >= low) & (edges[name] <= high)).all() for name, (low, high) in whole.items()):
+        raise ValueError("a wall has a kind, a label or a link that there is not")
 
 
 @kernel

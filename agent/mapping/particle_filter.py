@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +15,13 @@ from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.candidates import main_axis
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, PUBLISH_AFTER, WALL
+from agent.mapping.edges import EDGE, PUBLISH_AFTER, WALL, check_records
 from agent.mapping.layers import Layer, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import AXIS_SD, HEADING_TRUST, Axis, correct_pose, motion_covariance
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.views import MARGIN_M, View
+from agent.state import State, checked
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import RobotSpec
@@ -109,7 +111,7 @@ class WireframeFilter:
         self.log_weights, self.standing = np.zeros(n), np.zeros(n)
         self.best = 0
         self._noise = range_noise(spec.lidar)
-        self._odometry: Pose | None = None
+        self._odometry: Pose = (0.0, 0.0, 0.0)  # where the robot's frame begins, also for one that starts late
         drift = spec.odometry
         self._odometry_noise = np.array([drift.distance_sd, math.radians(drift.heading_sd_deg), drift.turn_sd])
         self._noisy = drift.noisy and config.correct_pose
@@ -122,7 +124,7 @@ class WireframeFilter:
         """Merge a corner scan into every particle, weigh and resample them. odometry: pose (m, rad), robot's frame."""
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
-        by = relative(self._odometry, odometry) if self._odometry is not None else (0.0, 0.0, 0.0)
+        by = relative(self._odometry, odometry)
         self._odometry = odometry
         if self._noisy:
             for p, pose in enumerate(self.poses):
@@ -166,6 +168,43 @@ class WireframeFilter:
             self.log_weights[:] = 0.0
         self.best = int(np.argmax(self.standing))
 
+    def state(self) -> dict[str, NDArray[Any]]:
+        """The particles, for a checkpoint; random numbers begin anew."""
+        edges = self.edges[:, : self.counts.max()].copy()
+        return {"edges": edges.view(np.uint8), "odometry": np.array(self._odometry)} | {
+            name: values.copy() for name, values in self._kept().items()
+        }
+
+    def restore(self, state: State) -> None:
+        """Go on with kept particles. Raises ValueError or LookupError where they make no sense."""
+        kept = {name: checked(state, name, like) for name, like in self._kept().items()}
+        x, y, theta = checked(state, "odometry", np.zeros(3)).tolist()
+        edges, counts = np.frombuffer(state["edges"].tobytes(), EDGE).reshape(len(self.counts), -1), kept["counts"]
+        if not ((counts >= 0) & (counts <= edges.shape[1])).all() or edges.shape[1] > 2 * MAX_WALLS:
+            raise ValueError("more or fewer walls than it says")
+        for walls, count in zip(edges, counts.tolist(), strict=True):
+            check_records(walls[:count])
+        if not (np.linalg.eigvalsh(kept["covariances"]) > -COVARIANCE_FLOOR).all():
+            raise ValueError("covariances that are none")
+        size = 4 * SPARE
+        while size < edges.shape[1]:
+            size *= 2
+        self.edges = np.zeros((len(counts), size), EDGE)
+        self.edges[:, : edges.shape[1]] = edges
+        for name, values in self._kept().items():
+            values[...] = kept[name]
+        self._odometry, self.best = (x, y, theta), int(np.argmax(self.standing))
+
+    def _kept(self) -> dict[str, NDArray[Any]]:
+        return {
+            "counts": self.counts,
+            "log_weights": self.log_weights,
+            "standing": self.standing,
+            "poses": self.poses,
+            "covariances": self.covariances,
+            "patience": self._patience,
+        }
+
     @property
     def pose(self) -> Pose:
         """Pose of the maximum-likelihood particle, in the robot's own frame."""
@@ -174,7 +213,7 @@ class WireframeFilter:
 
     def predicted(self, odometry: Pose) -> Pose:
         """Where the best particle would be at this odometry, before a scan corrects it."""
-        return compose(self.pose, relative(self._odometry, odometry)) if self._odometry is not None else odometry
+        return compose(self.pose, relative(self._odometry, odometry))
 
     @property
     def nbytes(self) -> int:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import secrets
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import zenoh
 
 from agent.config import AgentConfig, JoinConfig
+from agent.shell.checkpoint import Keeps, due, revived, save
 from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.codec import decode, encode
@@ -83,7 +86,8 @@ def run_agent(
         entry = join(session, robot, inbox, patience.join_timeout_s)
         while isinstance(entry, Entry):  # a world that was gone and is back may begin a new run
             welcome = entry.welcome
-            life = Life(make_mind(robot, welcome.spec, config, welcome.seed), entry)
+            make = partial(make_mind, robot, welcome.spec, config, welcome.seed)
+            life = Life(revived(make, checkpoints, robot, welcome.run, welcome.tick), entry, robot, checkpoints)
             with declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers:
                 ended = life.live(publishers, inbox)
                 while ended is None:  # the link was lost: this process, the world or the network stood still
@@ -175,9 +179,10 @@ def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:
 class Life:
     """A mind in one run of a world: what it heard, and what it last did, which it says again where that was lost."""
 
-    def __init__(self, mind: Mind, entry: Entry) -> None:
-        """`entry`: how the robot was let in."""
+    def __init__(self, mind: Mind, entry: Entry, robot: str, checkpoints: Path | None) -> None:
+        """entry: how the robot was let in. checkpoints: the folder where its mind is kept, if it is."""
         self._mind, self._entry = mind, entry
+        self._robot, self._checkpoints, self._kept = robot, checkpoints, -1
         self._heard: list[Heard] = []
         self._tick = -1
         """Of the last step; -1 before the first."""
@@ -207,6 +212,7 @@ class Life:
                         continue  # late: it steps on the newest scan only, with all messages heard since its last step
                     if step := self._take(observation) if lockstep else self._mind.step(observation, self._heard):
                         answer(publishers, step)
+                        self._keep(observation.tick)
                     self._heard = []
                 case keys.END:
                     return decode(End, payload).reason
@@ -215,6 +221,19 @@ class Life:
                 case _:
                     pass  # the world's token at the start, or a key of a later version
         return "interrupted"
+
+    def _keep(self, tick: int) -> None:
+        welcome = self._entry.welcome
+        if self._checkpoints is None or tick == self._kept or not due(tick, welcome.spec.lidar.rate_hz):
+            return
+        self._kept = tick
+        if not isinstance(self._mind, Keeps):
+            return
+        try:
+            save(self._checkpoints, self._robot, welcome.run, tick, self._mind.state())
+        except OSError as error:  # the robot goes on without
+            print(f"{self._robot}: no checkpoint: {error}", file=sys.stderr)
+            self._checkpoints = None
 
     def _take(self, observation: Observation) -> Step | None:
         """The step on an observation in lockstep, once, however often it is said; None where messages were lost.
