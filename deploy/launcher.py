@@ -19,8 +19,8 @@ import psutil
 
 from deploy import manifest
 from deploy.config import ConfigError, RunConfig
-from deploy.finish import finish
 from deploy.faults import schedule
+from deploy.finish import finish
 from deploy.interrupts import on_interrupt
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status

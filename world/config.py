@@ -27,14 +27,10 @@ class WorldConfig(Config):
     max_time_s: Positive = 7200.0
     """Simulated seconds after which the run ends in any case. No bundled world takes a robot two hours."""
     snapshot_s: Positive = 10.0
-<<<<<<< HEAD
     """Simulated seconds between two maps in snapshots/."""
-=======
-    """Simulated seconds between two maps in snapshots/. A killed run loses at most this much of its files."""
     faults: list[FaultText] = Field([], max_length=1000)
     """Robots whose process is killed and started again, and the tick at which, such as r2@100: for tests of recovery.
     A run in one process does the same with its minds."""
->>>>>>> f137874 (Processes that die come back: checkpoints, --restart, a fault schedule, late robots)
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     radio: RadioConfig = RadioConfig()

@@ -130,7 +130,7 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
 
 @pytest.mark.parametrize("pause_s", [0.3, 1.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (5.5, 30.0))])
 def test_a_pause_of_any_process_changes_no_byte_in_lockstep(running: Any, tmp_path: Path, pause_s: float) -> None:
-    run = running(mind="Wanderer", until=200.0)
+    run = running(mind="Wanderer", until=600.0)
     for process in (run.world(), run.agents()[1]):
         process.suspend()
         time.sleep(pause_s)
@@ -138,7 +138,7 @@ def test_a_pause_of_any_process_changes_no_byte_in_lockstep(running: Any, tmp_pa
         tick = run.line()["clock"]["tick"]
         run.wait_for(lambda line, tick=tick: line["clock"]["tick"] > tick + 5)
     assert run.result()["status"] == 0
-    inprocess.run(tiny_config(tmp_path, until=200.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
+    inprocess.run(tiny_config(tmp_path, until=600.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
     assert digests(run.out) == digests(tmp_path / "alone")
 
 
