@@ -19,7 +19,7 @@ from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol import keys
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
-from protocol.errors import LinkError, RefusedError
+from protocol.errors import InputError, LinkError, RefusedError
 from protocol.inbox import Arrival
 from protocol.messages import PROTOCOL_VERSION, End, Join, Refused
 from protocol.session import open_client, open_router
@@ -231,7 +231,7 @@ def test_an_agent_without_a_world_says_what_to_check() -> None:
     began = time.monotonic()
     with pytest.raises(LinkError, match=r"no world answers at tcp/127\.0\.0\.1:1 .* check"):
         run_agent("r1", "tcp/127.0.0.1:1", AgentConfig(), patience=JoinConfig(join_timeout_s=0.3), make_mind=endless)
-    with pytest.raises(LinkError, match="write it like"):
+    with pytest.raises(InputError, match="write it like"):
         run_agent("r1", "localhost", AgentConfig(), make_mind=endless)
     with open_router() as (_, endpoint), pytest.raises(LinkError, match="does not answer r1"):
         run_agent("r1", endpoint, AgentConfig(), patience=JoinConfig(join_timeout_s=0.3), make_mind=endless)
@@ -239,7 +239,7 @@ def test_an_agent_without_a_world_says_what_to_check() -> None:
 
 
 def test_a_taken_port_is_one_sentence() -> None:
-    with open_router() as (_, endpoint), pytest.raises(LinkError, match="in use"), open_router(endpoint):
+    with open_router() as (_, endpoint), pytest.raises(InputError, match="in use"), open_router(endpoint):
         pass
 
 
