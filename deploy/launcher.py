@@ -25,6 +25,7 @@ from deploy.interrupts import on_interrupt
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.status import ENDINGS, Status
 from protocol.access import new_secrets
+from protocol.files import remove_parts
 from protocol.messages import Progress
 from world.checkpoint import NAME, CheckpointError
 from world.worldfile import load
@@ -112,6 +113,7 @@ def launch(
         if status == Status.INTERRUPTED and ended != "interrupted":
             errors.append("interrupted while the run ended")
         try:
+            remove_parts(out)
             if status == Status.USAGE:
                 manifest.withdraw(out)
             else:

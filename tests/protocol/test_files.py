@@ -4,13 +4,15 @@ import os
 import pickle
 import resource
 import stat
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from protocol.files import PIECE_CHARS, LineFile, UnwritableError, write_whole
+from protocol.files import PIECE_CHARS, LineFile, UnwritableError, remove_parts, write_whole
 
 
 @contextmanager
@@ -38,6 +40,17 @@ def test_a_file_that_cannot_be_written_is_as_it_was_and_nothing_lies_beside_it(t
     assert file.read_text() == "new"
     with pytest.raises(UnwritableError, match=r"^cannot write .*/absent/map.json: No such file or directory"):
         write_whole(tmp_path / "absent/map.json", "")
+
+
+def test_what_a_killed_process_left_of_a_file_is_removed(tmp_path: Path) -> None:
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    begin = "from protocol.files import *; os.fsync = lambda fd: os._exit(9)"
+    write = f"{begin}; write_whole(Path({str(folder / 'r1.json')!r}), 'x')"
+    assert subprocess.run([sys.executable, "-c", write], check=False).returncode == 9
+    assert len(list(folder.iterdir())) == 1 and not (folder / "r1.json").exists()
+    remove_parts(tmp_path)
+    assert not list(folder.iterdir())
 
 
 def test_only_the_owner_reads_a_private_file_and_others_are_as_the_user_wants_them(tmp_path: Path) -> None:
