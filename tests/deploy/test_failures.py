@@ -227,3 +227,23 @@ def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path,
                 process.kill()
                 process.communicate()
     assert len((tmp_path / "second" / "trajectories" / "r1.tum").read_text().splitlines()) == 21
+
+
+@pytest.mark.parametrize(
+    "pause_s", [1.0, pytest.param(6.0, marks=pytest.mark.slow)]
+)  # shorter and longer than the lease
+def test_in_real_time_the_others_go_on_and_the_paused_one_misses_ticks(running: Any, pause_s: float) -> None:
+    run = running(until=7000.0, server={"real_time": 20.0})
+    victim = run.agents()[1]
+    tick = run.line()["clock"]["tick"]
+    victim.suspend()
+    time.sleep(pause_s)
+    run.wait_for(lambda line: line["clock"]["tick"] > tick + 90 * pause_s)
+    victim.resume()
+    run.wait_for(lambda line: line["clock"]["tick"] > tick + 90 * pause_s + 300)
+    os.killpg(run.popen.pid, signal.SIGINT)
+    assert run.result()["status"] == 130
+    summary = json.loads((run.out / "summary.json").read_text())
+    assert summary["late_ticks"] >= 50 * pause_s
+    fates = [event["event"] for event in run.events() if event["event"] in ("left", "rejoined", "dead")]
+    assert fates == (["left", "rejoined"] if pause_s > 5 else [])
