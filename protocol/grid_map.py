@@ -6,7 +6,7 @@ coordinates hardly changes then, and small numbers take few bits (protocol.map_c
 
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -15,16 +15,19 @@ from numpy.typing import NDArray
 
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.errors import ProtocolError
-from protocol.walls import lengths, neighbours
-from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe
+from protocol.walls import lengths, neighbours, repeated
+from protocol.wireframe import MAX_COORDINATE_M, Wireframe
 
 AXIS_STEPS = 4096
 """Steps of a right angle, 0.02 degrees each: over 10 m, a wall leaves its row of cells by less than half a cell."""
 MAX_CELL_MM = 1000
 """Largest cell; a coarser grid shows no building (ours)."""
+MAX_TOLD = 2000  # vertices of a map on the radio (ours): 3000 m2 of building. Reading it takes 40 ms
 LEVELS = 8
 """Steps of an edge's likelihood: 3 bits."""
 
+
+PairCost = Callable[[Ints, Ints], Floats]
 
 VERTEX_ARRAYS = ("cells", "labels", "own", "level")
 """Fields of GridMap with a row for each vertex."""
@@ -144,7 +147,7 @@ def quantise(
     n, (tails, tips) = len(cells), wireframe.edges.T
     match = np.full(n, -1)
     if base is not None and slack > 0:
-        match = matched(np.hypot(*(places[:, None] - base.cells[None]).transpose(2, 0, 1)), slack)
+        match = matched(places, base.cells, slack)
         cells[match >= 0] = base.cells[match[match >= 0]]
     _, after = neighbours(wireframe.edges, n)
     own, level = np.zeros(n, np.bool_), np.zeros(n, np.uint8)
@@ -166,15 +169,23 @@ def _turn(axis: int) -> Floats:
     return np.array([[c, -s], [s, c]])
 
 
-def matched(away: Floats, most: float) -> Ints:
-    """(n,) the column of each row of distances (n, m) that are at most `most`, matched greedily, the nearest first.
+def matched(mine: Floats, theirs: NDArray[Any], most: float, more: PairCost | None = None) -> Ints:
+    """(n,) the row of `theirs` (m, 2) that each of `mine` (n, 2) is matched with, greedily, the nearest first.
 
-    A row without one has -1.
+    Two are at most `most` apart. more: what counts beside their distance, for (k,) rows of both. -1: without one.
     """
-    match = np.full(len(away), -1)
-    rows, columns = np.nonzero(away <= most)
-    taken = np.zeros(away.shape[1], np.bool_)
-    for k in np.argsort(away[rows, columns], kind="stable").tolist():
+    order = np.argsort(theirs[:, 0], kind="stable")
+    across = theirs[order, 0]
+    low, high = (np.searchsorted(across, mine[:, 0] + reach) for reach in (-most - 1e-6, most + 1e-6))
+    rows, nth = repeated(high - low)  # only pairs that are near along one axis, as maps of peers may be large
+    columns = order[low[rows] + nth]
+    away = np.hypot(*(mine[rows] - theirs[columns]).T)
+    if more is not None:
+        away += more(rows, columns)
+    near = away <= most
+    rows, columns, away = rows[near], columns[near], away[near]
+    match, taken = np.full(len(mine), -1), np.zeros(len(theirs), np.bool_)
+    for k in np.lexsort((columns, rows, away)).tolist():
         if match[rows[k]] < 0 and not taken[columns[k]]:
             match[rows[k]] = columns[k]
             taken[columns[k]] = True
@@ -202,9 +213,9 @@ def _in_chains(cells: NDArray[np.int32], after: Ints) -> tuple[Ints, Ints, Bools
 
 
 def check_size(n: int) -> None:
-    """Raise ProtocolError for more vertices than any map has."""
-    if n > MAX_VERTICES:
-        raise ProtocolError(f"a map of more than {MAX_VERTICES} vertices")
+    """Raise ProtocolError for more vertices than a map on the radio may have."""
+    if n > MAX_TOLD:
+        raise ProtocolError(f"a map of more than {MAX_TOLD} vertices")
 
 
 def check_places(cells: NDArray[np.signedinteger[Any]], cell_mm: int) -> None:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from protocol.arrays import Floats, Ints
 from protocol.grid_map import GridMap, matched
 
 NEAR_CELLS = 64.0
@@ -47,7 +48,8 @@ def changes(new: GridMap, base: GridMap) -> Changes:
     """What turns `base` into `new`; both are on the same grid."""
     new_keys, base_keys = ([held.key(chain) for chain in range(len(held.rings))] for held in (new, base))
     built, left = _unmatched(new_keys, base_keys), _unmatched(base_keys, new_keys)
-    runs = _runs(new, base, built, [chain for chain in left if base_keys[chain] not in new_keys])
+    kept = set(new_keys)
+    runs = _runs(new, base, built, [chain for chain in left if base_keys[chain] not in kept])
     touched = {row for chain in built for row in _rows(runs[chain])}
     dropped = [chain for chain in left if touched.isdisjoint(range(*base.bounds(chain)))]
     return Changes({chain: runs[chain] for chain in _arranged(new, built, runs)}, dropped)
@@ -69,9 +71,11 @@ def _runs(new: GridMap, base: GridMap, built: list[int], free: list[int]) -> dic
     A vertex comes from that of the base which is matched with it, moved or not.
     """
     mine, theirs = new.rows(built), base.rows(free)
-    away = np.hypot(*(new.cells[mine, None].astype(float) - base.cells[None, theirs]).transpose(2, 0, 1))
-    away += (new.labels[mine, None] != base.labels[None, theirs]) * OTHER_LABEL_CELLS
-    match = matched(away, NEAR_CELLS)
+
+    def label_differs(rows: Ints, others: Ints) -> Floats:
+        return np.where(new.labels[mine[rows]] != base.labels[theirs[others]], OTHER_LABEL_CELLS, 0.0)
+
+    match = matched(new.cells[mine].astype(float), base.cells[theirs], NEAR_CELLS, label_differs)
     refs = np.full(len(new.cells), -1)
     refs[mine[match >= 0]] = theirs[match[match >= 0]]
     same = refs >= 0

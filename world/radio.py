@@ -11,6 +11,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Heard, LinkReport, Send
+from protocol.talk import MAX_SENDS
 from world.air import Budget, Hop, delays, losses
 from world.checkpoint import State
 from world.radio_config import Capacity, RadioConfig
@@ -24,8 +25,6 @@ CAPACITY_IN = "capacity_in"  # the receiver's radio has none left
 DEAD = "dead"  # the receiver was dead when it was to be delivered
 ENDED = "ended"  # the run ended before the delivery
 
-MAX_SENDS = 256
-"""Messages of one robot in one tick. A map of 20,000 vertices has 60 parts."""
 MAX_KINDS = 16
 """Kinds of messages of one robot in a run, as the books have a row for each; ours are six."""
 TABLE_S = 10.0

@@ -4,7 +4,7 @@ Each peer is told the changes to the map that it last acknowledged, and nothing 
 is the tick at which it was so. Both sides keep the maps that the other may still refer to.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Event, Heard, Send
-from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND, Ack, Beacon, Part, in_parts
+from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part, in_parts
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
@@ -34,6 +34,10 @@ SLACK_LEVELS = 2
 """A wall's likelihood that changed by less than this, in sevenths, is not news."""
 AXIS_SLACK_DEG = 1.0
 """The grid is turned anew where the map's main axis is off by more: a wall of 1.2 m then costs 6 bits more."""
+MOST_HEARD = 80
+"""Messages of one peer that are read in a tick (ours): all parts of a map, and some more. Honest peers send 3."""
+MOST_ANSWERS = 8
+"""Maps of one peer that are acknowledged in a tick, the newest; else one peer has a robot say more than it may."""
 MOST_TRIES = 10
 """A newer map waits until one in several parts is acknowledged, or was sent this often: else none would arrive."""
 
@@ -116,6 +120,8 @@ class Exchange:
         """What happened while talking."""
         self._asks: dict[str, int] = {}
         """Who wants to know where the robot looked from, and since when."""
+        self._refused: dict[str, int] = {}
+        """Tick at which a peer's refusal was last told."""
         self._axis: int | None = None
         self._beacon_due = False
         self._silence_ticks = round(config.silence_s * rate_hz)
@@ -131,12 +137,19 @@ class Exchange:
         events, self._events = self._events, []
         refused: dict[str, str] = {}
         news: dict[str, News] = {}
+        count: Counter[str] = Counter()
         for message in heard:
             peer = message.sender
+            if peer in refused:
+                continue  # nor is the rest read of what it says in this tick
+            count[peer] += 1
+            if count[peer] > MOST_HEARD:
+                refused[peer] = f"more than {MOST_HEARD} messages in a tick"
+                continue
             try:
                 said = self._take(tick, peer, message)
             except ProtocolError as error:
-                refused.setdefault(peer, str(error))
+                refused[peer] = str(error)
                 continue
             if peer not in self.contacts:
                 self.contacts[peer] = Contact(tick, tick)
@@ -155,7 +168,10 @@ class Exchange:
                 case PeerViews():
                     one = one._replace(views=said)
             news[peer] = one
-        events += [Event(event="refused", data={"peer": peer, "reason": why}) for peer, why in refused.items()]
+        for peer, why in refused.items():  # not in each tick, as there is room for so many events only
+            if tick - self._refused.get(peer, NEVER) >= self._period_ticks:
+                self._refused[peer] = tick
+                events.append(Event(event="refused", data={"peer": peer, "reason": why}))
         lost = [peer for peer, contact in self.contacts.items() if tick - contact.last > self._silence_ticks]
         events += [Event(event="lost", data={"peer": peer}) for peer in lost]
         self.contacts = {peer: contact for peer, contact in self.contacts.items() if peer not in lost}
@@ -167,10 +183,13 @@ class Exchange:
             return Beacon.decode(message.payload)
         if message.kind in (MAP, DELTA, RESEND):
             part = Part.decode(message.payload)
-            ack, new = self._known[peer].take_part(tick, part, self._patience_ticks)
+            ack, new = self._known[peer].take_part(tick, part, self._patience_ticks, self._period_ticks)
             if ack is not None:  # of the answers to one version, the last one goes
                 self._answers = [due for due in self._answers if (due[0], due[1].version) != (peer, ack.version)]
                 self._answers.append((peer, ack, part.parts))
+                theirs = [due for due in self._answers if due[0] == peer]
+                if len(theirs) > MOST_ANSWERS:
+                    self._answers.remove(theirs[0])
             return new
         if message.kind == ACK:
             self._told[peer].take_ack(Ack.decode(message.payload))
@@ -209,7 +228,7 @@ class Exchange:
         for peer in self.contacts:
             kind, parts = self._due(tick, peer, wireframe, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        return sends + self._talk_of_views(tick, state, looked, ask)
+        return (sends + self._talk_of_views(tick, state, looked, ask))[:MAX_SENDS]
 
     def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Collection[str]) -> list[Send]:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
@@ -224,6 +243,7 @@ class Exchange:
         self._asks = {}
         if tick % self._beacon_ticks == 0:
             for peer in [peer for peer in self.contacts if peer in ask]:
+                self._known[peer].views_asked = True
                 question = AskViews(self._known[peer].views_until)
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends

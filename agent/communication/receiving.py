@@ -1,5 +1,6 @@
 """The maps and viewpoints of one peer, from messages that may be lost, late or doubled."""
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -15,6 +16,8 @@ from protocol.wireframe import Wireframe
 
 KEPT_MAPS = 8
 """Versions of one peer's map that are kept: one acknowledged, one on its way, and those of time-outs in between."""
+MAPS_AT_ONCE = 2
+"""Periods' worth of maps that a peer may send at once, and later two a period (ours): reading one takes up to 40 ms."""
 KEPT_VIEWS = 6000
 """Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
 
@@ -58,6 +61,10 @@ class Known:
     """By version: the newest, and those that it may still tell changes to."""
     arriving: Arriving | None = None
     views: PeerViews = field(default_factory=PeerViews)
+    views_asked: bool = False
+    """Whether a question for viewpoints waits for its answer; what nobody asked for is not taken."""
+    map_due: float = -math.inf
+    """Tick from which the next map is in time, if its peer keeps to its period."""
     views_until: int = 0
     """Tick of the last viewpoint that it told."""
 
@@ -70,11 +77,14 @@ class Known:
         """The newest map; None before the first."""
         return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None
 
-    def take_part(self, tick: int, part: Part, patience_ticks: int) -> tuple[Ack | None, ReceivedMap | None]:
+    def take_part(
+        self, tick: int, part: Part, patience_ticks: int, period_ticks: int
+    ) -> tuple[Ack | None, ReceivedMap | None]:
         """Keep a part: the answer that it needs, and the map once it is whole.
 
-        Parts of a map that waited for longer than patience_ticks are given up. Raises ProtocolError for a part that
-        does not fit the others, and for a map that is too large or that cannot be read.
+        Parts of a map that waited for longer than patience_ticks are given up. Maps that come much more often than
+        every period_ticks are not read; an honest peer sends them again. Raises ProtocolError for a part that does
+        not fit the others, and for a map that is too large or that cannot be read.
         """
         if part.version in self.maps:
             return Ack(part.version), None
@@ -99,6 +109,9 @@ class Known:
         if missing := frozenset(range(arriving.count)) - bodies.keys():
             return Ack(part.version, missing), None
         self.arriving = None
+        if tick < self.map_due - MAPS_AT_ONCE * period_ticks:
+            raise ProtocolError("maps in too quick succession")
+        self.map_due = max(self.map_due, tick) + 0.5 * period_ticks
         body = b"".join(bodies[index] for index in range(arriving.count))
         whole = decode_map(body, self.maps[part.base] if part.base else None)
         kept = {version: old for version, old in self.maps.items() if version >= part.base} | {part.version: whole}
@@ -107,8 +120,9 @@ class Known:
 
     def take_views(self, views: Views) -> PeerViews | None:
         """Add viewpoints; all of them, or None where the message came twice or late."""
-        if views.until <= self.views_until or views.since not in (0, self.views_until):
+        if not self.views_asked or views.until <= self.views_until or views.since not in (0, self.views_until):
             return None  # what is missing will be asked for
+        self.views_asked = False
         old = self.views if views.since else PeerViews()
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
         need = np.concatenate((old.need, np.full(len(views.cells), self.newest)))[-KEPT_VIEWS:]

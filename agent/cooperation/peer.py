@@ -33,6 +33,10 @@ class PeerLog:
     name: str
     map: ReceivedMap | None = None
     """Its newest map. This is the only place that keeps it."""
+    waiting: ReceivedMap | None = None
+    """A newer one that was not taken yet."""
+    waits: bool = False
+    """Whether it is too large to be taken, and that was said."""
     map_is_news: bool = False
     """Whether this map was neither aligned nor merged yet."""
     views: PeerViews = field(default_factory=PeerViews)
@@ -83,9 +87,17 @@ class PeerLog:
         self.sightings.append(sighting)
         self.sighting_is_news = True
 
-    def take_map(self, tick: int, received: ReceivedMap) -> None:
-        """Keep a newer map; nobody's map is of the future."""
-        self.map, self.map_is_news = received._replace(tick=min(received.tick, tick)), True
+    def take_map(self, tick: int, most_walls: int) -> bool:
+        """Take the map that waits, of at most so many walls; whether it is too large now and was not before.
+
+        Nobody's map is of the future.
+        """
+        waiting, waited = self.waiting, self.waits
+        self.waits = waiting is not None and len(waiting.wireframe.edges) > most_walls
+        if waiting is not None and not self.waits:
+            self.map, self.map_is_news = waiting._replace(tick=min(waiting.tick, tick)), True
+            self.waiting = None
+        return self.waits and not waited
 
 
 @dataclass(eq=False)

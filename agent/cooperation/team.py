@@ -40,6 +40,11 @@ PLACE_KNOWN_S = 60.0
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
+STRANGE_WALLS = 60  # walls that a peer's map may have in any case (ours), as planning takes time with their cube
+STRANGE_SHARE = 2
+"""... and for each wall that the robot has seen itself: nobody's word weighs much more than what the robot has seen. In
+teams of three in the bundled worlds, a peer's map has at most 27 walls more than the own one."""
+
 DETOURS = 4
 """Other places that the robot drives to when the place of contact has decided nothing."""
 STILL_HEARD_S = 10.0
@@ -138,8 +143,11 @@ class Team:
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
 
-    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan) -> None:
-        """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame."""
+    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own_walls: int) -> None:
+        """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame.
+
+        own_walls: walls of the own map. Maps that are far larger than it wait.
+        """
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
         for news in told:
@@ -153,10 +161,13 @@ class Team:
                     log.take_sighting(sighting)
                     if isinstance(peer, Proposed):
                         self._meet(peer.trial, sighting)
-            if news.map is not None:
-                log.take_map(tick, news.map)
+            log.waiting = news.map or log.waiting
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
+        most_walls = STRANGE_WALLS + STRANGE_SHARE * own_walls
+        for peer in self.peers.values():
+            if peer.log.take_map(tick, most_walls):
+                self._say("attempt", peer.log, f"a map of more than {most_walls} walls waits", None, {})
         if tick % self._ticks(LOOK_S) == 0:
             for peer in self.peers.values():
                 self._look(peer, here, scan)

@@ -25,6 +25,7 @@ TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that 
 SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
 SAME_DIRECTION_RAD = 0.8
 """They also go on in directions that differ by less: 45 degrees, as opposite faces and corners differ by 90."""
+MOST_ENDS = 40  # open ends that are goals at a time, the nearest that are left: a map of hostile peers has hundreds
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 
 
@@ -100,6 +101,12 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
+        if len(self._tried) > MOST_ENDS:
+            away = np.hypot(*(self.ends.points - scene.here).T)
+            nearest = np.sort(np.lexsort((away, self._tried >= 0))[:MOST_ENDS])
+            points, along, free, frontier = self.ends
+            self.ends = Ends(points[nearest], along[nearest], free[nearest], frontier[nearest])
+            self._recall()
         return min(passed, self.refresh_ticks)
 
     def _recall(self) -> None:

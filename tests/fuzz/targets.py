@@ -151,7 +151,7 @@ def a_conversation(data: bytes) -> None:
                 said = said or [b""]
         for message in said:
             try:
-                ack, whole = known.take_part(tick, Part.decode(message), PATIENCE)
+                ack, whole = known.take_part(tick, Part.decode(message), PATIENCE, period_ticks=0)
                 if ack is not None:
                     Ack.decode(ack.encode(64))
                 if whole is not None:
@@ -170,6 +170,7 @@ def _views(known: Known, message: bytes) -> None:
     except ProtocolError:
         return
     if isinstance(told, Views):
+        known.views_asked = True
         known.take_views(told)
 
 

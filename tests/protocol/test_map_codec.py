@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
-from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
+from protocol.grid_map import AXIS_STEPS, MAX_TOLD, GridMap, main_axis, matched, quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.wireframe import MAX_VERTICES, Label, Wireframe
+from protocol.wireframe import Label, Wireframe
 from tests.fuzz.maps import BASE, changes, fuzz_one, some_map
 
 
@@ -119,8 +119,8 @@ def test_what_is_wrong_is_named() -> None:
         encode_map(some_map(1), BASE)
     with pytest.raises(ProtocolError, match="out of bounds"):
         encode_map(replace(BASE, cells=BASE.cells * 100_000))
-    with pytest.raises(ProtocolError, match=f"more than {MAX_VERTICES}"):
-        n = MAX_VERTICES + 1
+    with pytest.raises(ProtocolError, match=f"more than {MAX_TOLD}"):
+        n = MAX_TOLD + 1
         none = np.zeros(n, np.uint8)
         far = GridMap(10, 0, np.zeros((n, 2), np.int32), none, none > 0, none, np.arange(n + 1), none > 0)
         encode_map(far)
@@ -133,8 +133,22 @@ def test_a_small_message_cannot_ask_for_much() -> None:
     writer.number(2**24)  # chains
     writer.bits(0, 2)
     writer.number(2**23, 1)  # vertices
-    with pytest.raises(ProtocolError, match=f"more than {MAX_VERTICES}"):
+    with pytest.raises(ProtocolError, match=f"more than {MAX_TOLD}"):
         decode_map(writer.data() + bytes(100))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3]), st.sampled_from([1.5, 5.0, 64.0]))
+@settings(max_examples=50)
+def test_vertices_are_matched_as_by_trying_all_pairs(seed: int, noise: float, most: float) -> None:
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(0, 30, 2)
+    mine, theirs = rng.integers(-30, 30, (n, 2)) + rng.normal(0, noise, (n, 2)), rng.integers(-30, 30, (m, 2))
+    away = np.hypot(*(mine[:, None] - theirs[None]).transpose(2, 0, 1))
+    match = np.full(n, -1)
+    for d, row, column in sorted((away[i, j], i, j) for i in range(n) for j in range(m)):
+        if d <= most and match[row] < 0 and column not in match:
+            match[row] = column
+    assert (matched(mine, theirs, most) == match).all()
 
 
 def room(shift: float = 0.0, open_end: bool = True, turn: float = 0.3) -> Wireframe:

@@ -8,10 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from agent.communication import receiving
 from agent.communication.config import TalkConfig
-from agent.communication.exchange import Exchange
+from agent.communication.exchange import MOST_ANSWERS, Exchange
 from agent.communication.receiving import ReceivedMap
 from protocol.errors import ProtocolError
+from protocol.grid_map import GridMap, quantise
+from protocol.map_codec import decode_map, encode_map
 from protocol.messages import MTU_BYTES, Heard, Send
 from protocol.talk import MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
@@ -263,6 +266,35 @@ def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
     hear = Pair().robots["b"]
     news, events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
     assert not news and [event.event for event in events] == ["refused"]
+
+
+def test_a_flood_of_changes_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[int] = []
+
+    def counted(data: bytes, base: GridMap | None = None) -> GridMap:
+        read.append(len(data))
+        return decode_map(data, base)
+
+    monkeypatch.setattr(receiving, "decode_map", counted)
+    hear = Pair().robots["b"]
+    first = encode_map(quantise(comb(9), 10, 0))
+    changed = encode_map(quantise(comb(9, 0.5), 10, 0), first.map).data
+    hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=Part(1, 0, 0, 1, first.data).encode())])
+    acked = 0
+    for tick in range(2, 52):
+        flood = [Part(256 * tick + k, 1, 0, 1, changed).encode() for k in range(256)]
+        hear.hear(tick, [Heard(tick=tick, sender="a", kind="delta", payload=payload) for payload in flood])
+        sends = hear.talk(tick, (0.0, 0.0, 0.0), Wireframe(), 0)
+        acked += sum(send.kind == "ack" for send in sends)
+        assert len(sends) <= MOST_ANSWERS + 1
+    assert acked > 0 and len(read) <= 1 + 5 + 2 * 50 / 25
+
+
+def test_a_flood_of_unknown_maps_does_not_have_a_robot_say_more_than_it_may() -> None:
+    hear = Pair().robots["b"]
+    flood = [Part(1000 + k, 7, 0, 1, b"").encode() for k in range(256)]
+    hear.hear(1, [Heard(tick=1, sender="a", kind="delta", payload=payload) for payload in flood])
+    assert len(hear.talk(1, (0.0, 0.0, 0.0), Wireframe(), 0)) <= MOST_ANSWERS + 1
 
 
 @given(st.integers(0, 2**32 - 1), *[st.floats(-9000, 9000)] * 2, st.floats(-7, 7))

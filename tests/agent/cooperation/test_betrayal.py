@@ -1,0 +1,116 @@
+"""A peer whose map was merged rightly, and that then turns on the robot: its steps stay short, and its map its own."""
+
+import time
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from agent.cooperation.peer import Met
+from agent.robot import Robot, Step
+from deploy.bench.alignment.pairs import moved, random_pose
+from deploy.bench.explored import explore
+from protocol.errors import ProtocolError
+from protocol.geometry import compose, relative
+from protocol.grid_map import quantise
+from protocol.map_codec import encode_map
+from protocol.messages import EVERYONE, Heard, Observation
+from protocol.talk import Beacon, in_parts
+from protocol.wireframe import MAX_VERTICES, Wireframe
+
+LIMIT_S = 20.0
+PERIOD_TICKS = 25
+
+
+def crowded(told: Wireframe, walls: int, own: bool, rng: np.random.Generator) -> Wireframe:
+    """The map with so many walls of 0.3 m more, strewn about it, each with two open ends."""
+    low, high = told.points.min(0) - 4.0, told.points.max(0) + 4.0
+    start = rng.uniform(low, high, (walls, 2))
+    end = start + 0.3 * rng.permuted(np.tile((1.0, 0.0), (walls, 1)), axis=1)
+    first = len(told.points)
+    return Wireframe(
+        np.vstack((told.points, np.stack((start, end), 1).reshape(-1, 2))),
+        np.concatenate((told.labels, np.full(2 * walls, 2, np.uint8))),
+        np.vstack((told.edges, np.arange(first, first + 2 * walls).reshape(-1, 2))).astype(np.int32),
+        np.concatenate((told.likelihood, np.ones(walls, np.float32))),
+        np.concatenate((told.own, np.full(walls, own))),
+    )
+
+
+class Betrayed(Robot):
+    """A robot that hears one peer, whose frame it is told, so that its map is merged rightly."""
+
+    def __init__(self, *which: Any, kind: str) -> None:
+        super().__init__(*which)
+        self.kind, self.rng = kind, np.random.default_rng(0)
+        self.frame = random_pose(self.rng)
+        self.seconds: list[float] = []
+        self.most_walls = 0
+
+    def step(self, observation: Observation, heard: Any) -> Step:
+        tick = observation.tick
+        said = self._said(tick) if len(self.own.edges) else []
+        began = time.process_time()
+        step = super().step(observation, [Heard(tick=tick, sender="x", kind=kind, payload=data) for kind, data in said])
+        self.seconds.append(time.process_time() - began)
+        self.most_walls = max(self.most_walls, len(self.wireframe.edges))
+        peer = self.team.peers.get("x")
+        if isinstance(peer, Met) and peer.log.map is not None and len(self.own.edges) > 8:
+            there = relative(self.frame, (0.0, 0.0, 0.0))
+            self.team.merge(self.team.propose(peer, there, self.own, {}), tick)
+        assert len(step.sends) <= 256 and len(self.wireframe.points) < MAX_VERTICES
+        sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of this peer
+        return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))
+
+    def _said(self, tick: int) -> list[tuple[str, bytes]]:
+        merged = "x" in self.team.merged_ticks
+        told = moved(self.own, self.frame)
+        said = [("beacon", Beacon(tick, compose(self.frame, self.filter.pose)).encode())] if tick % 5 == 0 else []
+        if merged and self.kind == "deltas" and tick % PERIOD_TICKS:
+            known = self.exchange._known["x"]
+            base = known.maps[known.newest]
+            changed = encode_map(quantise(crowded(base.wireframe(), 150, False, self.rng), 10, base.axis), base).data
+            parts = [part for k in range(256) for part in in_parts(known.newest + 1 + k, known.newest, changed, 1200)]
+            return said + [("delta", part.encode()) for part in parts[:256]]
+        if tick % PERIOD_TICKS:
+            return said
+        if merged and self.kind != "honest":
+            walls = {"poison": 950, "huge map": 950, "deltas": 5}[self.kind]  # all that a map on the radio can have
+            told = crowded(told, walls, self.kind == "huge map", self.rng)
+        return said + [
+            ("map", part.encode()) for part in in_parts(tick, 0, encode_map(quantise(told, 10, 0)).data, 1200)
+        ]
+
+
+@cache
+def beside(kind: str, again: bool = False) -> Betrayed:
+    run = explore(
+        {"world": "apartment", "robots": 1, "seed": 0, "starts": "random", "until": LIMIT_S},
+        {},
+        make_mind=partial(Betrayed, kind=kind),
+    )
+    assert not run.episode.dead and "x" in run.robots["r1"].team.merged_ticks
+    robot: Betrayed = run.robots["r1"]
+    return robot
+
+
+@pytest.mark.parametrize("kind", ["poison", "huge map", "deltas"])
+def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) -> None:
+    beside("honest")  # also loads the kernels
+    honest, before = beside("honest", again=True), psutil.Process().memory_info().rss
+    hostile = beside(kind)
+    assert psutil.Process().memory_info().rss - before < 64e6
+    assert hostile.most_walls <= honest.most_walls + 20
+    print(kind, *(f"{1e3 * np.mean(robot.seconds):.2f} ms a step" for robot in (honest, hostile)))
+    # twice is the bar; without bounds it is hundreds of times, and a busy machine must not fail this
+    assert np.mean(hostile.seconds) < 4.0 * np.mean(honest.seconds)
+
+
+def test_more_than_a_map_may_have_cannot_even_be_said() -> None:
+    told = crowded(
+        Wireframe(points=np.zeros((1, 2)), labels=np.zeros(1, np.uint8)), 1000, False, np.random.default_rng(0)
+    )
+    with pytest.raises(ProtocolError, match="more than 2000 vertices"):
+        encode_map(quantise(told, 10, 0))
