@@ -7,6 +7,7 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ProtocolError
 from protocol.messages import Action, Event, MapReport, Send
+from protocol.talk import MAX_SENDS
 from world.tick import Outputs
 
 TRIES = 3
@@ -42,6 +43,8 @@ class Answers:
             return False
         match message:
             case Send():
+                if len(answer.sends) == MAX_SENDS:  # said here, as a robot may go on for ever before its action
+                    raise ProtocolError(f"more than {MAX_SENDS} messages in one tick")
                 answer.sends.append(message)
             case MapReport():
                 answer.map = message

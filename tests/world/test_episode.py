@@ -15,10 +15,12 @@ import yaml
 
 from agent.config import AgentConfig
 from deploy import inprocess
+from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observation, OdometrySpec, RobotSpec, Send
 from protocol.wireframe import Wireframe, encode_wireframe
 from tests.scripted import ScriptedStep, Wanderer
+from world.answers import LockstepAnswers
 from world.config import WorldConfig
 from world.draws import generator
 from world.episode import Episode
@@ -222,6 +224,14 @@ def test_a_robot_that_boasts_costs_nobody_the_results_nor_the_disk(tmp_path: Pat
     assert [event["event"] for event in events if event["robot"] == "r2"].count("muted") == 1
     assert any(event["robot"] == "r1" for event in events)
     assert (tmp_path / "events.jsonl").stat().st_size < EVENT_BYTES + 30 * EVENT_BYTES_PER_S + 50_000
+
+
+def test_a_robot_that_sends_without_end_is_refused_before_its_action_comes() -> None:
+    answers, said = LockstepAnswers(["r1"]), encode(Send(tick=0, to=EVERYONE, kind="map", payload=b""))
+    for _ in range(256):
+        answers.hear("r1", "radio", said, 0)
+    with pytest.raises(ProtocolError, match="more than 256 messages in one tick"):
+        answers.hear("r1", "radio", said, 0)
 
 
 def test_the_dead_stand_still_and_are_logged(tmp_path: Path) -> None:
