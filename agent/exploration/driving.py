@@ -15,6 +15,10 @@ from protocol.messages import RobotSpec
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
+BESIDE_M = 0.6
+TURN_BESIDE_RAD = 0.5
+"""Heading error beyond which the robot turns on the spot beside a teammate, which may be this near: both move, and in
+an arc the robot cannot give way. Without, robots touched in one of five runs of five robots in maze-15."""
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
 HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and the next if the answer to a scan is late
@@ -173,7 +177,8 @@ class Driver:
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))
-        if abs(error) > 0.5 * math.pi:
+        beside = len(obstacles.discs) > 0 and np.hypot(*(obstacles.discs - (x, y)).T).min() < BESIDE_M
+        if abs(error) > (TURN_BESIDE_RAD if beside else 0.5 * math.pi):
             return Motion(0.0, turn, False)
         # full speed along the way, and no faster than the tightest arc to the point allows
         speed = spec.max_speed_mps * math.cos(error - 0.5 * turn * self.tick_s)
