@@ -10,7 +10,7 @@ INSTALLED := .venv/.installed
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: help install run test fuzz check format lock
+.PHONY: help install run test fuzz check format lock compose
 
 help: ## list the targets
 	@sed -nE 's/^([a-z]+):[^#]*## (.*)/make \1 \t\2/p' $(MAKEFILE_LIST) | expand -t 16
@@ -47,8 +47,16 @@ format: $(INSTALLED) ## bring the sources into shape
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-# No index in it: the lock holds names, versions and hashes, good for any mirror and platform.
-lock: $(INSTALLED) ## resolve pyproject.toml into requirements.lock anew
-	$(BIN)/uv pip compile pyproject.toml --quiet --output-file requirements.lock --upgrade --all-extras \
-		--universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links \
-		--custom-compile-command "make lock"
+# No index in them: locks hold names, versions and hashes, good for any mirror and platform. The image takes what it
+# needs, in the versions of requirements.lock.
+COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
+	--no-emit-find-links --custom-compile-command "make lock"
+
+lock: $(INSTALLED) ## resolve pyproject.toml into requirements.lock and deploy/locks anew
+	$(COMPILE) pyproject.toml --upgrade --all-extras --output-file requirements.lock
+	$(COMPILE) pyproject.toml --constraints requirements.lock --extra world --extra deploy \
+		--output-file deploy/locks/world.lock
+	echo hatchling | $(COMPILE) - --constraints requirements.lock --output-file deploy/locks/build.lock
+
+compose: ## a world and three robots in containers, to the end (make compose ROBOTS=5)
+	ROBOTS=$(or $(ROBOTS),3) deploy/compose.sh

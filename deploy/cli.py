@@ -323,8 +323,11 @@ for _name, _words in BENCHMARKS.items():
 @app.command()
 def agent(
     context: Context,
-    id_: Annotated[str, Option("--id", help="Name of the robot, such as r1.")],
     connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
+    id_: Annotated[
+        str | None,
+        Option("--id", help="Name of the robot.", show_default="the first of --secrets that is not there yet"),
+    ] = None,
     secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
     reconnect_s: Annotated[
         float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="60")
@@ -342,14 +345,16 @@ def agent(
     from protocol.messages import ID
 
     settings = _settings(context)
-    if not re.fullmatch(ID, id_):
+    if id_ is None and secrets is None:
+        raise InputError("--id: name the robot, such as r1, or give --secrets to take the first that is not there yet")
+    if id_ is not None and not re.fullmatch(ID, id_):
         raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
-    secret = None if secrets is None else read_secrets(secrets, [id_])[id_]
+    known = None if secrets is None else read_secrets(secrets, None if id_ is None else [id_])
     _stop_on_signals(inbox := AgentInbox())
     ended = run_agent(
-        id_, connect, settings.agent, secret=secret, patience=settings, inbox=inbox, checkpoints=checkpoints
+        id_, connect, settings.agent, secrets=known, patience=settings, inbox=inbox, checkpoints=checkpoints
     )
-    print(f"{id_}: {ended}")
+    print(f"{id_ or 'robot'}: {ended}")
     raise Exit(ENDINGS.get(ended, Status.FAILURE))
 
 

@@ -74,7 +74,7 @@ def agent_process(
             robot,
             endpoint,
             config.agent,
-            secret=secret,
+            secrets=None if secret is None else {robot: secret},
             patience=config,
             make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
             inbox=inbox,

@@ -38,13 +38,17 @@ def write_secrets(file: Path, secrets: Secrets) -> None:
     write_whole(file, "".join(f"{name}:{secret}\n" for name, secret in secrets.items()), private=True)
 
 
-def read_secrets(file: Path, names: Iterable[str]) -> dict[str, str]:
-    """The secrets of these names only. Raises InputError where one is missing or the file cannot be read."""
+def read_secrets(file: Path, names: Iterable[str] | None) -> dict[str, str]:
+    """The secrets of these names only, or of all robots.
+
+    Raises InputError where one is missing or the file cannot be read.
+    """
     try:
         lines = read_text(file).splitlines()
     except InputError as error:
         raise InputError(f"--secrets {file}: {error}") from None
     found = {match[1]: match[2] for line in lines if (match := _LINE.fullmatch(line.strip()))}
+    names = [name for name in found if name != VIEWER] if names is None else list(names)
     missing = [name for name in names if name not in found]
     if missing:
         raise InputError(f"--secrets {file}: it has no line {missing[0]}:SECRET of at least 16 letters and digits")

@@ -30,6 +30,8 @@ MAX_STRANGERS = 4000
 takes 100, which one idle program fills. Each takes 11 kB."""
 INTRODUCTION_MS = 3000
 """A connection that has not said by then who it is is closed: a robot's takes some ms, under load some hundred."""
+RETRY_S = 0.2
+"""Pause before all names are tried again."""
 OTHER_FILES = 2000
 """Files and connections of a world beside: 1000 sessions, the files of 500 robots."""
 
@@ -129,12 +131,7 @@ def open_client(
     has this robot's secret.
     """
     check_endpoint(connect)
-    settings: dict[str, object] = {
-        "listen/endpoints": [],
-        "connect/endpoints": [connect],
-        "connect/timeout_ms": int(timeout_s * 1000),
-        "connect/retry": {"period_init_ms": 100, "period_max_ms": 400, "period_increase_factor": 2},
-    }
+    settings = _to(connect, timeout_s)
     identity: dict[str, object] = {}
     if name is not None and secret is not None:
         settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
@@ -152,6 +149,42 @@ def open_client(
         ) from None
     with session:
         yield session
+
+
+@contextmanager
+def open_as_first(connect: str, timeout_s: float, secrets: Secrets) -> Iterator[tuple[str, zenoh.Session]]:
+    """Open a robot's session with the world's router by the first of these names that nobody else has taken.
+
+    Raises LinkError where no world answers within timeout_s seconds, or all names are taken.
+    """
+    check_endpoint(connect)
+    deadline = time.monotonic() + timeout_s
+    while True:
+        for name, secret in secrets.items():
+            user = {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
+            try:  # Zenoh refuses a second session of an ID, so opening one is taking it
+                session = zenoh.open(_config("client", _to(connect, 0) | user | {"id": session_id(name, secret)}))
+            except zenoh.ZError:
+                continue
+            with session:
+                yield name, session
+            return
+        if time.monotonic() > deadline:
+            raise LinkError(
+                f"within {timeout_s:g} s no world answers at {connect}, or each of its {len(secrets)} robots is there "
+                "already: check the address, or start a world with more robots"
+            )
+        time.sleep(RETRY_S)
+
+
+def _to(connect: str, timeout_s: float) -> dict[str, object]:
+    """Settings of a client of this endpoint, which tries to reach it for so long."""
+    return {
+        "listen/endpoints": [],
+        "connect/endpoints": [connect],
+        "connect/timeout_ms": int(timeout_s * 1000),
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 400, "period_increase_factor": 2},
+    }
 
 
 def _opens(settings: dict[str, object]) -> bool:

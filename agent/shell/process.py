@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import secrets
 import sys
 import time
+import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
@@ -17,11 +17,12 @@ from agent.config import AgentConfig, JoinConfig
 from agent.shell.checkpoint import Keeps, due, revived, save
 from agent.shell.mind import MakeMind, Mind
 from protocol import keys
+from protocol.access import Secrets
 from protocol.codec import decode, encode
 from protocol.errors import LinkError, ProtocolError, RefusedError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, Welcome
-from protocol.session import at_once, open_client, wait_for_matching
+from protocol.session import at_once, open_as_first, open_client, wait_for_matching
 
 if TYPE_CHECKING:
     from agent.robot import Step
@@ -39,7 +40,7 @@ class AgentInbox(Inbox):
 
     def __init__(self) -> None:
         super().__init__()
-        self.process = secrets.token_hex(8)
+        self.process = uuid.uuid4().hex[:16]
         """By which the world knows this process, as another may take its place."""
 
     world_up = False
@@ -55,20 +56,21 @@ class AgentInbox(Inbox):
 
 
 def run_agent(
-    robot: str,
+    robot: str | None,
     connect: str,
     config: AgentConfig,
     *,
-    secret: str | None = None,
+    secrets: Secrets | None = None,
     patience: JoinConfig | None = None,
     make_mind: MakeMind | None = None,
     inbox: AgentInbox | None = None,
     checkpoints: Path | None = None,
 ) -> str:
-    """Live as `robot` in the world at the endpoint `connect` until its run ends.
+    """Live as `robot` in the world at the endpoint `connect` until its run ends; None: as any that is missing there.
 
-    secret: of this robot, where the world asks for one. patience: how long to look for a world. checkpoints: folder
-    where the mind is kept, from which it goes on when its process is started again; None keeps nothing.
+    secrets: of this robot, or of all that it may be, where the world asks for them. patience: how long to look for a
+    world. checkpoints: folder where the mind is kept, from which it goes on when its process is started again; None
+    keeps nothing.
     Returns why the run ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
     Raises LinkError where no world is found or it does not come back in time, RefusedError where the world does not
     let the robot in, ProtocolError where the world's messages make no sense.
@@ -80,7 +82,7 @@ def run_agent(
         rehearse()
         make_mind = Robot
     patience, inbox = patience or JoinConfig(), inbox or AgentInbox()
-    with open_client(connect, patience.join_timeout_s, robot, secret) as session:
+    with opened(robot, connect, patience.join_timeout_s, secrets or {}) as (robot, session):
         # with history: Zenoh reports the end of a token only to those to whom it reported the token
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         entry = join(session, robot, inbox, patience.join_timeout_s)
@@ -97,6 +99,18 @@ def run_agent(
                     ended = life.live(publishers, inbox) if isinstance(entry, Entry) else entry
             entry = ended or entry
     return entry
+
+
+@contextmanager
+def opened(robot: str | None, connect: str, timeout_s: float, secrets: Secrets) -> Iterator[tuple[str, zenoh.Session]]:
+    """A session of the robot, or of the first of those with a secret that nobody else is; its name comes with it."""
+    if robot is None:
+        with open_as_first(connect, timeout_s, secrets) as (name, session):
+            print(f"{name}: takes part", flush=True)
+            yield name, session
+    else:
+        with open_client(connect, timeout_s, robot, secrets.get(robot)) as session:
+            yield robot, session
 
 
 class Entry(NamedTuple):

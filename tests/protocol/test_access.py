@@ -19,7 +19,7 @@ from protocol.codec import encode
 from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from protocol.messages import Action
-from protocol.session import open_client, open_router
+from protocol.session import open_as_first, open_client, open_router
 from tests.agent.shell.test_process import World, events
 from tests.tiny import tiny_config
 from tests.wanderer import endless
@@ -37,7 +37,7 @@ def guarded(tmp_path: Path) -> Iterator[tuple[World, dict[str, str], Path]]:
     with World(config, out, secrets) as world, ThreadPoolExecutor(2) as pool:
         endpoint = world.endpoint.result(JOIN_S)
         for robot in ("r1", "r2"):
-            pool.submit(run_agent, robot, endpoint, AgentConfig(), secret=secrets[robot], make_mind=endless)
+            pool.submit(run_agent, robot, endpoint, AgentConfig(), secrets=secrets, make_mind=endless)
         yield world, secrets, out
         world.inbox.stop()
 
@@ -83,6 +83,19 @@ def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(guarded: tuple
         assert theirs.keys <= public | own
         assert keys.to_robot("r3", keys.RADIO) not in theirs.keys  # all that was said came from out of range
         assert not any(key.startswith(("robots/r1/in", "robots/r2/in")) for key in all_of_it.keys)
+
+
+def test_robots_without_a_name_take_those_that_nobody_has_yet(guarded: tuple[World, dict[str, str], Path]) -> None:
+    world, secrets, _ = guarded
+    endpoint = world.endpoint.result(JOIN_S)
+    roster = {name: secrets[name] for name in ("r1", "r2", "r3")}
+    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+        heard = Ear(viewer)
+        wait_for(lambda: {keys.from_robot(robot, keys.ACT) for robot in ("r1", "r2")} <= heard.keys)
+    with open_as_first(endpoint, 5.0, roster) as (name, _):
+        assert name == "r3"
+        with pytest.raises(LinkError, match="each of its 3 robots is there"), open_as_first(endpoint, 0.3, roster):
+            pass
 
 
 def test_a_second_session_of_a_robot_is_refused_and_told(guarded: tuple[World, dict[str, str], Path]) -> None:
