@@ -43,7 +43,7 @@ NEARER_M = 1.0
 STRANGE_WALLS = 60  # walls that a peer's map may have in any case (ours), as planning takes time with their cube
 STRANGE_SHARE = 2
 """... and for each wall that the robot has seen itself: nobody's word weighs much more than what the robot has seen. In
-teams of three in the bundled worlds, a peer's map has at most 27 walls more than the own one."""
+teams of three in the bundled worlds, a peer's map has at most 70 walls more than the own one."""
 
 DETOURS = 4
 """Other places that the robot drives to when the place of contact has decided nothing."""
