@@ -30,9 +30,9 @@ def run(
     """
     begin = time.perf_counter()
     episode = Episode(config, out)
-    begun = manifest.begun(config, episode.world)
-    begun["config"]["agent"] = agent_config.model_dump(mode="json")
     if out is not None:
+        begun = manifest.begun(config, episode.world)
+        begun["config"]["agent"] = agent_config.model_dump(mode="json")
         manifest.begin(out, begun)
     try:
 

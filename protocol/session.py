@@ -131,11 +131,8 @@ def open_client(
     has this robot's secret.
     """
     check_endpoint(connect)
-    settings = _to(connect, timeout_s)
-    identity: dict[str, object] = {}
-    if name is not None and secret is not None:
-        settings |= {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
-        identity = {} if name == VIEWER else {"id": session_id(name, secret)}
+    identity = {} if name is None or secret is None or name == VIEWER else {"id": session_id(name, secret)}
+    settings = _to(connect, timeout_s, name, secret)
     try:
         session = zenoh.open(_config("client", settings | identity))
     except zenoh.ZError as error:
@@ -161,9 +158,9 @@ def open_as_first(connect: str, timeout_s: float, secrets: Secrets) -> Iterator[
     deadline = time.monotonic() + timeout_s
     while True:
         for name, secret in secrets.items():
-            user = {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
+            settings = _to(connect, 0, name, secret) | {"id": session_id(name, secret)}
             try:  # Zenoh refuses a second session of an ID, so opening one is taking it
-                session = zenoh.open(_config("client", _to(connect, 0) | user | {"id": session_id(name, secret)}))
+                session = zenoh.open(_config("client", settings))
             except zenoh.ZError:
                 continue
             with session:
@@ -177,9 +174,10 @@ def open_as_first(connect: str, timeout_s: float, secrets: Secrets) -> Iterator[
         time.sleep(RETRY_S)
 
 
-def _to(connect: str, timeout_s: float) -> dict[str, object]:
-    """Settings of a client of this endpoint, which tries to reach it for so long."""
-    return {
+def _to(connect: str, timeout_s: float, name: str | None, secret: str | None) -> dict[str, object]:
+    """Settings of a client of this endpoint, which tries to reach it for so long, by a name where it has a secret."""
+    user = {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
+    return ({} if name is None or secret is None else user) | {
         "listen/endpoints": [],
         "connect/endpoints": [connect],
         "connect/timeout_ms": int(timeout_s * 1000),

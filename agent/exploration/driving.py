@@ -119,6 +119,11 @@ def _safe(pose: Pose, speed: float, turn: float, seconds: float, obstacles: Obst
     return True
 
 
+def ticks_to_drive(metres: float, spec: RobotSpec) -> int:
+    """Ticks in which the robot drives so far at full speed; at least one."""
+    return max(1, round(metres * spec.lidar.rate_hz / spec.max_speed_mps))
+
+
 class Driver:
     """Turns a path and what is seen now into speed and turn rate; keeps nothing between ticks."""
 

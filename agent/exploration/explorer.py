@@ -15,7 +15,7 @@ from agent.exploration import standing
 from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_nearer_to
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
-from agent.exploration.driving import STANDS, Driver, Motion
+from agent.exploration.driving import STANDS, Driver, Motion, ticks_to_drive
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.planning import GIVE_M, Roads, ahead_of, circle, length_of, still_clear
@@ -69,7 +69,7 @@ class Explorer:
         self._errand_arrived: bool | None = None
         self._events: list[Event] = []
         self._decided_tick, self._decided_version = 0, -1
-        self._reconsider_ticks = max(1, round(RECONSIDER_M / (spec.max_speed_mps * self.driver.tick_s)))
+        self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck

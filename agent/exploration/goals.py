@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from agent.exploration.agenda import Kind, Task, is_end
+from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
@@ -84,7 +85,7 @@ class Goals:
         self.attempts, self.spec = attempts, spec
         self.memory = GoalMemory()
         self.ends: Ends = open_ends(Wireframe())
-        self.refresh_ticks = max(1, round(REFRESH_M * spec.lidar.rate_hz / spec.max_speed_mps))
+        self.refresh_ticks = ticks_to_drive(REFRESH_M, spec)
         self._tried = np.zeros(0, np.int64)  # per open end its record in the memory, or -1
         self._version, self._tick = -1, -1
 
