@@ -20,10 +20,7 @@ install: $(INSTALLED) ## make .venv from requirements.lock
 # A file, so that nothing is installed twice: only a newer lock or pyproject brings it up again.
 $(INSTALLED): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("wireswarm needs Python 3.11 or newer")'
-	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
-	$(BIN)/python -m agent.warmup
+	@deploy/install.sh $(PYTHON)
 	@touch $@
 
 run: $(INSTALLED) ## three robots map the maze (more options: make run ARGS="--seed 1")
@@ -52,10 +49,17 @@ format: $(INSTALLED) ## bring the sources into shape
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url \
 	--no-emit-find-links --custom-compile-command "make lock"
 
+# What Typer asks for and a robot's command line does without.
+NOT_IN_AGENT = rich pygments markdown-it-py mdurl
+# Images take the versions of requirements.lock, but of LLVM, their bulk, a leaner one (deploy/locks/lean.txt).
+VERSIONS = .venv/versions.txt
+COMPILE_LEAN = $(COMPILE) pyproject.toml --constraints $(VERSIONS) --constraints deploy/locks/lean.txt
+
 lock: $(INSTALLED) ## resolve pyproject.toml into requirements.lock and deploy/locks anew
 	$(COMPILE) pyproject.toml --upgrade --all-extras --output-file requirements.lock
-	$(COMPILE) pyproject.toml --constraints requirements.lock --extra world --extra deploy \
-		--output-file deploy/locks/world.lock
+	sed '/^\(llvmlite\|numba\|numpy\)==/,/[^\\]$$/d' requirements.lock > $(VERSIONS)
+	$(COMPILE_LEAN) --extra world --extra deploy --output-file deploy/locks/world.lock
+	$(COMPILE_LEAN) $(NOT_IN_AGENT:%=--no-emit-package %) --output-file deploy/locks/agent.lock
 	echo hatchling | $(COMPILE) - --constraints requirements.lock --output-file deploy/locks/build.lock
 
 compose: ## a world and three robots in containers, to the end (make compose ROBOTS=5)

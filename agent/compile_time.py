@@ -7,18 +7,26 @@ import numba.core.codegen
 import numba.core.compiler
 import numba.core.postproc
 import numba.core.transforms
+import numba.core.types.functions
 import numba.np.arrayobj
 from numba.extending import overload
 
+from agent import kernel_linking
+
 _core: Any = numba.core  # untyped
 _llvm: Any = llvm
+_function: Any = _core.types.functions.BaseFunction
+_find_call_type = _function.get_call_type
+_call_types: dict[tuple[Any, tuple[Any, ...]], Any] = {}
 
 
 def reduce() -> None:
     """Change numba for the rest of this process."""
     _core.compiler.Flags.values = _changed
     _core.postproc.PostProcessor.run = _find_lifetimes
+    _function.get_call_type = _call_type
     _core.codegen.CPUCodeLibrary._optimize_functions = _optimize_functions
+    _core.codegen.CPUCodeLibrary.finalize = kernel_linking.finalize
     numba.np.arrayobj.raise_with_shape_context = _sizes_differ
     _llvm.ffi.lib._lock._cblist.clear()  # of timers, which are told of each call of LLVM
 
@@ -44,6 +52,15 @@ def _find_lifetimes(self: Any, emit_dels: bool = False, extend_lifetimes: bool =
     ir.generator_info = None
     if emit_dels:
         self._insert_var_dels(extend_lifetimes=extend_lifetimes)
+
+
+def _call_type(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, Any]) -> Any:
+    """Numba's own, asked once for the same types: a sum of two numbers is held against a dozen templates."""
+    if kws:
+        return _find_call_type(self, context, args, kws)
+    if (self, args) not in _call_types:
+        _call_types[self, args] = _find_call_type(self, context, args, kws)
+    return _call_types[self, args]
 
 
 def _optimize_functions(self: Any, module: Any) -> None:

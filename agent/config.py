@@ -30,3 +30,10 @@ class AgentConfig(Config):
     radio: TalkConfig = TalkConfig()
     alignment: AlignmentConfig = AlignmentConfig()
     cooperation: CooperationConfig = CooperationConfig()
+
+
+class ProcessConfig(JoinConfig):
+    """One robot's process."""
+
+    agent: AgentConfig = AgentConfig()
+    """Every robot's mind."""

@@ -24,7 +24,7 @@ BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that 
 
 PIECE = np.dtype(
     [
-        ("hits", "f8"),  # beams on the piece
+        ("hits", "f8"),  # beams on the piece; of far ones that are noisier, as many near ones as tell the same
         ("x", "f8"),  # m, centroid of the hits, on the fitted line
         ("y", "f8"),
         ("ux", "f8"),  # unit direction, counter-clockwise: free space on the left
@@ -36,6 +36,7 @@ PIECE = np.dtype(
         ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
+        ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the turn, 1 at the stamp
         ("bearing", "f8", (2,)),  # rad, of the first and the last beam, rising; the last may exceed 2 pi
     ],
     align=True,
@@ -50,6 +51,7 @@ class Sight(NamedTuple):
     blind: Floats  # (b, 2) as open: sectors in which stands what is no wall piece: a teammate, a post of two beams
     reach: float  # m, how far open sectors are known to be free
     half_beam: float  # half the angle between two beams, rad: what is nearer to a sector's or piece's edge is uncertain
+    shift: float  # m, by which the lidar moved in the turn: what lies at a sector's or piece's edge is as uncertain
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +74,13 @@ class CornerScan:
 
 
 def range_noise(spec: LidarSpec) -> float:
-    """Standard deviation of a range in metres: the lidar's, or the unevenness of walls where that is larger."""
+    """Standard deviation of a near range in metres: the lidar's, or the unevenness of walls where that is larger."""
     return max(spec.noise_m, NOISE_FLOOR_M)
+
+
+def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
+    """The same of ranges (n,) in metres, as it grows with them."""
+    return np.maximum(range_noise(spec), spec.noise_share * ranges)
 
 
 @kernel

@@ -1,6 +1,7 @@
 """How loops over walls and beams are compiled: one decorator for all kernels."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar, cast
 
 from numba import types
@@ -9,6 +10,7 @@ from numba.extending import register_jitable
 
 from agent import compile_time
 from agent.kernel_cache import KernelCache
+from agent.kernel_linking import Callee, NamedCompiler, by_name
 from protocol.geometry import wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -24,8 +26,17 @@ class Compiled(CPUDispatcher):
 
     def __init__(self, function: Callable[..., Any], *, called_by_python: bool) -> None:
         options = {"nopython": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not called_by_python}
-        super().__init__(py_func=function, locals={}, targetoptions=options)
-        self._cache = KernelCache(function, options)
+        cache = KernelCache(function, options)
+        compiler: Any = partial(NamedCompiler, cache)
+        super().__init__(function, targetoptions=options, pipeline_class=compiler)
+        self._cache = cache
+        if not called_by_python:
+            by_name[cache.name] = self
+
+    def add_overload(self, cres: Any) -> None:
+        """Take up what was compiled or loaded."""
+        cres.library.own = Callee(self._cache.name, cres.signature.args, cres.fndesc.llvm_func_name)
+        super().add_overload(cres)
 
 
 class Kernel(Compiled):

@@ -13,14 +13,20 @@ from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
+from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
+from agent.mapping.submap_wireframe import records_of
 from agent.perception.perceive import Perception
 from agent.state import State
+from protocol.geometry import pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01  # a corner that moved by less has not changed: maps travel on a grid of this size
+LOOK_S = 3.0
+"""Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
+heading against wheels of which it knows nothing yet."""
 LAY_S = 0.6  # merged maps are laid over the own one at most this often; what was just seen is in the scan anyway
 
 
@@ -42,6 +48,7 @@ class Robot:
         self.robot, self.spec, self.config = robot, spec, config
         self.perception = Perception(config.perception, spec)
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
+        self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view()) if spec.odometry.noisy else None
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
@@ -52,6 +59,7 @@ class Robot:
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
         self._arrived: bool | None = None
+        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0
 
     def state(self) -> State:
         """For a checkpoint, after a step: the own map, the pose, and what was seen. Peers are met anew."""
@@ -62,6 +70,7 @@ class Robot:
         self.filter.restore(state)
         self.explorer.restore(state)
         self.own = self.filter.wireframe()
+        self._to_look = 0
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:
@@ -71,8 +80,12 @@ class Robot:
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started, tick = time.perf_counter(), observation.tick
-        scan = self.perception.see(observation, self.filter.predicted(observation.odometry), self.own)
-        self.filter.update(scan, observation.odometry)
+        way = self.filter.way(observation.poses())
+        scan = self.perception.see(observation, way, self.filter.pose, self.own)
+        self.filter.update(scan, observation.poses())
+        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose):
+            walls, settled = self.loops.settled()
+            self.filter.replace(records_of(walls), settled)
         pose = self.filter.pose
         self.perception.remember(tick, pose, scan, len(heard) > 0)
         own = self.filter.wireframe()
@@ -90,7 +103,9 @@ class Robot:
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
         situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
         scene = explorer.look(situation)
-        if not len(self.wireframe.edges):
+        if self._looks_first():
+            command = explorer.stand("look round")
+        elif not len(self.wireframe.edges):
             command = explorer.drive_forward(scene)
         elif contact := explorer.place_of_contact(scene):
             command = explorer.drive(scene, contact)
@@ -114,7 +129,7 @@ class Robot:
                 complete=command.complete,
                 events=[*events, *self.team.events, *command.events],
                 map_bytes=len(self._map_bytes),
-                filter_bytes=self.filter.nbytes + self.explorer.nbytes,
+                filter_bytes=self._nbytes(),
                 step_ms=(time.perf_counter() - started) * 1e3,
                 merged=self.team.merged_ticks,
             ),
@@ -123,6 +138,16 @@ class Robot:
             PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
         )
+
+    def _looks_first(self) -> bool:
+        """Whether the robot still stands where it began: what it sees there is the axis of all it will see."""
+        self._to_look -= 1
+        return self._to_look >= 0
+
+    def _nbytes(self) -> int:
+        """Bytes that the map needs, and what was seen."""
+        loops = self.loops.submaps.nbytes if self.loops else 0
+        return self.filter.nbytes + self.explorer.nbytes + loops
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""

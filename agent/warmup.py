@@ -22,7 +22,9 @@ from agent.config import AgentConfig
 from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
+from agent.kernel_cache import announce
 from agent.mapping.particle_filter import WireframeFilter
+from agent.passenger import Passenger
 from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
@@ -31,6 +33,8 @@ from protocol.wireframe import enclosed
 
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
 TICKS_TO_COMPILE = 300  # enough for two robots to merge their maps and to explore what is left
+
+TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which are loops
 
 _OUTLINE = [
     (0, 0), (3, 0), (3, 2), (3.2, 2), (3.2, 0), (6.5, 0), (6.5, 2), (8, 2), (8, 5), (4, 5), (4, 3.2), (3.8, 3.2),
@@ -73,9 +77,22 @@ def compile_kernels() -> None:
 def _map_and_align() -> None:
     mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
     nothing = np.zeros((0, 2))
-    mapped.update(CornerScan(np.zeros(0, PIECE), Sight(nothing, nothing, 1.0, 0.0), nothing), (0.0, 0.0, 0.0))
+    mapped.update(CornerScan(np.zeros(0, PIECE), Sight(nothing, nothing, 1.0, 0.0, 0.0), nothing), (0.0, 0.0, 0.0))
     mapped.wireframe()
     _align()
+    _close_a_loop()
+
+
+def _close_a_loop() -> None:
+    """Let a mind be carried to and fro past the same walls, until it knows them again."""
+    spec = RobotSpec()
+    mind = Passenger(spec, AgentConfig())
+    for tick in range(TICKS_TO_CLOSE):
+        moved = (1.0 + 0.5 * math.sin(tick), 0.0, 0.0)
+        ranges = _ranges(compose(_STARTS[0], moved), _BUILDING.segments(), np.zeros((0, 2)), spec)
+        mind.step(Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved))
+    mind.finish()
+    mind.wireframe()
 
 
 def _plan() -> None:
@@ -135,7 +152,7 @@ def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Float
 def main() -> None:
     """Compile, and say how long it took. A failure is told and ends nothing: a run compiles what it needs."""
     begin = time.perf_counter()
-    print("compiling kernels, about half a minute", flush=True)
+    announce()
     try:
         compile_kernels()
     except Exception as error:

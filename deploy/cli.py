@@ -4,37 +4,43 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Abort, Argument, Context, Exit, Option, Typer
+from typer import Argument, Context, Exit, Option, Typer
 
-from deploy.status import ENDINGS, Status
-from deploy.text import printable
+from agent.shell.command import Certs, agent
+from protocol import command
+from protocol.command import say, stop_on_signals
+from protocol.status import Status, of_run
+from protocol.text import printable
 
 if TYPE_CHECKING:
     from deploy.bandwidth.representations import Measurement
     from deploy.config import RunConfig
-    from protocol.inbox import Inbox
+    from protocol.messages import Progress
+    from world.config import WorldConfig
 
-for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")  # small arrays: threads would only wait for each other
-
-EXTRAS = {"pymunk": "world"} | dict.fromkeys(("matplotlib", "PIL", "psutil", "rich"), "deploy")  # what brings a package
-MAX_SENTENCE = 600  # characters of an error: longer ones quote what was given
+EXTRAS = {"pymunk": "world"} | dict.fromkeys(
+    ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
+)  # what brings a package
+SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
+NEVER_KEPT = ("resume", "secrets", "certs")  # options of a world that no file of a run holds
 
 app = Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 bench = Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
 
-World = Annotated[str | None, Option(help="A bundled world's name or a world file.", show_default="maze-15")]
+World = Annotated[
+    str | None,
+    Option(help="A bundled world's name, generated-WIDTHxHEIGHT-SEED, or a world file.", show_default="maze-15"),
+]
 Robots = Annotated[int | None, Option(help="How many robots.", show_default="3")]
 Seed = Annotated[int | None, Option(help="All that is random is drawn from it.", show_default="0")]
 Out = Annotated[Path | None, Option(help="Run directory.", show_default="runs/WORLD-SEED, with -2, -3, ...")]
@@ -49,6 +55,7 @@ RealTime = Annotated[
 ConfigFile = Annotated[Path | None, Option("--config", help="YAML file with settings.")]
 Set = Annotated[list[str] | None, Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")]
 Quick = Annotated[bool, Option("--quick", help="Small, for tests.")]
+Ideal = Annotated[bool, Option("--ideal", help="The paper's sensing: scans at one instant, exact odometry.")]
 Quiet = Annotated[bool, Option("--quiet", help="No progress.")]
 Jobs = Annotated[int | None, Option(help="Cases at a time.", show_default="one a core", min=1)]
 Results = Annotated[Path, Option(help="Where figures are kept, so that nothing is measured twice.")]
@@ -78,25 +85,32 @@ def run(
     restart: Annotated[
         bool | None, Option("--restart", help="Start a process that dies again: it goes on from its checkpoint.")
     ] = None,
+    ideal: Ideal = False,
     config: ConfigFile = None,
     set_: Set = None,
     quiet: Quiet = False,
 ) -> None:
     """Run a world and its robots, one process each, and write the run directory."""
+    from deploy import forks
+
+    forks.begin()
+    from agent.limits import doubts
     from deploy.interrupts import on_interrupt
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
 
     settings = _settings(context)
+    for doubt in doubts(settings.spec):
+        say(f"a complete map is not to be expected: {doubt}")
     with run_directory(out, settings.world, settings.seed) as directory:
         with Display(settings.world, str(settings.radio), quiet) as display:
             result = launch(settings, directory, show=display.show)
         for error in result.errors:
-            _say(error)
+            say(error)
         if result.status == Status.USAGE:  # nothing was run
             raise Exit(result.status)
         if result.status == Status.INTERRUPTED:
-            _say(f"interrupted; `wireswarm report {directory}` draws what there is")
+            say(f"interrupted; `wireswarm report {directory}` draws what there is")
             print_summary(directory)
             raise Exit(result.status)
         with on_interrupt(partial(_leave_report, directory)):
@@ -118,9 +132,9 @@ def _draw(run: Path) -> None:
         try:
             made[what] = make(run)
         except UnwritableError as error:
-            _say(str(error))
+            say(str(error))
         except Exception as error:  # the run itself is written and must not be lost with its picture
-            _say(f"no {what}: {type(error).__name__}: {error}")
+            say(f"no {what}: {type(error).__name__}: {error}")
     print_summary(run)
     print(printable(str(made.get("report", run))), flush=True)
 
@@ -132,7 +146,7 @@ def _leave_report(run: Path) -> None:
     why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
     with suppress(OSError):
         manifest.finish(run, exit_status=Status.INTERRUPTED, errors=[why])
-    _say(why)
+    say(why)
     os._exit(Status.INTERRUPTED)
 
 
@@ -159,40 +173,77 @@ def world_(
     max_time_s: MaxTime = None,
     real_time: RealTime = None,
     listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    connect: Annotated[
+        str | None, Option(help="A Zenoh router between world and robots.", show_default="the world is the router")
+    ] = None,
     secrets: Annotated[
         Path | None, Option(help="File of secrets, without which nobody gets in; made where there is none.")
+    ] = None,
+    certs: Certs = None,
+    insecure: Annotated[
+        bool | None, Option("--insecure", help="Let anybody take part who reaches the address.")
     ] = None,
     resume: Annotated[
         Path | None,
         Option(help="Go on in the directory of a run whose world was killed, with its settings.", metavar="DIR"),
+    ] = None,
+    settle_s: Annotated[
+        float | None,
+        Option(
+            "--settle",
+            help="Begin with those of --robots that have come when no further one has for so many seconds.",
+            show_default="wait for all",
+            min=0.1,
+        ),
     ] = None,
     config: ConfigFile = None,
     set_: Set = None,
 ) -> None:
     """Run a world alone, for robots that join it from other terminals, containers or hosts."""
     from deploy import manifest
+    from deploy.interrupts import on_interrupt
     from deploy.launcher import run_directory
+    from protocol import credentials
     from protocol.errors import InputError
     from world.inbox import WorldInbox
     from world.server import serve
     from world.worldfile import load
 
     settings = _settings(context) if resume is None else _resumed(context, resume)
-    begun = manifest.begun(settings, load(settings.world))
-    del begun["config"]["agent"]  # each robot has its own
-    _stop_on_signals(inbox := WorldInbox())
+    loaded = load(settings.world)
+    stop_on_signals(inbox := WorldInbox())
 
     def listening(endpoint: str) -> None:
-        print(f"listening on {endpoint}\nradio: {settings.radio}", flush=True)
+        place = "listening on" if settings.server.connect is None else "robots are awaited at"
+        print(f"{place} {endpoint}\nradio: {settings.radio}", flush=True)
 
-    goes_on = resume is not None
+    def begin(settings: WorldConfig) -> None:
+        begun = manifest.begun(settings, loaded)
+        del begun["config"]["agent"]  # each robot has its own
+        manifest.begin(directory, begun)
+
+    standing: dict[str, str] = {}  # how each robot does
+
+    def progress(progress: Progress) -> None:
+        standing.update(progress.clock.status)
+
+    goes_on, router = resume is not None, settings.server.connect is not None
     place = nullcontext(resume) if resume else run_directory(out, settings.world, settings.seed)
-    with place as directory, _secrets(secrets, settings.robot_ids) as known:
+    with place as directory, credentials.of_all(settings.robot_ids, secrets, certs, world=router) as known:
         if not goes_on:
-            manifest.begin(directory, begun)
+            begin(settings)
         try:
             ended = serve(
-                settings, settings.server, directory, secrets=known, inbox=inbox, resume=goes_on, listening=listening
+                settings,
+                settings.server,
+                directory,
+                credentials=known,
+                inbox=inbox,
+                resume=goes_on,
+                settle_s=settle_s,
+                counted=begin,
+                listening=listening,
+                progress=progress,
             )
         except InputError:
             if not goes_on:
@@ -201,45 +252,79 @@ def world_(
         except Exception as error:
             manifest.finish(directory, ended="failed", exit_status=Status.FAILURE, errors=[str(error)])
             raise
-        status = ENDINGS.get(ended, Status.INTERRUPTED)
+        status = of_run(ended, settings.until, standing.values())
         manifest.finish(directory, ended=ended, exit_status=status)
-    print(f"ended: {ended}; {printable(str(directory))}")
+    print(f"ended: {ended}; {printable(str(directory))}", flush=True)
+    if status != Status.INTERRUPTED:
+        with on_interrupt(partial(_leave_report, directory)):
+            _draw(directory)
     raise Exit(status)
-
-
-@contextmanager
-def _secrets(file: Path | None, robots: list[str]) -> Iterator[dict[str, str] | None]:
-    """The secrets of a file, which is made where there is none, and removed where the world cannot be run."""
-    from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
-    from protocol.errors import InputError
-
-    if file is None:
-        yield None
-        return
-    try:
-        if new := not file.exists():
-            write_secrets(file, new_secrets(robots))
-    except OSError as error:
-        raise InputError(f"--secrets: {error}") from None
-    try:
-        yield read_secrets(file, [*robots, VIEWER])
-    except InputError:
-        if new:
-            file.unlink()
-        raise
 
 
 def _resumed(context: Context, run: Path) -> RunConfig:
     """Configuration of a run that goes on; only where its world listens may be new."""
-    from deploy.config import ConfigError
     from deploy.finish import left_by
+    from protocol.configuration import ConfigError
 
-    given = [name for name, value in context.params.items() if value and name not in ("resume", "listen", "secrets")]
+    reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
+    given = [name for name, value in context.params.items() if value and name not in (*reach, *NEVER_KEPT)]
     if given:
         raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
-    config, listen = left_by(run), context.params["listen"]
-    server = config.server.model_copy(update={"listen": listen} if listen else {})
+    config = left_by(run)
+    server = config.server.model_copy(update=reach)
     return config.model_copy(update={"server": server})
+
+
+@app.command()
+def router(
+    listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    secrets: Annotated[Path | None, Option(help="File of secrets, with a line of the world.")] = None,
+    certs: Certs = None,
+    insecure: Annotated[bool, Option("--insecure", help="Let anybody connect who reaches the address.")] = False,
+    write: Annotated[
+        Path | None, Option(help="Write the configuration for `zenohd --config FILE` instead.", metavar="FILE")
+    ] = None,
+) -> None:
+    """Run a Zenoh router between a world and its robots, with their access control."""
+    from deploy.router import route, write_config
+    from protocol.errors import InputError
+    from protocol.inbox import Inbox
+
+    if write is not None:
+        if listen is None:
+            raise InputError("--write: name the endpoint, too, such as --listen tls/0.0.0.0:7447")
+        write_config(write, listen, secrets, certs, insecure=insecure)
+        return
+    stop_on_signals(inbox := Inbox())
+    route(listen, secrets, certs, inbox, insecure=insecure)
+
+
+@app.command("certs")
+def certs_(
+    folder: Annotated[Path, Argument(help="Folder of certificates.", metavar="DIR")],
+    robots: Annotated[str | None, Option(help="How many robots, or their names.", metavar="N|r1,r2")] = None,
+    host: Annotated[
+        list[str] | None,
+        Option(help="A further address or name by which the world, or the router before it, is reached."),
+    ] = None,
+    revoke: Annotated[str | None, Option(help="Whose certificate counts no longer.", metavar="NAME")] = None,
+) -> None:
+    """Make identities for a world, a viewer and robots, by which they know each other over TLS."""
+    from deploy.certs import issue, names_of
+    from deploy.certs import revoke as end
+    from protocol.errors import InputError
+
+    if revoke is not None:
+        if robots or host:
+            raise InputError("--revoke: it goes alone; make another identity afterwards")
+        end(folder, revoke)
+        print(f"{revoke} is revoked; copies of {folder / 'roster.json'} on other hosts must be replaced")
+        return
+    made = issue(folder, names_of(robots), host or [])
+    print(
+        f"made {', '.join(made)} in {folder}\nA robot's host needs ca.pem, and NAME.pem and NAME.key of its robot; the "
+        "world's ca.pem, world.pem, world.key and roster.json. ca.key stays here: who has it can make identities."
+    )
 
 
 @app.command()
@@ -279,6 +364,51 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
+@app.command("map")
+def map_(
+    context: Context,
+    logs: Annotated[list[Path], Argument(help="CARMEN text logs, plain or gzipped.", metavar="LOG...")],
+    out: Annotated[Path, Option(help="Run directory.", show_default=False)],
+    field_of_view_deg: Annotated[
+        float | None,
+        Option("--field-of-view", help="Degrees, where a log does not tell.", show_default="180", min=1, max=360),
+    ] = None,
+    range_max_m: Annotated[
+        float | None,
+        Option("--range-max", help="Metres from which on nothing came back.", show_default="80", min=0.05, max=100),
+    ] = None,
+    config: ConfigFile = None,
+    set_: Set = None,
+    quiet: Quiet = False,
+) -> None:
+    """Map recorded lidar logs, each by a mind of its own that is not asked to drive."""
+    from deploy.launcher import run_directory
+    from deploy.recorded.carmen import read_carmen
+    from deploy.recorded.mapping import map_logs
+    from deploy.recorded.words import print_mapped
+    from deploy.report import write_report
+
+    settings = _settings(context)
+    with run_directory(out, "", 0) as directory:
+        read = partial(read_carmen, field_of_view_deg=field_of_view_deg, range_max_m=range_max_m)
+        summary = map_logs(logs, read, settings.agent, directory, quiet=quiet)
+        print_mapped(summary)
+        print(printable(str(write_report(directory))), flush=True)
+
+
+@app.command()
+def export(
+    run: Annotated[Path, Argument(help="A run directory.", metavar="DIR")],
+    to: Annotated[Literal["carmen"], Option(help="The form; carmen needs a run with --set scans=true.")],
+    out: Annotated[Path | None, Option(help="Folder for the files.", show_default="DIR/carmen")] = None,
+) -> None:
+    """Write what a run measured for other programs: CARMEN logs of the scans, and the true paths beside them."""
+    from deploy.recorded.written import write_carmen
+
+    for made in write_carmen(run, out or run / to):
+        print(printable(str(made)))
+
+
 @app.command()
 def worlds(as_json: Annotated[bool, Option("--json", help="Print the sizes as JSON.")] = False) -> None:
     """List the bundled worlds: sizes, walls, free area, and a small drawing."""
@@ -304,15 +434,18 @@ BENCHMARKS = {
     "filter": "Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours.",
     "alignment": "Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours.",
     "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes hours.",
+    "sensing": "One robot and teams with a lidar that turns and wheels that err, against exact ones; takes hours.",
     "radio": "Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour.",
 }
 
 
-def _measure(context: Context, quick: Quick = False, jobs: Jobs = None, results: Results = Path("results")) -> None:
+def _measure(
+    context: Context, quick: Quick = False, ideal: Ideal = False, jobs: Jobs = None, results: Results = Path("results")
+) -> None:
     from deploy.bench.benchmark import Benchmark
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # raised, so that cases under way are ended
-    if not Benchmark(str(context.info_name)).run(quick, results, jobs):
+    if not Benchmark(str(context.info_name)).run(quick, results, jobs, ideal):
         raise Exit(Status.FAILURE)
 
 
@@ -320,42 +453,7 @@ for _name, _words in BENCHMARKS.items():
     bench.command(_name, help=_words)(_measure)
 
 
-@app.command()
-def agent(
-    context: Context,
-    connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
-    id_: Annotated[
-        str | None,
-        Option("--id", help="Name of the robot.", show_default="the first of --secrets that is not there yet"),
-    ] = None,
-    secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
-    reconnect_s: Annotated[
-        float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="60")
-    ] = None,
-    checkpoints: Annotated[
-        Path | None, Option(help="Folder where the robot keeps its map, and goes on from when started again.")
-    ] = None,
-    config: ConfigFile = None,
-    set_: Set = None,
-) -> None:
-    """Run one robot."""
-    from agent.shell.process import AgentInbox, run_agent
-    from protocol.access import read_secrets
-    from protocol.errors import InputError
-    from protocol.messages import ID
-
-    settings = _settings(context)
-    if id_ is None and secrets is None:
-        raise InputError("--id: name the robot, such as r1, or give --secrets to take the first that is not there yet")
-    if id_ is not None and not re.fullmatch(ID, id_):
-        raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
-    known = None if secrets is None else read_secrets(secrets, None if id_ is None else [id_])
-    _stop_on_signals(inbox := AgentInbox())
-    ended = run_agent(
-        id_, connect, settings.agent, secrets=known, patience=settings, inbox=inbox, checkpoints=checkpoints
-    )
-    print(f"{id_ or 'robot'}: {ended}")
-    raise Exit(ENDINGS.get(ended, Status.FAILURE))
+app.command()(agent)
 
 
 def _settings(context: Context) -> RunConfig:
@@ -364,56 +462,28 @@ def _settings(context: Context) -> RunConfig:
     Raises ConfigError, and WorldFileError before anything is made for a world that cannot be run.
     """
     from deploy.config import RunConfig, load
+    from deploy.sensing import IDEAL
     from world.draws import starts_of
     from world.worldfile import load as load_world
 
-    given, settings_below = context.params, ("radio.range_m", "server.real_time", "server.listen")
-    flags = {
-        key: given[name] for key in (*RunConfig.model_fields, *settings_below) if (name := key.split(".")[-1]) in given
-    }
+    given, keys = context.params, (*RunConfig.model_fields, *SETTINGS_BELOW)
+    flags = {key: given[name] for key in keys if (name := key.split(".")[-1]) in given}
+    if given.get("ideal"):
+        flags |= {f"spec.{part}.{key}": value for part, some in IDEAL.items() for key, value in some.items()}
     settings = load(given["config"], flags, given["set_"] or ())
     if "world" in given:
-        starts_of(settings, load_world(settings.world))
+        sure = settings.model_copy(update={"robots": 1}) if given.get("settle_s") else settings  # else it may be fewer
+        starts_of(sure, load_world(settings.world))
     return settings
 
 
-def _stop_on_signals(inbox: Inbox) -> None:
-    """End at the next tick on Ctrl-C or SIGTERM; at once on a second."""
-
-    def handler(number: int, frame: object) -> None:
-        inbox.stop()
-        signal.signal(number, signal.SIG_DFL)
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handler)
-
-
-def _say(sentence: str) -> None:
-    print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr)
-
-
 def main() -> None:
-    """Entry point of `wireswarm`: what a user can act on becomes one sentence and an exit status."""
-    from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
-
+    """Entry point of `wireswarm`."""
     try:
-        sys.exit(app(standalone_mode=False))
+        command.run(app)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
             raise
-        _say(f"this command needs {error.name}: install it with `pip install 'wireswarm[{extra}]'`")
-        sys.exit(Status.USAGE)
-    except (InputError, RefusedError) as error:
-        _say(str(error))
-        sys.exit(Status.USAGE)
-    except (LinkError, ProtocolError, OSError) as error:
-        _say(str(error))
-        sys.exit(Status.FAILURE)
-    except (Abort, KeyboardInterrupt):
-        sys.exit(Status.INTERRUPTED)
-    except Exception as error:
-        if not hasattr(error, "format_message"):  # Typer has Click's errors, but no public name for all of them
-            raise
-        _say(error.format_message() or "which command? `--help` lists them")
+        say(f"this command needs {error.name}: install it with `pip install 'wireswarm[{extra}]'`")
         sys.exit(Status.USAGE)

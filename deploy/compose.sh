@@ -2,10 +2,17 @@
 # A world and its robots in containers, to the end; the run directory is made in ./runs by the user who asks.
 set -eu
 cd "$(dirname "$0")/.."
+command -v docker >/dev/null && docker info >/dev/null 2>&1 || { echo "no container engine runs here: start Docker" >&2; exit 1; }
 compose="docker compose"
 docker compose version >/dev/null 2>&1 || compose=docker-compose
-command -v docker >/dev/null && docker info >/dev/null 2>&1 || { echo "no container engine runs here: start Docker" >&2; exit 1; }
+compose="$compose --file deploy/compose.yaml"
 mkdir -p runs
-export RUNS="$PWD/runs" RUN_AS="$(id -u):$(id -g)" ROBOTS="${ROBOTS:-3}"
-trap '$compose --file deploy/compose.yaml down --volumes --timeout 5' EXIT
-$compose --file deploy/compose.yaml up --build --exit-code-from world
+RUN_AS="$(id -u):$(id -g)"
+if [ "$(id -u)" = 0 ]; then   # nothing runs as root in a container
+    RUN_AS=10001:10001
+    chown "$RUN_AS" runs
+fi
+export RUN_AS RUNS="$PWD/runs" ROBOTS="${ROBOTS:-3}" SETTLE=120
+trap '$compose down --volumes --timeout 5' EXIT
+$compose up --build   # not --exit-code-from: it would stop the world when the first robot leaves
+exit "$(docker inspect --format '{{.State.ExitCode}}' "$($compose ps --quiet --all world)")"

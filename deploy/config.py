@@ -1,91 +1,23 @@
-"""The configuration of a run: a YAML file, then the flags, then --set KEY=VALUE; later ones win."""
+"""The configuration of a whole run."""
 
-import re
-import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from agent.config import AgentConfig, JoinConfig
-from protocol.document import parse_document, read_document
-from protocol.errors import InputError
+from agent.config import ProcessConfig
+from protocol import configuration
 from world.config import ServerConfig, WorldConfig
 
 
-class ConfigError(InputError):
-    """A file, flag or setting that is no configuration; one sentence that names the key."""
-
-
-class RunConfig(WorldConfig, JoinConfig):
+class RunConfig(WorldConfig, ProcessConfig):
     """A whole run: the world's settings at the top, the robots' minds and the processes below."""
 
     restart: bool = False
     """Whether `wireswarm run` starts a process that dies again; robots then keep checkpoints to go on from."""
-    agent: AgentConfig = AgentConfig()
-    """Every robot's mind."""
     server: ServerConfig = ServerConfig()
     """How the world meets its robots."""
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:
-    """Configuration from a YAML file, flags by dotted key (None: not given), and KEY=VALUE settings, in this order.
-
-    Raises ConfigError.
-    """
-    tree = _read(file) if file else {}
-    for key, value in (flags or {}).items():
-        if value is not None:
-            _put(tree, key, value)
-    for setting in sets:
-        key, equals, text = setting.partition("=")
-        if not equals or not key:
-            raise ConfigError(f"--set {setting:.200}: write it as KEY=VALUE, such as starts=random")
-        try:
-            value = parse_document(text)
-        except InputError as error:
-            raise ConfigError(f"--set {key:.200}: {reprlib.repr(text)} is no value: {error}") from None
-        _put(tree, key, value)
-    try:
-        return RunConfig.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(_sentence(error)) from None
-
-
-def _sentence(error: ValidationError) -> str:
-    """One sentence on the first wrong key of a configuration."""
-    found = error.errors(include_url=False)
-    key = _key(found[0]["loc"])
-    same = [one for one in found if _key(one["loc"]) == key]
-    if same[0]["type"] == "extra_forbidden":
-        return f"{key:.200}: there is no such setting"
-    wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
-    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {reprlib.repr(same[0]['input'])}"
-
-
-def _key(where: tuple[int | str, ...]) -> str:
-    """Dotted key of an error, without pydantic's names of the alternatives among types."""
-    return ".".join(str(part) for part in where if re.fullmatch(r"[a-z0-9_]+", str(part)) and part != "float")
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        tree = read_document(file)
-    except InputError as error:
-        raise ConfigError(f"--config {file}: {error}") from None
-    if tree is None:
-        return {}
-    if not isinstance(tree, dict):
-        raise ConfigError(f"--config {file}: settings are KEY: VALUE, not {type(tree).__name__}")
-    return tree
-
-
-def _put(tree: dict[str, Any], key: str, value: object) -> None:
-    *branches, leaf = key.split(".")
-    for branch in branches:
-        below = tree.setdefault(branch, {})
-        if not isinstance(below, dict):
-            raise ConfigError(f"{key:.200}: {branch:.200} is a value, not a group of settings")
-        tree = below
-    tree[leaf] = value
+    """Configuration of a run, as `protocol.configuration.load` reads it. Raises ConfigError."""
+    return configuration.load(RunConfig, file, flags, sets)

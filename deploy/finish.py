@@ -7,7 +7,8 @@ from deploy import manifest
 from deploy.bandwidth.replay import config_of
 from deploy.config import RunConfig
 from protocol.files import remove_parts
-from world.checkpoint import BROKEN, NAME, CheckpointError
+from protocol.records import UNREADABLE
+from world.checkpoint import NAME, CheckpointError
 from world.episode import Episode
 from world.worldfile import load
 
@@ -36,7 +37,7 @@ def finish(run: Path) -> bool:
         episode = Episode.resume(config, run)
         try:
             episode.close()
-        except BROKEN as error:
+        except UNREADABLE as error:
             raise CheckpointError(f"{run / NAME} is damaged ({type(error).__name__})") from error
     remove_parts(run)
     manifest.finish(run, ended=episode.ended if left else "interrupted")

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import errno
-import multiprocessing as mp
 import os
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -17,25 +15,23 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import psutil
 
-from deploy import manifest
-from deploy.config import ConfigError, RunConfig
+from deploy import capacity, forks, manifest
+from deploy.config import RunConfig
 from deploy.faults import schedule
 from deploy.finish import finish
 from deploy.interrupts import on_interrupt
+from deploy.logs import Log
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
-from deploy.status import ENDINGS, Status
-from protocol.access import new_secrets
+from protocol.configuration import ConfigError
 from protocol.files import remove_parts
 from protocol.messages import Progress
+from protocol.secrets import new_secrets
+from protocol.status import ENDINGS, Status, of_run
 from world.checkpoint import NAME, CheckpointError
 from world.worldfile import load
 
 if TYPE_CHECKING:
     from agent.shell.mind import MakeMind
-
-PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely", "agent.shell.process", "deploy.preload"]
-"""Imported once, by the server from which all children are forked: a robot takes 7 MiB instead of 27, and 30 robots
-are up in 0.2 s (measured)."""
 
 RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
@@ -61,6 +57,7 @@ class Child(NamedTuple):
     name: str
     process: ForkServerProcess
     pipe: Connection
+    log: Log
 
 
 @contextmanager
@@ -96,9 +93,11 @@ def launch(
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
     Ctrl-C or SIGTERM ends the run; a second one kills it. A run that cannot begin, because an option or a file is
-    wrong, leaves nothing in it. Raises WorldFileError for a world that cannot be loaded, before anything is started,
-    and UnwritableError where the run directory cannot be written.
+    wrong, leaves nothing in it. Raises WorldFileError for a world that cannot be loaded, and ConfigError for
+    more robots than this machine has room for, before anything is started; UnwritableError where the run directory
+    cannot be written.
     """
+    capacity.check(config.robots)
     children = Children(config, out, show, make_mind)
     with on_interrupt(children.interrupt):
         begun = manifest.begun(config, load(config.world))
@@ -130,7 +129,6 @@ class Children:
     def __init__(self, config: RunConfig, out: Path, show: Show, make_mind: MakeMind | None) -> None:
         """Nothing is started yet."""
         self._config, self._out, self._show, self._make_mind = config, out, show, make_mind
-        self._context = mp.get_context("forkserver")
         # secrets are drawn for this run, reach the children by their pipes, and are written nowhere else
         self._secrets = new_secrets(config.robot_ids) if config.server.access_control else None
         self._children: list[Child] = []
@@ -153,7 +151,8 @@ class Children:
         ended: a sentinel that is ready while the pipe is open tells the end of that server.
         """
         try:
-            self._begin()
+            forks.begin()
+            self._start("world", world_process, self._config, self._out, self._secrets)
             if self._interrupted:  # while the world started
                 self._tell_all(STOP)
             deadline = None
@@ -162,9 +161,12 @@ class Children:
                 if deadline is None and not world:
                     self._tell_all(STOP)  # nobody needs to wait for a world that has ended
                     deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)
+                logs = {child.log.pipe: child.log for child in self._children if not child.log.pipe.closed}
                 sentinels = [] if self._interrupted else [child.process.sentinel for child in world]
-                for ready in wait([*self._talking, *sentinels], timeout=None if deadline is None else 0.1):
-                    if ready in self._talking:
+                for ready in wait([*self._talking, *logs, *sentinels], timeout=None if deadline is None else 0.1):
+                    if ready in logs:
+                        logs[ready].read()
+                    elif ready in self._talking:
                         self._listen(self._talking[ready])
                     elif not world[0].pipe.poll():
                         self._end_without_server()
@@ -184,16 +186,6 @@ class Children:
         for world in self._world():  # it tells its robots; those not there yet are told at its end
             with suppress(OSError):
                 world.pipe.send(STOP)
-
-    def _begin(self) -> None:
-        self._context.set_forkserver_preload(PRELOAD)
-        resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is ours
-        try:
-            forkserver.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-        self._start("world", world_process, self._config, self._out, self._secrets)
 
     def _world(self) -> list[Child]:
         """The world, while it runs."""
@@ -220,20 +212,25 @@ class Children:
             if child.process.is_alive():
                 child.process.kill()
                 child.process.join()
+            child.log.read()
+            child.log.pipe.close()
 
     def _start(self, name: str, target: Callable[..., None], *arguments: Any) -> None:
         if self._interrupted:
             return
-        ours, theirs = self._context.Pipe()
-        process = self._context.Process(target=target, args=(theirs, *arguments), name=name, daemon=True)
+        ours, theirs = forks.CONTEXT.Pipe()
+        said, says = forks.CONTEXT.Pipe(duplex=False)
+        log = Log(self._out / "logs" / f"{name}.log", said)
+        process = forks.CONTEXT.Process(target=target, args=(theirs, says, *arguments), name=name, daemon=True)
         try:
             process.start()
         except (EOFError, OSError):
             self._end_without_server()
         else:
-            self._talking[ours] = child = Child(name, process, ours)
+            self._talking[ours] = child = Child(name, process, ours, log)
             self._children.append(child)
         theirs.close()
+        says.close()
 
     def _start_robot(self, robot: str) -> None:
         secret = self._secrets and self._secrets[robot]
@@ -261,7 +258,9 @@ class Children:
                 code = child.process.exitcode
                 how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
                 again = self._may_start_again(child.name)
-                self._errors.append(f"{child.name}: its process died ({how})" + again * " and was started again")
+                child.log.read()
+                again_ = " and was started again" if again else ""
+                self._errors.append(f"{child.name}: its process died ({how}){again_}{child.log.where()}")
                 if again:
                     self._start_again(child.name)
                     return
@@ -286,7 +285,8 @@ class Children:
                 self._ended = value
             elif what in (REFUSED, FAILED) or value not in ENDINGS:
                 self._refused |= what == REFUSED
-                self._errors.append(value if child.name == "world" else f"{child.name}: {value}")
+                child.log.read()
+                self._errors.append((value if child.name == "world" else f"{child.name}: {value}") + child.log.where())
                 self._end_unless_begun(child)
 
     def _end_unless_begun(self, child: Child) -> None:
@@ -313,5 +313,4 @@ class Children:
             return Status.USAGE
         if self._never_began or self._ended is None or self._progress is None:
             return Status.FAILURE
-        fine = {"complete"} if self._config.until == "complete" else {"complete", "exploring"}
-        return Status.OK if fine.issuperset(self._progress.clock.status.values()) else Status.INCOMPLETE
+        return of_run(self._ended, self._config.until, self._progress.clock.status.values())

@@ -16,8 +16,8 @@ from deploy.pairs import fates
 from deploy.report.rundir import mapping
 from deploy.report.words import MAX_SHOWN
 from deploy.terminal import add_row
-from deploy.text import printable
 from protocol.messages import Progress
+from protocol.text import printable
 
 LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
 CONTACTS = ("wall_contacts", "robot_contacts")

@@ -2,26 +2,32 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from protocol.files import write_whole
+from protocol.settings import Config
 from world.config import WorldConfig
 from world.worldfile import World
 
 
 def begun(config: WorldConfig, world: World) -> dict[str, Any]:
     """Its fields that are known before a run begins."""
-    return {
-        "version": version("wireswarm"),
-        "command_line": sys.argv,
-        "config": config.model_dump(mode="json"),
-        "seed": config.seed,
-        "world_hash": world.hash,
-        "start": _now(),
-    }
+    config_fields = {"config": config.model_dump(mode="json"), "seed": config.seed, "world_hash": world.hash}
+    return _command() | config_fields | {"start": _now()}
+
+
+def of_logs(config: Config, logs: Sequence[Path]) -> dict[str, Any]:
+    """The same where recorded logs are mapped. `logs` says to readers of the directory that it has no world."""
+    return _command() | {"config": config.model_dump(mode="json"), "logs": list(map(str, logs)), "start": _now()}
+
+
+def _command() -> dict[str, Any]:
+    """Who writes the directory."""
+    return {"version": version("wireswarm"), "command_line": sys.argv}
 
 
 def begin(out: Path, fields: dict[str, Any]) -> None:

@@ -39,11 +39,14 @@ class OccupancyGrid:
         self._marks = np.zeros(self.log_odds.shape, np.int64)
         self._scans = 0
 
-    def add(self, ranges: Floats, poses: Floats) -> Self:
-        """Take scans (t, beams) at poses (t, 3); inf: nothing within range, nan: nothing known. Returns the grid."""
+    def add(self, ranges: Floats, rays: Floats) -> Self:
+        """Take scans (t, beams) whose beams begin and point as `Lidar.rays` (t, beams, 3) says. Returns the grid.
+
+        inf: nothing within range; nan: nothing known.
+        """
         place = self._range_max_m, self.corner, self.cell_m
-        _integrate(self.log_odds, self._marks, self._scans, ranges, poses, *place)
-        self._scans += len(poses)
+        _integrate(self.log_odds, self._marks, self._scans, ranges, rays, *place)
+        self._scans += len(rays)
         return self
 
     def occupied(self) -> Floats:
@@ -58,7 +61,7 @@ class OccupancyGrid:
 
 @kernel
 def _integrate(
-    log_odds: Floats, mark: Ints, first: int, ranges: Floats, poses: Floats, reach: float, corner: Point, cell: float
+    log_odds: Floats, mark: Ints, first: int, ranges: Floats, rays: Floats, reach: float, corner: Point, cell: float
 ) -> None:
     """Add all scans, of which the first is scan `first`.
 
@@ -66,20 +69,19 @@ def _integrate(
     """
     (x0, y0), (nx, ny) = corner, log_odds.shape
     beams = ranges.shape[1]
-    for t in range(first, first + len(poses)):
-        x, y, theta = poses[t - first]
+    for t in range(first, first + len(rays)):
         for b in range(beams):  # ends first: they outweigh crossings
             r = ranges[t - first, b]
             if not math.isfinite(r):
                 continue
-            angle = theta + 2 * math.pi * b / beams
+            x, y, angle = rays[t - first, b]
             i = math.floor((x + r * math.cos(angle) - x0) / cell)
             j = math.floor((y + r * math.sin(angle) - y0) / cell)
             if 0 <= i < nx and 0 <= j < ny and mark[i, j] < 2 * t + 2:
                 mark[i, j] = 2 * t + 2
                 log_odds[i, j] = min(log_odds[i, j] + HIT, HIGH)
         for b in range(beams):
-            angle = theta + 2 * math.pi * b / beams
+            x, y, angle = rays[t - first, b]
             c, s = math.cos(angle), math.sin(angle)
             r = 0.0 if math.isnan(ranges[t - first, b]) else min(ranges[t - first, b], reach)
             i, j = math.floor((x - x0) / cell), math.floor((y - y0) / cell)

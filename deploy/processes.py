@@ -7,6 +7,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -17,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 from deploy import manifest
 from deploy.config import RunConfig
 from deploy.faults import doomed, schedule
+from deploy.logs import speak_into
 from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.files import UnwritableError
 from protocol.inbox import Inbox
+from protocol.secrets import Secrets
 
 if TYPE_CHECKING:
     from agent.shell.mind import MakeMind
@@ -34,12 +37,13 @@ STOP = ""
 
 
 def world_process(
-    launcher: Connection, config: RunConfig, out: Path, secrets: dict[str, str] | None, resume: bool = False
+    launcher: Connection, log: Connection, config: RunConfig, out: Path, secrets: Secrets | None, resume: bool = False
 ) -> None:
     """Run the world, or go on with one that was killed (resume).
 
     Tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why.
     """
+    speak_into(log)
     from world.inbox import WorldInbox
     from world.server import serve
 
@@ -50,13 +54,14 @@ def world_process(
         "progress": partial(_tell, launcher, PROGRESS),
     }
     with _last_words(launcher, InputError, OSError) as ended:
-        how = serve(config, config.server, out, secrets=secrets, inbox=inbox, resume=resume, **told)
+        how = serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told)
         manifest.finish(out, ended=how)  # here, because the launcher may be dead
         ended(how)
 
 
 def agent_process(
     launcher: Connection,
+    log: Connection,
     robot: str,
     endpoint: str,
     secret: str | None,
@@ -65,6 +70,7 @@ def agent_process(
     checkpoints: Path | None = None,
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why."""
+    speak_into(log)
     from agent.shell.process import AgentInbox, run_agent
 
     inbox = AgentInbox()
@@ -74,7 +80,7 @@ def agent_process(
             robot,
             endpoint,
             config.agent,
-            secrets=None if secret is None else {robot: secret},
+            credentials=None if secret is None else Secrets({robot: secret}),
             patience=config,
             make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
             inbox=inbox,
@@ -96,8 +102,9 @@ def _last_words(launcher: Connection, *refusals: type[Exception]) -> Iterator[Ca
     except refusals as error:
         _tell(launcher, REFUSED, str(error))
     except Exception as error:
+        traceback.print_exc()  # before the launcher looks whether anything is in the log
         _tell(launcher, FAILED, f"stopped by a mistake in its program: {type(error).__name__}: {error}")
-        raise
+        sys.exit(1)
 
 
 def _obey(

@@ -3,7 +3,7 @@
 from rich.table import Table
 from rich.text import Text
 
-from deploy.text import printable
+from protocol.text import printable
 
 
 def add_row(table: Table, *cells: str) -> None:

@@ -1,76 +1,68 @@
-"""Who may write and read what: a secret per robot and run, and rules that the router enforces (docs/security.md).
+"""Who may write and read what: rules that the router enforces (docs/security.md).
 
-Zenoh checks name and secret when a session opens, and drops in both directions what the rules do not allow. A robot's
-rules hold for one Zenoh ID only, and Zenoh refuses a second session of an ID: so one session a robot.
+Zenoh checks who somebody is when a session opens, by a secret (`protocol.secrets`) or a certificate
+(`protocol.certificates`), and drops in both directions what the rules do not allow. A robot's rules hold for one Zenoh
+ID only, and Zenoh refuses a second session of an ID: so one session a robot.
 """
 
-import hashlib
-import re
-import secrets as random_secrets
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
+from typing import Any, Protocol
 
 from protocol import keys
-from protocol.document import read_text
-from protocol.errors import InputError
-from protocol.files import write_whole
 
 VIEWER = "viewer"
 """Name of recorders and displays, which may read everything, the truth included, and write nothing."""
-
-Secrets = Mapping[str, str]
-"""Secrets by name: robots, and VIEWER."""
-
-_LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
-
-
-def new_secrets(robots: Iterable[str]) -> dict[str, str]:
-    """A fresh secret for each robot and for the viewer: 192 random bits, which nobody guesses within a run."""
-    return {name: random_secrets.token_urlsafe(24) for name in (*robots, VIEWER)}
+WORLD = "world"
+"""Name of the world, where the router is another process."""
+ANYBODY = "anybody"
+"""Who is known by nothing but a certificate of the authority: may ask to be let in, and is told why not."""
 
 
-def write_secrets(file: Path, secrets: Secrets) -> None:
-    """Write a file that only its owner may read, a line NAME:SECRET for each, as Zenoh and `read_secrets` read.
+class Credentials(Protocol):
+    """What shows who somebody is: a client has its own, a router knows those of all."""
 
-    Raises UnwritableError.
-    """
-    write_whole(file, "".join(f"{name}:{secret}\n" for name, secret in secrets.items()), private=True)
+    encrypted: bool
+    """Whether links are encrypted; their endpoints begin with tls/ then, else not."""
+
+    @property
+    def robots(self) -> list[str]:
+        """Robots that a client with these credentials may be."""
+
+    def subjects(self) -> Mapping[str, Mapping[str, list[str]]]:
+        """By what Zenoh's access control knows the sessions of each name."""
+
+    def session_id(self, name: str) -> str | None:
+        """Zenoh ID of this name's only session, as of now; None where it may have several or is not known (any more).
+
+        128 bits of a hash.
+        """
+
+    def connecting(self, name: str) -> dict[str, object]:
+        """Zenoh's settings of a client by this name."""
+
+    def listening(self) -> AbstractContextManager[dict[str, object]]:
+        """Zenoh's settings of a router that knows these credentials, valid while it is opened."""
+
+    def refused(self, name: str, endpoint: str) -> str:
+        """What to check where the router at this endpoint does not open a session: the end of a sentence."""
 
 
-def read_secrets(file: Path, names: Iterable[str] | None) -> dict[str, str]:
-    """The secrets of these names only, or of all robots.
-
-    Raises InputError where one is missing or the file cannot be read.
-    """
-    try:
-        lines = read_text(file).splitlines()
-    except InputError as error:
-        raise InputError(f"--secrets {file}: {error}") from None
-    found = {match[1]: match[2] for line in lines if (match := _LINE.fullmatch(line.strip()))}
-    names = [name for name in found if name != VIEWER] if names is None else list(names)
-    missing = [name for name in names if name not in found]
-    if missing:
-        raise InputError(f"--secrets {file}: it has no line {missing[0]}:SECRET of at least 16 letters and digits")
-    return {name: found[name] for name in names}
+def zenoh_id(sha256: str) -> str:
+    """Zenoh ID of the only session that a hash, in hexadecimal, stands for."""
+    return sha256[:32].lstrip("0")  # Zenoh takes no leading zeros
 
 
-def session_id(name: str, secret: str) -> str:
-    """Zenoh ID of the only session with a robot's rights: 128 bits that nobody knows without the secret."""
-    return hashlib.sha256(f"{name}:{secret}".encode()).hexdigest()[:32].lstrip("0")  # Zenoh takes no leading zeros
-
-
-def access_control(secrets: Secrets) -> dict[str, Any]:
+def access_control(credentials: Credentials) -> dict[str, Any]:
     """Zenoh's access_control: robots use their own and the public keys, viewers read all, everybody else nothing."""
     rules, subjects, policies = [], [], []
-    for name, secret in secrets.items():
-        allowed = _OF_VIEWER if name == VIEWER else _of_robot(name)
+    for name, subject in credentials.subjects().items():
+        allowed = _RULES[name] if name in _RULES else _of_robot(name)
         ids = [f"{name}-{number}" for number in range(len(allowed))]
         for rule, (flow, messages, expressions) in zip(ids, allowed, strict=True):
             what = {"flows": [flow], "messages": messages, "key_exprs": expressions}
             rules.append({"id": rule, "permission": "allow", **what})
-        session = {} if name == VIEWER else {"zids": [session_id(name, secret)]}
-        subjects.append({"id": name, "usernames": [name], **session})
+        subjects.append({"id": name, **subject})
         policies.append({"id": name, "subjects": [name], "rules": ids})
     return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
 
@@ -79,17 +71,38 @@ Rule = tuple[str, list[str], list[str]]
 """Flow as the router sees it, messages, key expressions."""
 
 _SAMPLES = ["put", "delete"]
+_WATCH = ["declare_liveliness_subscriber", "liveliness_query"]
+_ALL_IN = keys.to_robot("*")
 _PUBLIC: list[Rule] = [
-    ("ingress", ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"], [keys.ALL_PUBLIC]),
+    ("ingress", ["declare_subscriber", *_WATCH], [keys.ALL_PUBLIC]),
     ("egress", [*_SAMPLES, "liveliness_token"], [keys.ALL_PUBLIC]),
 ]
-_OF_VIEWER: list[Rule] = [
-    *_PUBLIC,
-    ("ingress", ["declare_subscriber"], [keys.ALL_TRUTH, keys.ALL_OUT]),
-    ("egress", _SAMPLES, [keys.ALL_TRUTH, keys.ALL_OUT]),
-    ("ingress", ["declare_liveliness_subscriber", "liveliness_query"], [keys.ALL_ALIVE]),
-    ("egress", ["liveliness_token"], [keys.ALL_ALIVE]),
-]
+_RULES: dict[str, list[Rule]] = {
+    VIEWER: [
+        *_PUBLIC,
+        ("ingress", ["declare_subscriber"], [keys.ALL_TRUTH, keys.ALL_OUT]),
+        ("egress", _SAMPLES, [keys.ALL_TRUTH, keys.ALL_OUT]),
+        ("ingress", _WATCH, [keys.ALL_ALIVE]),
+        ("egress", ["liveliness_token"], [keys.ALL_ALIVE]),
+    ],
+    WORLD: [
+        ("ingress", _SAMPLES, [_ALL_IN, keys.ALL_PUBLIC, keys.ALL_TRUTH]),
+        ("ingress", ["liveliness_token"], [keys.WORLD_ALIVE]),
+        ("egress", ["declare_subscriber"], [_ALL_IN, keys.ALL_PUBLIC, keys.ALL_TRUTH]),
+        ("ingress", ["declare_subscriber"], [keys.ALL_OUT]),
+        ("egress", _SAMPLES, [keys.ALL_OUT]),
+        ("ingress", _WATCH, [keys.ALL_ALIVE, keys.WORLD_ALIVE]),
+        ("egress", ["liveliness_token"], [keys.ALL_ALIVE, keys.WORLD_ALIVE]),
+        ("ingress", ["declare_queryable", "reply"], [keys.ALL_SRV]),
+        ("egress", ["query"], [keys.ALL_SRV]),
+    ],
+    ANYBODY: [
+        ("ingress", _WATCH, [keys.WORLD_ALIVE]),
+        ("egress", ["liveliness_token"], [keys.WORLD_ALIVE]),
+        ("ingress", ["query"], [keys.ALL_SRV]),
+        ("egress", ["declare_queryable", "reply"], [keys.ALL_SRV]),
+    ],
+}
 
 
 def _of_robot(robot: str) -> list[Rule]:

@@ -36,6 +36,12 @@ def relative(a: Pose, b: Pose) -> Pose:
     return c * dx + s * dy, c * dy - s * dx, wrapped(b[2] - a[2])
 
 
+def pose_of(row: Floats) -> Pose:
+    """A row (3,) as a pose."""
+    x, y, theta = row.tolist()
+    return x, y, theta
+
+
 def apply(transform: Sequence[float] | Floats, points: Floats) -> Floats:
     """Points (n, 2) of a frame moved by a transform (3,), which is the frame's pose."""
     return np.asarray(points @ _axes(transform) + np.asarray(transform)[:2], np.float64)

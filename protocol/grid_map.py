@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.errors import ProtocolError
 from protocol.walls import lengths, neighbours, repeated
-from protocol.wireframe import MAX_COORDINATE_M, Wireframe
+from protocol.wireframe import Wireframe
 
 AXIS_STEPS = 4096
 """Steps of a right angle, 0.02 degrees each: over 10 m, a wall leaves its row of cells by less than half a cell."""
 MAX_CELL_MM = 1000
 """Largest cell; a coarser grid shows no building (ours)."""
 MAX_TOLD = 2000  # vertices of a map on the radio (ours): 3000 m2 of building. Reading it takes 40 ms
+MAX_REACH_M = 4000.0
+"""Farthest vertex of a map on the radio from where its owner began (ours): four times what a world file may hold.
+Two such vertices are at most 8 km apart, so a map that is turned and laid over another one stays within the bounds of a
+wireframe."""
 LEVELS = 8
 """Steps of an edge's likelihood: 3 bits."""
 
@@ -219,6 +223,6 @@ def check_size(n: int) -> None:
 
 
 def check_places(cells: NDArray[np.signedinteger[Any]], cell_mm: int) -> None:
-    """Raise ProtocolError for places, (n, 2) cells, farther out than any robot drives."""
-    if np.abs(cells.astype(np.int64)).max(initial=0) * cell_mm > 1000 * MAX_COORDINATE_M:
+    """Raise ProtocolError for places, (n, 2) cells, farther out than MAX_REACH_M, whatever the grid's axis."""
+    if np.hypot(*cells.T.astype(np.float64)).max(initial=0) * cell_mm > 1000 * MAX_REACH_M:
         raise ProtocolError("a vertex of a map is out of bounds")

@@ -1,6 +1,8 @@
 """What a process takes from the network: a queue that callbacks and signal handlers fill, and one thread empties."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
@@ -23,11 +25,22 @@ class Inbox(SimpleQueue[Arrival]):
 
     STOP = "stop"
     stopped = False
+    busy = False
+    """Whether that thread is at work for minutes that nobody needs to be brought to its end."""
 
     def stop(self) -> None:
         """Ask the thread that empties the inbox to end its run."""
         self.stopped = True
         self.put(Arrival(self.STOP))
+
+    @contextmanager
+    def long_work(self) -> Iterator[None]:
+        """Work that a signal to this process breaks off (agent/shell/command.py)."""
+        self.busy = True
+        try:
+            yield
+        finally:
+            self.busy = False
 
     def hear(self, sample: zenoh.Sample) -> None:
         """Take a sample of a subscriber."""

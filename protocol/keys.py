@@ -20,7 +20,7 @@ NEEDED = (RADIO, MAP, ACT)
 OUTPUTS = (*NEEDED, SCAN, POSE)
 
 # Robot asks world: the last part of robots/ID/srv/...
-JOIN = "join"
+JOIN, LEAVE = "join", "leave"
 
 ALL_PUBLIC = "world/pub/**"
 ALL_TRUTH = "world/truth/**"
@@ -47,7 +47,7 @@ def alive(robot: str) -> str:
 
 
 def service(robot: str, name: str = "**") -> str:
-    """Robot asks, world answers: JOIN, or all."""
+    """Robot asks, world answers: JOIN or LEAVE, or all."""
     return f"robots/{robot}/srv/{name}"
 
 

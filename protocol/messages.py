@@ -3,15 +3,17 @@
 Units: metres, radians, seconds; a pose is (x, y, theta), counter-clockwise.
 """
 
-from typing import Annotated, Any
+import math
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints, model_validator
 
 from protocol.arrays import Floats
+from protocol.geometry import wrapped
 from protocol.settings import MAX_NUMBER
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 
 EVERYONE = "*"
 """The receiver of a broadcast."""
@@ -23,6 +25,8 @@ MAX_EVENT_NODES = 10_000
 """Values in one event (ours)."""
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
+MAX_WAY = 1000
+"""Poses of the odometry in one observation (ours)."""
 
 ID = r"^[a-z][a-z0-9_-]{0,15}$"
 """Pattern of a robot's name, which becomes part of keys and file names."""
@@ -71,8 +75,16 @@ def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
 def _ranges(value: bytes) -> bytes:
     if len(value) % 4:
         raise ValueError("not a whole number of float32")
-    if not (np.frombuffer(value, "<f4") >= 0).all():  # NaN is not
-        raise ValueError("a range is negative or not a number")
+    if (np.frombuffer(value, "<f4") < 0).any():
+        raise ValueError("a range is negative")
+    return value
+
+
+def _way(value: bytes) -> bytes:
+    if len(value) % 24:
+        raise ValueError("not a whole number of poses of three float64")
+    if not (np.abs(np.frombuffer(value, "<f8")) <= MAX_NUMBER).all():  # NaN is not
+        raise ValueError(f"a pose is not within {MAX_NUMBER:g}")
     return value
 
 
@@ -90,30 +102,84 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     """A scanning lidar; the default is the LDS-01 of a TurtleBot3 Burger, by its data sheet."""
 
     beams: Annotated[int, Field(ge=8, le=4096)] = 360
-    """Beams over a full turn; beam k points at k * 2 pi / beams from the robot's heading."""
+    """Beams of a scan, evenly over the field of view: beam k points at `bearings()[k]`."""
+    turning: bool = False
+    """Whether beams are taken one after the other while the lidar turns, the last one at the scan's stamp; else all at
+    the stamp (paper)."""
+    field_of_view_deg: Annotated[Finite, Field(ge=1, le=360)] = 360.0
+    """Degrees that a scan looks at."""
+    first_beam_deg: Annotated[Finite, Field(ge=-360, le=360)] = 0.0
+    """Degrees counter-clockwise from the lidar's own heading to beam 0."""
+    clockwise: bool = False
+    """Whether the lidar turns clockwise as seen from above."""
+    mount_x_m: Annotated[Finite, Field(ge=-5, le=5)] = 0.0
+    """Metres by which the lidar stands before the middle of the axle, which is the robot's origin."""
+    mount_y_m: Annotated[Finite, Field(ge=-5, le=5)] = 0.0
+    """Metres by which it stands left of it."""
+    mount_yaw_deg: Annotated[Finite, Field(ge=-360, le=360)] = 0.0
+    """Degrees counter-clockwise from the robot's heading to the lidar's."""
     rate_hz: Annotated[Finite, Field(ge=0.01, le=100)] = 5.0
     """Scans a second; a tick of the run is one scan."""
     range_min_m: Annotated[Finite, Field(ge=0, le=100)] = 0.12
-    """Metres; a nearer wall returns nothing."""
+    """Metres; a nearer wall is not measured."""
     range_max_m: Annotated[Finite, Field(ge=0.05, le=100)] = 3.5
     """Metres; a farther wall returns nothing."""
     noise_m: Annotated[Finite, Field(ge=0, le=1)] = 0.01
-    """Standard deviation of a range, metres."""
+    """Standard deviation of a near range, metres: the data sheet's +-10 mm below 0.5 m, read as one deviation as in the
+    robot's Gazebo model. Its error of accuracy (+-15 mm, +-5 %) is one of the sensor's scale, which calibration takes
+    out, and is left out."""
+    noise_share: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    """Standard deviation of a far range, as a share of it; the larger of both holds. 0.0175 is the data sheet's +-3.5 %
+    beyond 0.5 m, read as two deviations, as limits are without other notice (GUM, coverage factor 2)."""
     dropout: Annotated[Finite, Field(ge=0, le=1)] = 0.0
-    """Probability that a beam returns nothing."""
+    """Probability that a beam is not measured, whatever it meets."""
+    grazing_deg: Annotated[Finite, Field(ge=0, le=90)] = 0.0
+    """Degrees between beam and wall at which a beam is lost with a probability of 1/e, and of less the steeper it
+    meets: exp(-sin(angle) / sin(grazing_deg)). 3 loses one in 14 at 8 degrees and 1 in 28,000 at 30 (ours)."""
+    mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    """Probability that one of the two beams at an edge reads a range between the near and the far surface: the width of
+    a beam's footprint over the distance of two beams. 0.2 is a footprint of 3.5 mrad (ours)."""
+
+    def bearings(self) -> Floats:
+        """(beams,) rad from the robot's heading at a beam's moment, counter-clockwise, the mount's yaw included."""
+        step = math.radians(self.field_of_view_deg) / self.beams * (-1 if self.clockwise else 1)
+        return math.radians(self.mount_yaw_deg + self.first_beam_deg) + step * np.arange(self.beams, dtype=np.float64)
+
+    def half_view(self) -> float:
+        """Radians to the side of the robot's heading at which its farthest beam looks."""
+        return float(np.abs(wrapped(self.bearings())).max())
+
+    def moments(self) -> Floats:
+        """(beams,) when each beam is taken: shares of the period that ends at the scan's stamp, in (0, 1].
+
+        The lidar turns evenly. With a smaller field of view it looks at nothing in the first part of the period.
+        """
+        if not self.turning:
+            return np.ones(self.beams)
+        still_to_come = np.arange(self.beams - 1, -1, -1.0)
+        return 1 - self.field_of_view_deg / 360 / self.beams * still_to_come
 
 
 class OdometrySpec(Message, use_attribute_docstrings=True):
     """Dead reckoning: exact by default (paper III), or with errors that add up (ours)."""
 
     noisy: bool = False
-    """Whether the errors below are added."""
+    """Whether the wheels have the errors below, and slip where the robot touches something."""
     distance_sd: Annotated[Finite, Field(ge=0, le=1000)] = 0.02
     """Metres of error along the path, per square root of a metre driven."""
     heading_sd_deg: Annotated[Finite, Field(ge=0, le=1000)] = 1.0
     """Degrees of heading error, per square root of a metre driven."""
     turn_sd: Annotated[Finite, Field(ge=0, le=1000)] = 0.02
     """Radians of heading error, per square root of a radian turned."""
+    wheel_sd: Annotated[Finite, Field(ge=0, le=0.2)] = 0.01
+    """Standard deviation of the size of each of the two wheels, drawn for each robot, as a share. Wheels that differ
+    bend a straight drive: by 5 degrees a metre at one standard deviation."""
+    axle_sd: Annotated[Finite, Field(ge=0, le=0.2)] = 0.01
+    """Standard deviation of the distance between the wheels, drawn for each robot, as a share."""
+    axle_m: Annotated[Finite, Field(ge=0.01, le=10)] = 0.16
+    """Distance between the wheels, metres; that of a TurtleBot3 Burger."""
+    rate_hz: Annotated[Finite, Field(ge=0.01, le=1000)] = 25.0
+    """How often the wheels are read; at least once a scan. A TurtleBot3 publishes its odometry at 20 to 30 Hz."""
 
 
 class RobotSpec(Message, use_attribute_docstrings=True):
@@ -134,9 +200,14 @@ class RobotSpec(Message, use_attribute_docstrings=True):
     radio_mtu_bytes: Annotated[int, Field(ge=64)] = MTU_BYTES
     """The longest message on the air, which the world fills in from `radio.mtu_bytes`."""
 
+    @property
+    def poses_per_scan(self) -> int:
+        """How many poses of the odometry come with each scan."""
+        return min(max(round(self.odometry.rate_hz / self.lidar.rate_hz), 1), MAX_WAY)
+
 
 class Join(Message):
-    """Robot to world, a query on robots/ID/srv/join: let me in."""
+    """Robot to world, a query on robots/ID/srv/join: let me in; or on robots/ID/srv/leave: I go, wait no more."""
 
     version: int
     robot: RobotId
@@ -175,19 +246,33 @@ class End(Message):
 
 
 class Observation(Message):
-    """World to robot, the last of a tick's messages on robots/ID/in/**."""
+    """World to robot, the last of a tick's messages on robots/ID/in/**. Its stamp is the end of the lidar's turn."""
 
     tick: Tick
     ranges: Annotated[bytes, Field(max_length=4 * 4096), AfterValidator(_ranges)]
-    """float32 little-endian metres, one per beam; inf where nothing came back."""
+    """float32 little-endian metres, one per beam; inf where nothing came back, NaN where nothing was measured."""
     odometry: FinitePose
-    """In the robot's own frame, which is its start pose."""
+    """At the stamp, in the robot's own frame, which is its start pose."""
+    way: Annotated[bytes, Field(max_length=24 * MAX_WAY), AfterValidator(_way)] = b""
+    """float64 little-endian poses in the same frame, at equal steps of the period since the last stamp; the last one is
+    `odometry`. None where the wheels were read at the stamp only."""
     heard: Count = 0
     """How many Heard of the same tick came before."""
 
+    @model_validator(mode="after")
+    def _ends_at_the_stamp(self) -> Self:
+        if self.way and self.way[-24:] != np.array(self.odometry, "<f8").tobytes():
+            raise ValueError("the way does not end at the odometry's pose")
+        return self
+
     def scan(self) -> Floats:
-        """Ranges as (beams,) float64 metres; inf where nothing came back."""
+        """Ranges as (beams,) float64 metres; inf where nothing came back, NaN where nothing was measured."""
         return np.frombuffer(self.ranges, "<f4").astype(np.float64)
+
+    def poses(self) -> Floats:
+        """(k, 3) poses of `way`; of the stamp alone where there is none."""
+        poses = self.way or np.array(self.odometry, "<f8").tobytes()
+        return np.frombuffer(poses, "<f8").astype(np.float64).reshape(-1, 3)
 
 
 class Heard(Message):

@@ -5,19 +5,20 @@ Reasons and measurements for every setting: docs/design.md.
 
 from __future__ import annotations
 
+import ipaddress
 import json
 import re
 import resource
 import socket
-import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
+from functools import reduce
+from typing import Any
 
 import zenoh
 
-from protocol.access import VIEWER, Secrets, access_control, session_id, write_secrets
+from protocol.access import Credentials
 from protocol.codec import MAX_FRAME_BYTES
 from protocol.errors import InputError, LinkError
 
@@ -32,12 +33,16 @@ INTRODUCTION_MS = 3000
 """A connection that has not said by then who it is is closed: a robot's takes some ms, under load some hundred."""
 RETRY_S = 0.2
 """Pause before all names are tried again."""
+UNREACHED = "check that it runs and asks for no secret, the address, the port and firewalls between"
+MAX_FILES = 1 << 20
+"""As many as a process of Linux may open where nothing else is set."""
 OTHER_FILES = 2000
 """Files and connections of a world beside: 1000 sessions, the files of 500 robots."""
 
 
-def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
-    common = {
+def _config(mode: str, settings: dict[str, object]) -> str:
+    """Zenoh's configuration as JSON, from settings by key/below/key."""
+    common: dict[str, object] = {
         "mode": mode,
         "scouting/multicast/enabled": False,  # two runs on one machine must not find each other
         "scouting/gossip/enabled": False,
@@ -53,114 +58,138 @@ def _config(mode: str, settings: dict[str, object]) -> zenoh.Config:
         "transport/link/tx/queue/congestion_control/block/wait_before_close": 300_000,
         "transport/link/rx/max_message_size": MAX_FRAME_BYTES,  # 1 GiB by default
     }
-    config = zenoh.Config()
+    tree: dict[str, Any] = {}
     for key, value in (common | settings).items():
-        config.insert_json5(key, json.dumps(value))
-    return config
+        *branches, leaf = key.split("/")
+        reduce(lambda below, branch: below.setdefault(branch, {}), branches, tree)[leaf] = value
+    return json.dumps(tree, indent=1)
 
 
-def check_endpoint(endpoint: str) -> None:
-    """Raise InputError unless endpoint looks like tcp/127.0.0.1:7447."""
-    match = re.fullmatch(r"[a-z][a-z0-9-]*/\S+:(\d{1,5})", endpoint)
-    if not match or int(match[1]) > 65535:
+def _open(settings: dict[str, object]) -> zenoh.Session:
+    """A client's session. Raises ZError."""
+    return zenoh.open(zenoh.Config.from_json5(_config("client", settings)))
+
+
+def check_endpoint(endpoint: str, credentials: Credentials | None = None) -> None:
+    """Raise InputError unless endpoint looks like tcp/127.0.0.1:7447, or tls/... with certificates."""
+    match = re.fullmatch(r"([a-z][a-z0-9-]*)/\S+:(\d{1,5})", endpoint)
+    if not match or int(match[2]) > 65535:
         raise InputError(f"{endpoint!r:.200} is no endpoint: write it like tcp/127.0.0.1:7447")
+    encrypted = credentials is not None and credentials.encrypted
+    if (match[1] == "tls") != encrypted:
+        wish = "write it as tls/..., as there are certificates" if encrypted else "tls needs --certs DIR"
+        raise InputError(f"{endpoint:.200}: {wish}")
 
 
-def _free_endpoint() -> str:
+def check_reach(endpoint: str) -> None:
+    """Raise InputError where others than this machine can connect to an endpoint."""
+    host = endpoint.partition("/")[2].rpartition(":")[0].strip("[]")
+    try:
+        local = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = False
+    if not local:
+        raise InputError(
+            f"{endpoint:.200}: whoever reaches this address could take part: give --certs DIR or --secrets FILE, or "
+            "--insecure in a network of your own"
+        )
+
+
+def _free_endpoint(protocol: str) -> str:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @contextmanager
-def open_router(listen: str | None = None, secrets: Secrets | None = None) -> Iterator[tuple[zenoh.Session, str]]:
-    """Open the world's session, an embedded router, and yield it with its endpoint.
+def open_router(
+    listen: str | None = None, credentials: Credentials | None = None, *, insecure: bool = False
+) -> Iterator[tuple[zenoh.Session, str]]:
+    """Open a session that is a router, such as the world's, and yield it with its endpoint.
 
-    listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1. secrets: of all that may
-    connect, each with its own rights (protocol.access); None gives everybody all rights.
-    Raises InputError where the endpoint cannot be listened on.
+    listen: an endpoint such as tcp/0.0.0.0:7447; None for a free port of 127.0.0.1. credentials: of all that may
+    connect, each with its own rights (protocol.access); None gives everybody all rights, which insecure allows beyond
+    this machine, too. Raises InputError where the endpoint cannot be listened on.
     """
+    protocol = "tls" if credentials is not None and credentials.encrypted else "tcp"
     if listen:
-        check_endpoint(listen)
+        check_endpoint(listen, credentials)
+        if credentials is None and not insecure:
+            check_reach(listen)
     for left in reversed(range(1 if listen else FREE_PORT_TRIES)):
-        endpoint = listen or _free_endpoint()
+        endpoint = listen or _free_endpoint(protocol)
         try:
-            with _guarded(secrets) as guard:
-                session = zenoh.open(_config("router", {"listen/endpoints": [endpoint], **_doors(), **guard}))
+            with credentials.listening() if credentials is not None else nullcontext({}) as guard:
+                session = zenoh.open(zenoh.Config.from_json5(router_config(endpoint, guard)))
         except zenoh.ZError as error:
             if left:
                 continue
             raise InputError(f"cannot listen on {endpoint}: {_cause(error)}; choose another address") from None
-        with session:  # closes it: a process with callbacks would hang at its exit
+        try:
             yield session, endpoint
+        finally:  # a process with callbacks would hang at its exit
+            with suppress(zenoh.ZError):  # a time-out, where strangers stand in the door
+                session.close()  # type: ignore[no-untyped-call]
         return
 
 
+def router_config(listen: str, guard: Mapping[str, object]) -> str:
+    """Configuration of a router as JSON, with the settings of `Credentials.listening`; also for a router of others."""
+    return _config("router", {"listen/endpoints": [listen], **_doors(), **guard})
+
+
 def _doors() -> dict[str, object]:
-    """Settings of a router that keeps room for robots while many connect and say nothing."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    files = MAX_STRANGERS + OTHER_FILES
-    if soft != resource.RLIM_INFINITY and soft < files:
-        soft = files if hard == resource.RLIM_INFINITY else min(hard, files)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-        files = soft
+    """Settings of a router that keeps room for robots while many connect and say nothing.
+
+    Of TLS, Zenoh counts connections only when they have shaken hands. So this process may have as many files as the
+    system lets it: else those who only connect would keep a world from writing its files.
+    """
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    files = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (files, hard))
     strangers = min(MAX_STRANGERS, max(files - OTHER_FILES, files // 2))
     return {"transport/unicast/accept_pending": strangers, "transport/unicast/accept_timeout": INTRODUCTION_MS}
 
 
 @contextmanager
-def _guarded(secrets: Secrets | None) -> Iterator[dict[str, object]]:
-    """Settings of a router that knows these secrets, valid while it is opened."""
-    if secrets is None:
-        yield {}
-        return
-    with tempfile.TemporaryDirectory() as folder:  # only its owner can read it
-        dictionary = Path(folder, "secrets")
-        write_secrets(dictionary, secrets)
-        yield {"transport/auth/usrpwd/dictionary_file": str(dictionary), "access_control": access_control(secrets)}
-
-
-@contextmanager
 def open_client(
-    connect: str, timeout_s: float, name: str | None = None, secret: str | None = None
+    connect: str, timeout_s: float, name: str = "", credentials: Credentials | None = None
 ) -> Iterator[zenoh.Session]:
     """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
 
-    name and secret: of this robot or viewer, where the world asks for them. Raises LinkError when no world answers
-    within timeout_s seconds (0: tried once), which is also what a wrong secret looks like, and where another session
-    has this robot's secret.
+    name and credentials: of this robot, viewer or world, where the router asks for them. Raises LinkError when no
+    session opens within timeout_s seconds (0: tried once), with the cause as far as it can be known, and where another
+    session has this name's place.
     """
-    check_endpoint(connect)
-    identity = {} if name is None or secret is None or name == VIEWER else {"id": session_id(name, secret)}
-    settings = _to(connect, timeout_s, name, secret)
+    check_endpoint(connect, credentials)
+    settings = _to(connect, timeout_s, name, credentials)
     try:
-        session = zenoh.open(_config("client", settings | identity))
+        session = _open(settings)
     except zenoh.ZError as error:
         if "nable to connect" not in str(error):
             raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
-        if identity and _opens(settings | {"connect/timeout_ms": 0}):
+        if settings.pop("id", None) and _opens(settings | {"connect/timeout_ms": 0}):
             raise LinkError(f"another session is {name} at {connect}: end it, or use another name") from None
-        raise LinkError(
-            f"no world answers at {connect} within {timeout_s:g} s: check that it runs, that the address and "
-            "port are right, that no firewall is between, and that the secret is the world's"
-        ) from None
+        hint = UNREACHED if credentials is None else credentials.refused(name, connect)
+        raise LinkError(f"no world answers at {connect} within {timeout_s:g} s: {hint}") from None
     with session:
         yield session
 
 
 @contextmanager
-def open_as_first(connect: str, timeout_s: float, secrets: Secrets) -> Iterator[tuple[str, zenoh.Session]]:
+def open_as_first(connect: str, timeout_s: float, credentials: Credentials) -> Iterator[tuple[str, zenoh.Session]]:
     """Open a robot's session with the world's router by the first of these names that nobody else has taken.
 
     Raises LinkError where no world answers within timeout_s seconds, or all names are taken.
     """
-    check_endpoint(connect)
+    check_endpoint(connect, credentials)
+    robots = credentials.robots
+    choices = [(robot, _to(connect, 0, robot, credentials)) for robot in robots]
     deadline = time.monotonic() + timeout_s
     while True:
-        for name, secret in secrets.items():
-            settings = _to(connect, 0, name, secret) | {"id": session_id(name, secret)}
+        for name, settings in choices:
             try:  # Zenoh refuses a second session of an ID, so opening one is taking it
-                session = zenoh.open(_config("client", settings))
+                session = _open(settings)
             except zenoh.ZError:
                 continue
             with session:
@@ -168,16 +197,15 @@ def open_as_first(connect: str, timeout_s: float, secrets: Secrets) -> Iterator[
             return
         if time.monotonic() > deadline:
             raise LinkError(
-                f"within {timeout_s:g} s no world answers at {connect}, or each of its {len(secrets)} robots is there "
-                "already: check the address, or start a world with more robots"
+                f"within {timeout_s:g} s no world answers at {connect}, or each of its {len(robots)} robots is there "
+                f"already (start a world with more robots): {credentials.refused(robots[0], connect)}"
             )
         time.sleep(RETRY_S)
 
 
-def _to(connect: str, timeout_s: float, name: str | None, secret: str | None) -> dict[str, object]:
-    """Settings of a client of this endpoint, which tries to reach it for so long, by a name where it has a secret."""
-    user = {"transport/auth/usrpwd/user": name, "transport/auth/usrpwd/password": secret}
-    return ({} if name is None or secret is None else user) | {
+def _to(connect: str, timeout_s: float, name: str, credentials: Credentials | None) -> dict[str, object]:
+    """Settings of a client of this endpoint, which tries to reach it for so long."""
+    return ({} if credentials is None else credentials.connecting(name)) | {
         "listen/endpoints": [],
         "connect/endpoints": [connect],
         "connect/timeout_ms": int(timeout_s * 1000),
@@ -188,7 +216,7 @@ def _to(connect: str, timeout_s: float, name: str | None, secret: str | None) ->
 def _opens(settings: dict[str, object]) -> bool:
     """Whether a client's session opens with these settings; Zenoh tells no client why it refuses one."""
     try:
-        with zenoh.open(_config("client", settings)):
+        with _open(settings):
             return True
     except zenoh.ZError:
         return False
@@ -207,11 +235,17 @@ def at_once(hear: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zen
     return zenoh.handlers.Callback(hear, indirect=False)
 
 
+def is_read(publisher: zenoh.Publisher) -> bool:
+    """Whether a publisher has a subscriber. Zenoh's stubs call its status a bool; it is an object, and always true."""
+    status: Any = publisher.matching_status
+    return bool(status.matching)
+
+
 def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float) -> None:
     """Wait until each publisher has a subscriber, as its messages are lost before. LinkError on a time-out."""
     deadline = time.monotonic() + timeout_s
     for publisher in publishers:
-        while not publisher.matching_status:
+        while not is_read(publisher):
             if time.monotonic() > deadline:
                 raise LinkError(f"nobody reads {publisher.key_expr} within {timeout_s:g} s")
             time.sleep(0.002)

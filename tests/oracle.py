@@ -223,7 +223,7 @@ def explore(
     for tick in range(round(seconds * spec.lidar.rate_hz)):
         discs = np.hstack((poses[:, :2], np.full((robots, 1), spec.radius_m)))
         ranges, met = lidar.trace(poses, discs)
-        coverage.update(tick / spec.lidar.rate_hz, tick, np.arange(robots), poses, ranges, met)
+        coverage.update(tick / spec.lidar.rate_hz, tick, np.arange(robots), lidar.rays(poses), ranges, met)
         commands: list[Command] = []
         for k, (trial, mapper, explorer) in enumerate(zip(trials, mappers, explorers, strict=True)):
             mapper.update(poses[k], ranges[k], met[k])

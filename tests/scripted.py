@@ -42,7 +42,7 @@ class Wanderer:
         assert observation.heard == len(heard)
         assert all(message.tick == tick for message in heard)
         self.heard += heard
-        ahead = np.roll(observation.scan(), 25)[:51].min()
+        ahead = np.fmin.reduce(np.roll(observation.scan(), 25)[:51], initial=np.inf)  # NaN: not measured
         turn = float(self.rng.normal(0, 0.2)) if ahead > 0.4 else 1.5
         sends = [Send(tick=tick, to="*", kind="map", payload=self.wireframe)] if tick % 5 == 0 else []
         events = [Event(event="contact", data={"peer": m.sender, "tick": -1}) for m in heard[:1] if tick % 50 == 1]

@@ -25,9 +25,9 @@ def run(*command: str) -> str:
     return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True, timeout=60).stdout
 
 
-def locked() -> dict[str, list[Requirement]]:
+def locked(file: str = "requirements.lock") -> dict[str, list[Requirement]]:
     """Requirements of the lock by name; there may be several versions for several Pythons."""
-    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    lines = (ROOT / file).read_text().splitlines()
     found: dict[str, list[Requirement]] = {}
     for line in lines:
         if line and line[0] not in " #":
@@ -51,6 +51,23 @@ def test_the_lock_holds_what_the_project_asks_for() -> None:
         for version in versions:
             (pin,) = version.specifier
             assert pin.operator == "==" and requirement.specifier.contains(pin.version), requirement
+
+
+@pytest.mark.parametrize(("image", "extras"), [("agent", []), ("world", ["world", "deploy"])])
+def test_images_hold_what_the_project_asks_for_in_the_versions_of_the_lock(image: str, extras: list[str]) -> None:
+    lean = {canonicalize_name(Requirement(line).name) for line in read("deploy/locks/lean.txt") if line[0] != "#"}
+    taken, lock = locked(f"deploy/locks/{image}.lock"), locked()
+    for requirement in map(Requirement, PROJECT["dependencies"]):
+        assert canonicalize_name(requirement.name) in taken
+    for extra in extras:
+        for requirement in map(Requirement, PROJECT["optional-dependencies"][extra]):
+            assert canonicalize_name(requirement.name) in taken
+    for name in taken.keys() - lean:
+        assert {str(one.specifier) for one in taken[name]} <= {str(one.specifier) for one in lock[name]}, name
+
+
+def read(file: str) -> list[str]:
+    return (ROOT / file).read_text().splitlines()
 
 
 def test_the_lock_is_hashed_and_names_no_registry() -> None:

@@ -1,6 +1,12 @@
 """`wireswarm` and `python -m wireswarm`: the command line, after the guard of this package has been passed."""
 
-from deploy.cli import main
+
+def main() -> None:
+    """Run the command. A process forked from it imports this module, and needs no command line."""
+    from deploy.cli import main as command
+
+    command()
+
 
 if __name__ == "__main__":
     main()

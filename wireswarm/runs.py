@@ -33,7 +33,7 @@ def run(
     out:      run directory to write; without one, nothing stays on the disk.
     progress: called after every tick with the episode: its `tick`, its `robots`.
 
-    Raises deploy.config.ConfigError, world.worldfile.WorldFileError and FileExistsError.
+    Raises protocol.configuration.ConfigError, world.worldfile.WorldFileError and FileExistsError.
     """
     given = {"world": str(world), "robots": robots, "seed": seed, "until": until}
     loaded = config.load(None if file is None else Path(file), {**(settings or {}), **given})

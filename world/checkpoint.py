@@ -20,16 +20,14 @@ from numpy.typing import NDArray
 
 from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
+from protocol.records import UNREADABLE, opened, sealed
 
 NAME = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
-FORMAT = 1
+FORMAT = 4
 """Of the file; another one is refused."""
-BROKEN = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, MemoryError, msgpack.UnpackException)
-"""What a file of any content may raise where a state is restored."""
-
 State = Mapping[str, Any]
 """What a part of the world needs in order to go on, as values of msgpack."""
 Entry = tuple[str, bool, list[Any]]
@@ -51,7 +49,7 @@ class Checkpoint:
 
     def begin(self, state: State) -> None:
         """Begin the file anew with a state. Raises UnwritableError."""
-        write_whole(self._file, msgpack.packb({"format": FORMAT, **state}), durable=False)
+        write_whole(self._file, sealed({"format": FORMAT, **state}), durable=False)
         self._lock()
 
     def read(self) -> tuple[dict[str, Any], list[Entry]]:
@@ -61,7 +59,7 @@ class Checkpoint:
             if self._file.stat().st_size > MAX_BYTES:
                 raise CheckpointError(f"{self._file} is larger than {MAX_BYTES} bytes, which no checkpoint is")
             unpacker = msgpack.Unpacker(stream, strict_map_key=False, max_buffer_size=MAX_BYTES)
-            found = [(value, unpacker.tell()) for value in unpacker]
+            found = [(opened(record), unpacker.tell()) for record in unpacker]
             state, log, self._size = found[0][0], [entry for entry, _ in found[1:]], found[-1][1]
             if state["format"] != FORMAT:
                 raise CheckpointError(f"{self._file} is not of format {FORMAT}, which this program reads")
@@ -71,7 +69,7 @@ class Checkpoint:
             raise CheckpointError(f"{self._out}: its run goes on, in another process") from None
         except CheckpointError:
             raise
-        except (OSError, *BROKEN) as error:
+        except (OSError, *UNREADABLE) as error:
             raise self.broken(error) from None
         return state, log
 
@@ -83,7 +81,7 @@ class Checkpoint:
     def add(self, entry: Entry) -> None:
         """Add to the log. Raises UnwritableError."""
         assert self._stream is not None
-        data = msgpack.packb(entry)
+        data = sealed(entry)
         try:
             if self._stream.write(data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -99,7 +97,7 @@ class Checkpoint:
     def broken(self, error: BaseException) -> CheckpointError:
         """The error to raise where what was read makes no sense."""
         reason = error.strerror if isinstance(error, OSError) else type(error).__name__
-        return CheckpointError(f"{self._file} is damaged, or no world wrote it ({reason})")
+        return CheckpointError(f"{self._file} is damaged, or no world of this version wrote it ({reason})")
 
     def _lock(self) -> FileIO:
         before = self._stream

@@ -15,7 +15,7 @@ class WorldConfig(Config):
     """One run, as the world sees it."""
 
     world: str = "maze-15"
-    """Name of a bundled world, or a world file."""
+    """Name of a bundled world, generated-WIDTHxHEIGHT-SEED for a maze (sides in metres), or a world file."""
     robots: Annotated[int, Field(ge=1, le=500)] = 3
     """Number of robots: r1, r2, ..."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -26,8 +26,13 @@ class WorldConfig(Config):
     """`complete`: end when all live robots are complete in one tick. A number: end after so many simulated seconds."""
     max_time_s: Positive = 7200.0
     """Simulated seconds after which the run ends in any case. No bundled world takes a robot two hours."""
+    people: Annotated[int, Field(ge=0, le=100)] = 0
+    """People who walk about on ways drawn from the seed; lidars see their legs or coats, and they touch nobody."""
     snapshot_s: Positive = 10.0
     """Simulated seconds between two maps in snapshots/."""
+    scans: bool = False
+    """Whether every scan is kept, as measured, in scans/: 13 kB a simulated second and robot. `wireswarm export --to
+    carmen` needs them."""
     faults: list[FaultText] = Field([], max_length=1000)
     """Robots whose process is killed and started again, and the tick at which, such as r2@100: for tests of recovery.
     A run in one process does the same with its minds."""
@@ -61,6 +66,11 @@ class ServerConfig(Config):
 
     listen: str | None = None
     """Endpoint such as tcp/0.0.0.0:7447; null for a free port of 127.0.0.1."""
+    connect: str | None = None
+    """Endpoint of a Zenoh router between the world and its robots; null: the world is the router."""
+    insecure: bool = False
+    """Whether the world may listen beyond this machine though anybody could take part, with neither certificates nor
+    secrets."""
     access_control: bool = True
     """Whether `wireswarm run` gives each robot a secret, with which it reads and writes its own keys only."""
     real_time: Positive | None = None
@@ -68,7 +78,7 @@ class ServerConfig(Config):
     begin_with: Annotated[int, Field(ge=1)] | None = None
     """Robots that must be ready for the run to begin; null for all. The others may join later, and stand until then."""
     join_timeout_s: Positive = 60.0
-    """Seconds until all robots must be ready. A robot on a slow machine compiles its kernels at its first start."""
+    """Seconds until all robots must be ready. One that was let in may still compile its kernels, for `silence_s`."""
     silence_s: Positive = 300.0
     """Seconds without a word after which a robot counts as dead, if nobody knows of the end of its process. A step
     takes some ms, but the first ones compile kernels where installation did not (a minute, measured with three robots

@@ -28,7 +28,7 @@ _BLOCK = 1_000_000
 """Pairs of a pose and a piece of wall that are compared at a time; a pair takes 50 bytes."""
 _JOINT_M = 1e-6
 """A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
-NEVER = np.iinfo(np.int64).max
+NEVER = np.iinfo(np.int32).max
 """In place of a tick: not yet."""
 _ROW_M = 1e4
 """Key of a place on the outline: index of its segment times this, plus metres along it. No wall is longer."""
@@ -133,7 +133,7 @@ class Coverage:
         robots, pieces = len(starts), len(self._weight)
         self._total = np.array([walls[h].lengths[walls[h].visible].sum() for h in homes])
         self._team_total = float(self._weight.sum())
-        self._since = np.full((robots, pieces), NEVER)
+        self._since = np.full((robots, pieces), NEVER, np.int32)
         """Tick since which a piece has been covered."""
         self._hit_since = self._since.copy()
         """Tick of the first own beam."""
@@ -163,19 +163,22 @@ class Coverage:
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         """Those that grow with the run."""
-        names = ("_since", "_hit_since", "_team_hit", "_length", "_covered_length", "own", "covered")
+        names = ("_team_hit", "_length", "_covered_length", "own", "covered")
         return {name: getattr(self, name) for name in names}
 
     def state(self) -> State:
         """For a checkpoint."""
         numbers = {"merged": self._merged, "reached": self.reached, "team_reached": self.team_reached}
         numbers |= {"team_length": self._team_length, "team": self.team}
+        numbers |= {name: _known(getattr(self, name)) for name in ("_since", "_hit_since")}
         return numbers | {name: array.tobytes() for name, array in self._arrays().items()}
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
         for name, array in self._arrays().items():
             restore_array(array, state[name])
+        for name in ("_since", "_hit_since"):
+            _restore_known(getattr(self, name), *state[name])
         self._merged, self.reached, self.team_reached = (state[name] for name in ("merged", "reached", "team_reached"))
         self._team_length, self.team = float(state["team_length"]), float(state["team"])
 
@@ -203,22 +206,20 @@ class Coverage:
         at_home = self._home_of_piece == self._homes[robot]  # a peer may be in another region
         self._covered_length[robot] = self._weight[(self._since[robot] < NEVER) & at_home].sum()
 
-    def update(self, t: float, tick: int, robots: Ints, poses: Floats, ranges: Floats, met: Ints) -> None:
+    def update(self, t: float, tick: int, robots: Ints, rays: Floats, ranges: Floats, met: Ints) -> None:
         """Count the beams of one tick.
 
-        t: its simulated seconds. `robots` (r,) says whose rows these are; poses (r, 3); true ranges and met walls
-        (r, beams) as from `Lidar.trace`, with met < 0 for beams that are not to count.
+        t: its simulated seconds. `robots` (r,) says whose rows these are; rays (r, beams, 3) as from `Lidar.rays`, true
+        ranges and met walls (r, beams) as from `Lidar.trace`, with met < 0 for beams that are not to count.
         """
         ray = np.flatnonzero(met.reshape(-1) >= 0)
-        row, beam = np.divmod(ray, met.shape[1])
         wall = met.reshape(-1)[ray]
-        x, y, theta = poses.T
-        angle = theta[row] + beam * (2 * math.pi / met.shape[1])
+        x, y, angle = rays.reshape(-1, 3)[ray].T
         ux, uy = self._unit[wall].T
-        along = x[row] * ux + y[row] * uy - self._origin[wall]
+        along = x * ux + y * uy - self._origin[wall]
         along += ranges.reshape(-1)[ray] * (np.cos(angle) * ux + np.sin(angle) * uy)
         place = wall * _ROW_M + np.maximum(along, 0.0)
-        robot = robots[row]
+        robot = robots[ray // met.shape[1]]
         for home, lookup in self._lookups.items():
             mine = self._homes[robot] == home if len(self._lookups) > 1 else slice(None)
             self._count(tick, robot[mine], wall[mine], place[mine], lookup)
@@ -247,3 +248,18 @@ class Coverage:
         new = np.unique(piece[~self._team_hit[piece]])
         self._team_hit[new] = True
         self._team_length += float(self._weight[new].sum())
+
+
+def _known(ticks: NDArray[np.int32]) -> tuple[bytes, bytes]:
+    """Which of many ticks are not NEVER, and what they are: a robot of many sees a small part of a large world."""
+    at = np.flatnonzero(ticks != NEVER)
+    return at.tobytes(), ticks.reshape(-1)[at].tobytes()
+
+
+def _restore_known(ticks: NDArray[np.int32], at: bytes, known: bytes) -> None:
+    """Set ticks as `_known` told. Raises ValueError or IndexError where that makes no sense."""
+    places = np.frombuffer(at, np.intp)
+    if (places < 0).any():
+        raise ValueError("a place before the first")
+    ticks[...] = NEVER
+    ticks.reshape(-1)[places] = np.frombuffer(known, ticks.dtype)

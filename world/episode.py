@@ -9,16 +9,19 @@ import numpy as np
 
 from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
-from world.checkpoint import BROKEN, Checkpoint, State, luck_state, restore_luck
+from protocol.records import UNREADABLE
+from world.checkpoint import Checkpoint, State, luck_state, restore_luck
 from world.config import WorldConfig
 from world.draws import generator, starts_of
 from world.ledger import Ledger, Look
 from world.lidar import Lidar
 from world.odometry import Odometry
+from world.people import People
 from world.physics import Physics
 from world.radio import Radio
 from world.recorder import seconds
 from world.tick import Inputs, Outputs, checked_map
+from world.way import along
 from world.worldfile import World, load
 
 CHECKPOINT_S = 5.0
@@ -66,10 +69,14 @@ class Episode:
         self._physics = Physics(self.world.segments, self.starts, spec, self.period_s)
         self._lidar = Lidar(self.world.segments, spec.lidar, one_sided=True)
         self._lidar_noise = [generator(config.seed, "lidar", robot) for robot in self.robots]
+        self._wheels_read = np.arange(1, spec.poses_per_scan + 1) / spec.poses_per_scan
+        """(n,) when the wheels are read, as shares of a period."""
         self._odometry = [
             Odometry(start, spec.odometry, generator(config.seed, "odometry", robot))
             for robot, start in zip(self.robots, self.starts, strict=True)
         ]
+        luck = generator(config.seed, "people")
+        self._people = People(config.people, self.world, self.starts, spec.radius_m, self.period_s, luck)
         self._radio = Radio(self.robots, config.radio, config.seed, self.period_s, self.world.segments)
         books, past = self._radio.books, state and state["ledger"]
         self._ledger = Ledger(config, self.world, self.robots, self.starts, books, out, past)
@@ -97,7 +104,7 @@ class Episode:
             episode = cls(config, out, state)
             for name, looked, arguments in log:
                 episode._tell(name, looked, arguments)
-        except BROKEN as error:
+        except UNREADABLE as error:
             raise checkpoint.broken(error) from error
         checkpoint.go_on()
         episode._checkpoint = checkpoint
@@ -133,6 +140,7 @@ class Episode:
             "dead": self.dead,
             "late_ticks": self.late_ticks,
             "physics": self._physics.state(),
+            "people": self._people.state(),
             "lidar_noise": [luck_state(rng) for rng in self._lidar_noise],
             "odometry": [odometry.state() for odometry in self._odometry],
             "radio": self._radio.state(),
@@ -146,6 +154,7 @@ class Episode:
         self.processes.update(state["processes"])
         self.dead.update(state["dead"])
         self._physics.restore(state["physics"])
+        self._people.restore(state["people"])
         self._radio.restore(state["radio"])
         for rng, luck in zip(self._lidar_noise, state["lidar_noise"], strict=True):
             restore_luck(rng, luck)
@@ -216,17 +225,30 @@ class Episode:
         live = self.live
         heard, passages = self._radio.deliver(self.tick, live)
         rows = np.array([self._rows[robot] for robot in live], np.intp)
-        poses = self.poses[rows]
-        radius = np.full((len(self.robots), 1), self.config.spec.radius_m)
-        ranges, met = self._lidar.trace(poses, np.hstack([self.poses[:, :2], radius]))
-        measured = self._lidar.measured(ranges, [self._lidar_noise[row] for row in rows]) if len(rows) else ranges
-        met[np.isinf(measured)] = -1  # a beam that returned nothing covers nothing
-        self._unbooked = Look(rows, poses, ranges, met, passages)
+        way = self._physics.way if self.config.spec.lidar.turning else self._physics.way[-1:]
+        bodies = way.copy()
+        bodies[..., 2] = self.config.spec.radius_m
+        ranges, met = self._lidar.trace(way[:, rows], np.concatenate([bodies, self._people.bodies(len(way))], 1))
+        rays, luck = self._lidar.rays(way[:, rows]), [self._lidar_noise[row] for row in rows]
+        measured = (self._lidar.measured(ranges, luck, met, rays) if luck else ranges).astype("<f4")
+        met[~np.isfinite(measured)] = -1  # a beam that returned nothing covers nothing
+        ways, slipping = along(self._physics.way, self._wheels_read), self._physics.touching
+        turned = self._physics.driven * (self.period_s / len(ways))
         inputs = {}
-        for robot, row, scan, pose in zip(live, rows.tolist(), measured.astype("<f4"), poses, strict=True):
-            odometry, count = self._odometry[row].update(pose), len(heard[robot])
-            seen = Observation(tick=self.tick, ranges=scan.tobytes(), odometry=odometry, heard=count)
-            inputs[robot] = Inputs(heard[robot], seen)
+        for robot, row, scan in zip(live, rows.tolist(), measured, strict=True):
+            way = self._odometry[row].update(ways[:, row], turned[row] if slipping[row] else None)
+            inputs[robot] = Inputs(
+                heard[robot],
+                Observation(
+                    tick=self.tick,
+                    ranges=scan.tobytes(),
+                    odometry=self._odometry[row].pose,
+                    way=way.astype("<f8").tobytes(),
+                    heard=len(heard[robot]),
+                ),
+            )
+        odometry = np.array([self._odometry[row].pose for row in rows]).reshape(-1, 3)
+        self._unbooked = Look(rows, rays, ranges, met, measured, odometry, passages)
         return inputs
 
     def book(self) -> None:
@@ -254,6 +276,7 @@ class Episode:
             self._ledger.answer(self.tick, robot, outputs[robot], maps[robot])
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
+        self._people.advance(before[:, :2])
         self._ledger.drive(self.tick, before, self._physics.advance(commands))
         self.tick, self._inputs = self.tick + 1, None
         self.ended = self.ended or self._end()
@@ -264,7 +287,7 @@ class Episode:
         if self._checkpoint is None or self.ended:
             return
         since_s = (self.tick - self._checkpoint_tick) * self.period_s
-        if since_s > CHECKPOINT_S - 1e-6 and (not self._physics.touching or since_s > PUT_OFF_S):
+        if since_s > CHECKPOINT_S - 1e-6 and (not self._physics.touching.any() or since_s > PUT_OFF_S):
             self._checkpoint.begin(self.state())
             self._checkpoint_tick = self.tick
 

@@ -1,15 +1,17 @@
 """What is judged and recorded of a run: coverage, paths, maps and figures. Nothing here acts on the world."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.arrays import Floats, Ints
-from protocol.messages import EVERYONE, Event
+from protocol.messages import EVERYONE
 from protocol.talk import DELTA, MAP
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.checkpoint import State, restore_array
@@ -26,10 +28,19 @@ Fields = Mapping[str, Any]
 
 METRICS_S = 1.0
 """Simulated time between the rows of metrics.csv."""
-EVENT_BYTES = 256 * 1024
-"""Bytes of events.jsonl that a robot may write at once (ours). An honest one writes 600 in a tick, and 40 a second."""
-EVENT_BYTES_PER_S = 1024
-"""... and that it may write more for each simulated second."""
+
+
+class Allowance(NamedTuple):
+    """Bytes of a run directory that a robot may fill (ours)."""
+
+    at_once: int
+    a_second: int
+    """... and so many more for each simulated second."""
+
+
+ALLOWED = {"events": Allowance(256 * 1024, 1024), "maps": Allowance(2 << 20, 16 * 1024)}
+"""events.jsonl, to which an honest robot writes 600 in a tick and 40 a second; updates.jsonl and snapshots together: to
+the first of them the most that one of 94 robots wrote was 1,200 a second."""
 
 
 class Look(NamedTuple):
@@ -37,12 +48,16 @@ class Look(NamedTuple):
 
     rows: Ints
     """(r,) the live robots."""
-    poses: Floats
-    """(r, 3) their true poses."""
+    rays: Floats
+    """(r, beams, 3) where their beams began and pointed."""
     ranges: Floats
     """(r, beams) m, true ranges."""
     met: Ints
     """(r, beams) the wall that each beam met; negative for beams that returned nothing or met no wall."""
+    measured: NDArray[np.float32]
+    """(r, beams) m, ranges as the lidars reported them."""
+    odometry: Floats
+    """(r, 3) what their wheels said."""
     passages: Sequence[Passage]
     """What became of messages."""
 
@@ -76,11 +91,12 @@ class Ledger:
         """Bytes of each robot's map and filter, as it last said."""
         self._step_ms: dict[str, Counter[float]] = {robot: Counter() for robot in robots}
         """How often each robot's step took so many hundredths of a ms."""
-        self._event_bytes: Counter[str] = Counter()
+        self._filled: Counter[str] = Counter()
+        """Bytes by what they hold and the robot."""
         self._muted: set[str] = set()
         sizes = (spec.radius_m, spec.lidar.range_max_m)
         kept = state["files"] if state else {}
-        self._recorder = Recorder(out, world, robots, starts, *sizes, kept) if out else None
+        self._recorder = Recorder(out, world, robots, starts, *sizes, kept, config.scans) if out else None
         if state is not None:
             self._restore(state)
 
@@ -92,7 +108,7 @@ class Ledger:
             "path_m": self.path_m.tobytes(),
             "maps": {robot: encode_wireframe(wireframe) for robot, wireframe in self._maps.items()},
             "memory": self._memory,
-            "event_bytes": self._event_bytes,
+            "filled": self._filled,
             "muted": sorted(self._muted),
             "step_ms": {robot: list(counts.items()) for robot, counts in self._step_ms.items()},
         }
@@ -101,17 +117,18 @@ class Ledger:
         self.coverage.restore(state["coverage"])
         restore_array(self.path_m, state["path_m"])
         self._maps = {robot: decode_wireframe(data) for robot, data in state["maps"].items()}
-        self._event_bytes, self._muted = Counter(state["event_bytes"]), set(state["muted"])
+        self._filled, self._muted = Counter(state["filled"]), set(state["muted"])
         for robot in self._robots:
             self._memory[robot] = [int(size) for size in state["memory"][robot]]
             self._step_ms[robot] = Counter({float(ms): int(count) for ms, count in state["step_ms"][robot]})
 
     def look(self, tick: int, look: Look, poses: Floats) -> None:
         """Account for what a tick showed; `poses` (k, 3) are those of all robots."""
-        self.coverage.update(self._t(tick), tick, look.rows, look.poses, look.ranges, look.met)
+        self.coverage.update(self._t(tick), tick, look.rows, look.rays, look.ranges, look.met)
         if self._recorder:
             self._recorder.radio(look.passages)
             self._recorder.trajectories(self._t(tick), poses)
+            self._recorder.scans(self._t(tick), tick, look.rows, look.odometry, look.measured)
             if self._due(tick, METRICS_S):
                 self._recorder.metrics(self._metrics(tick))
 
@@ -126,26 +143,26 @@ class Ledger:
             self._maps[robot] = wireframe
         if not self._recorder:
             return
-        t = self._t(tick)
-        self._write_events(t, tick, robot, action.events)
-        if robot in self._maps and self._due(tick, self._snapshot_s):
-            self._recorder.snapshot(t, robot, self._maps[robot])
+        recorder, t, new = self._recorder, self._t(tick), self._maps.get(robot)
+        for event in action.events:
+            self._write("events", tick, robot, partial(recorder.event, t, tick, robot, event.event, event.data))
+        if new is not None and self._due(tick, self._snapshot_s):
+            self._write("maps", tick, robot, partial(recorder.snapshot, t, robot, new))
         # to whom something new of the map is told: what other forms of the map are charged for
         told = {send.to for send in outputs.sends if send.kind in (MAP, DELTA) and send.to != EVERYONE}
-        if robot in self._maps and told:
-            self._recorder.update(t, tick, robot, sorted(told, key=self._row.__getitem__), self._maps[robot])
+        if new is not None and told:
+            names = sorted(told, key=self._row.__getitem__)
+            self._write("maps", tick, robot, partial(recorder.update, t, tick, robot, names, new))
 
-    def _write_events(self, t: float, tick: int, robot: str, events: Sequence[Event]) -> None:
+    def _write(self, what: str, tick: int, robot: str, write: Callable[..., int | None]) -> None:
         """Write what a robot says of itself; what is too much is left out, which is said once."""
-        assert self._recorder is not None
-        most = EVENT_BYTES + EVENT_BYTES_PER_S * t
-        for event in events:
-            size = self._recorder.event(t, tick, robot, event.event, event.data, most - self._event_bytes[robot])
-            self._event_bytes[robot] += size or 0
-            if size is None and robot not in self._muted:
-                self._muted.add(robot)
-                reason = f"more than {EVENT_BYTES} bytes of events and {EVENT_BYTES_PER_S} a second are left out"
-                self._recorder.event(t, tick, robot, "muted", {"reason": reason})
+        t, key, (at_once, a_second) = self._t(tick), f"{what} {robot}", ALLOWED[what]
+        size = write(most=at_once + a_second * t - self._filled[key])
+        self._filled[key] += size or 0
+        if size is None and key not in self._muted:
+            self._muted.add(key)
+            reason = f"more than {at_once} bytes of {what} and {a_second} a second are left out"
+            self.happened(tick, robot, "muted", reason)
 
     def drive(self, tick: int, before: Floats, after: Floats) -> None:
         """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""

@@ -1,6 +1,7 @@
 """Exact lidar: each wall covers one interval of beams, and only those beams are intersected with it.
 
-This gives the same ranges as testing every beam against every wall, at the cost of the pairs that do meet.
+This gives the same ranges as testing every beam against every wall, at the cost of the pairs that do meet. In here
+beams are counted counter-clockwise, whichever way the lidar turns.
 """
 
 import math
@@ -8,16 +9,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import LidarSpec
-from protocol.walls import lengths, repeated
+from protocol.walls import directions, lengths
+from world.beams import beams_within, keep_nearest
+from world.readings import readings
+from world.turning import Scans, Turning
+from world.way import along
 
 CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
+STRIDE_M = 0.05  # ... and for each multiple of this that a lidar moves in half a scan
 CHUNK = 20  # robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time
 
-NOTHING, DISC = -1, -2  # in place of a wall's index: the beam met nothing within range, or a teammate
-_ROUNDING_BEAMS = 1e-9
-"""Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
+NOTHING, DISC = -1, -2
+"""In place of a wall's index: the beam met nothing within range, or disc 0; disc 1 is DISC - 1, and so on."""
 _TOUCHING_M = 1e-9  # a lidar nearer than this to a wall, or to its straight continuation, stands on it
 
 
@@ -33,76 +38,111 @@ class Lidar:
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
         self.spec, self._one_sided = spec, one_sided
         self._index = np.flatnonzero(lengths(segments) > _TOUCHING_M)
-        self._ends = segments[self._index]
-        angles = np.arange(spec.beams) * (2 * math.pi / spec.beams)
-        self._cos, self._sin = np.cos(angles), np.sin(angles)
-        self._cells: dict[tuple[int, int], Ints] = {}
+        self._ends, self._units = segments[self._index], directions(segments)
+        self._order = slice(None, None, -1 if spec.clockwise else 1)
+        self._bearings = spec.bearings()[self._order]
+        self._turn = Turning(spec, self._bearings, spec.moments()[self._order])
+        self._step = math.radians(spec.field_of_view_deg) / spec.beams
+        self._cos, self._sin = np.cos(self._bearings), np.sin(self._bearings)
+        self._cells: dict[tuple[int, int, int], Ints] = {}
 
-    def cast(self, poses: Floats, discs: Floats | None = None) -> Floats:
+    def rays(self, ways: Floats) -> Floats:
+        """Where each beam begins and points, (k, beams, 3): x, y and direction, world frame; `ways` as in `trace`."""
+        poses = along(_ways(ways), self.spec.moments()).swapaxes(0, 1)
+        x, y, heading = np.moveaxis(poses, 2, 0)
+        cos, sin, mount_x, mount_y = np.cos(heading), np.sin(heading), self.spec.mount_x_m, self.spec.mount_y_m
+        places = (x + cos * mount_x - sin * mount_y, y + sin * mount_x + cos * mount_y)
+        return np.stack([*places, heading + self.spec.bearings()], 2)
+
+    def cast(self, ways: Floats, discs: Floats | None = None) -> Floats:
         """True ranges, (k, beams) metres; see `trace`."""
-        return self.trace(poses, discs)[0]
+        return self.trace(ways, discs)[0]
 
-    def trace(self, poses: Floats, discs: Floats | None = None) -> tuple[Floats, Ints]:
+    def trace(self, ways: Floats, discs: Floats | None = None) -> tuple[Floats, Ints]:
         """True ranges and what was met, both (k, beams).
 
-        `poses` is (k, 3) x, y, theta; beam i points at theta + i * 2 pi / beams. `discs` is (m, 3) x, y,
-        radius: teammates; one that a lidar stands in is its own robot. Ranges are metres from 0 to
-        range_max_m, inf beyond; what was met is the index of a wall, NOTHING or DISC.
+        ways: (s, k, 3) x, y, theta of the robots at equal steps of the scan's period (`world.way`), from its begin to
+        its stamp; or (k, 3), at the stamp, where they stand or the lidar looks everywhere at once. discs: (s, m, 3) or
+        (m, 3), x, y, radius of bodies at the same steps; one in which a robot's centre is at the stamp is its own.
+        Ranges are metres from 0 to range_max_m, inf beyond; what was met is the index of a wall, NOTHING, or at most
+        DISC.
         """
-        poses = np.asarray(poses, np.float64).reshape(-1, 3)
-        nearness = np.zeros((len(poses), self.spec.beams))  # 1 / range, which is linear in a beam's direction
-        met = np.full((len(poses), self.spec.beams), NOTHING, np.intp)
-        for low in range(0, len(poses), CHUNK):
+        ways, discs = _ways(ways), _ways(np.zeros((0, 3)) if discs is None else discs)
+        shape = (ways.shape[1], self.spec.beams)
+        nearness = np.zeros(shape)  # 1 / range, which is linear in a beam's direction
+        met = np.full(shape, NOTHING, np.intp)
+        for low in range(0, len(nearness), CHUNK):
             part = slice(low, low + CHUNK)
-            self._walls(poses[part], nearness[part].reshape(-1), met[part].reshape(-1))
-            if discs is not None and len(discs):
-                self._discs(poses[part], discs, nearness[part].reshape(-1), met[part].reshape(-1))
+            if self.spec.turning:
+                self._turning(ways[:, part], discs, nearness[part], met[part])
+            else:
+                self._standing(ways[-1, part], discs[-1], nearness[part], met[part])
         with np.errstate(divide="ignore"):
-            ranges = 1 / nearness
+            ranges = 1 / nearness[:, self._order]
+        met = met[:, self._order]
         beyond = ranges > self.spec.range_max_m
         ranges[beyond], met[beyond] = np.inf, NOTHING
         return ranges, met
 
-    def measured(self, ranges: Floats, rngs: Sequence[np.random.Generator]) -> Floats:
-        """True ranges (k, beams) as the sensor reports them, with one generator a robot.
+    def measured(
+        self, ranges: Floats, rngs: Sequence[np.random.Generator], met: Ints | None = None, rays: Floats | None = None
+    ) -> Floats:
+        """True ranges (k, beams) as the sensor reports them (`world.readings`), with one generator a robot.
 
-        Noise is Gaussian; a beam that drops out, or whose range is less than range_min_m or more than
-        range_max_m, reports nothing: inf.
+        met, rays: what the beams met and how they pointed, as from `trace` and `rays`; None: no edges, all met square.
         """
-        spec = self.spec
-        noise = np.stack([rng.standard_normal(spec.beams) for rng in rngs])
-        chance = np.stack([rng.random(spec.beams) for rng in rngs])
-        out = ranges + spec.noise_m * noise
-        lost = (ranges < spec.range_min_m) | (out < spec.range_min_m) | (out > spec.range_max_m)
-        out[lost | (chance < spec.dropout)] = np.inf
-        return out
+        sines = self._sines(met, rays) if self.spec.grazing_deg and met is not None and rays is not None else None
+        return readings(self.spec, ranges, rngs, met, sines)
 
-    def _near(self, x: float, y: float) -> Ints:
-        """Rows of the walls that a lidar anywhere in the cell of this place may see."""
-        cell = (math.floor(x / CELL_M), math.floor(y / CELL_M))
+    def _sines(self, met: Ints, rays: Floats) -> Floats:
+        """(k, beams) sine of the angle between beam and wall; 1 where it met none. Discs graze in a beam at most."""
+        x, y = self._units[np.maximum(met, 0)].T.swapaxes(1, 2)
+        sines = np.abs(np.cos(rays[..., 2]) * y - np.sin(rays[..., 2]) * x)
+        return np.where(met >= 0, sines, 1.0)
+
+    def _near(self, x: float, y: float, half_m: float) -> Ints:
+        """Rows of the walls that a lidar may see which stays within `half_m` of a place in the cell of this one."""
+        cell = (math.floor(x / CELL_M), math.floor(y / CELL_M), math.ceil(half_m / STRIDE_M))
         if cell not in self._cells:
-            middle = (np.array(cell) + 0.5) * CELL_M
-            reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5)
+            middle = (np.array(cell[:2]) + 0.5) * CELL_M
+            reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5) + cell[2] * STRIDE_M
             nearest, _ = _nearest(self._ends[:, :2] - middle, self._ends[:, 2:] - middle)
             self._cells[cell] = np.flatnonzero(nearest <= reach)
         return self._cells[cell]
 
-    def _walls(self, poses: Floats, nearness: Floats, met: Ints) -> None:
-        near = [self._near(x, y) for x, y, _ in poses.tolist()]
+    def _in_reach(self, poses: Floats, half_m: Floats) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats, Floats]:
+        """Walls that lidars may see which stay within half_m (k,) of poses (k, 3).
+
+        Of each: its row, whose it is, start and end (n, 2) in the frame of the pose, least and greatest distance from
+        it, and twice the area of the triangle with it, positive where the pose is on its left.
+        """
+        near = [self._near(x, y, half) for (x, y, _), half in zip(poses.tolist(), half_m.tolist(), strict=True)]
         wall = np.concatenate(near)
         robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
         start, end = _seen_from(poses[robot], self._ends[wall].reshape(-1, 2, 2).swapaxes(0, 1))
         nearest, farthest = _nearest(start, end)
-        turn = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]  # positive where the lidar is on the left
-        facing = nearest <= self.spec.range_max_m
+        area = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
+        half = half_m[robot]
+        facing = nearest <= self.spec.range_max_m + half
         if self._one_sided:
-            facing &= turn > -_TOUCHING_M
-        wall, robot, start, end = wall[facing], robot[facing], start[facing], end[facing]
-        nearest, farthest, turn = nearest[facing], farthest[facing], turn[facing]
-        along = end - start
+            facing &= area > -_TOUCHING_M - half * np.hypot(*(end - start).T)
+        parts = (wall, robot, start, end, nearest, farthest, area)
+        return tuple(part[facing] for part in parts)  # type: ignore[return-value]
+
+    def _standing(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
+        own = _own(poses, discs)
+        if self.spec.mount_x_m or self.spec.mount_y_m:
+            poses = self.rays(poses)[:, 0] - [0, 0, self.spec.bearings()[0]]
+        self._walls(poses, nearness.reshape(-1), met.reshape(-1))
+        if len(discs):
+            self._discs(poses, discs, own, nearness.reshape(-1), met.reshape(-1))
+
+    def _walls(self, poses: Floats, nearness: Floats, met: Ints) -> None:
+        wall, robot, start, end, nearest, farthest, turn = self._in_reach(poses, np.zeros(len(poses)))
+        along_wall = end - start
         sweep = np.arctan2(turn, (start * end).sum(1))
         first = np.where((sweep >= 0)[:, None], start, end)
-        begin = np.arctan2(first[:, 1], first[:, 0]) % (2 * math.pi)
+        begin = (np.arctan2(first[:, 1], first[:, 0]) - self._bearings[0]) % (2 * math.pi)
         on = nearest <= _TOUCHING_M  # then every beam starts on the wall
         begin[on], sweep[on], nearest[on] = 0.0, 2 * math.pi, 0.0
 
@@ -110,40 +150,49 @@ class Lidar:
         with np.errstate(divide="ignore"):
             least, most = 1 / farthest, 1 / nearest
         # on the wall's straight continuation a beam along the wall returns its near end
-        edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along[:, 0], along[:, 1])
+        edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along_wall[:, 0], along_wall[:, 1])
         least[edge_on] = most[edge_on]
-        slope_x, slope_y = (along / np.where(edge_on, 1.0, turn)[:, None]).T
+        slope_x, slope_y = (along_wall / np.where(edge_on, 1.0, turn)[:, None]).T
 
-        pair, beam = self._interval(begin, np.abs(sweep))
-        ray = robot[pair] * self.spec.beams + beam
+        pair, beam = beams_within(begin, np.abs(sweep), self._step, self.spec.beams)
         found = self._cos[beam] * slope_y[pair] - self._sin[beam] * slope_x[pair]
         found = np.minimum(np.maximum(found, least[pair]), most[pair])
-        _keep_nearest(ray, found, self._index[wall][pair], nearness, met)
+        keep_nearest(robot[pair] * self.spec.beams + beam, found, self._index[wall][pair], nearness, met)
 
-    def _discs(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
+    def _discs(self, poses: Floats, discs: Floats, own: Bools, nearness: Floats, met: Ints) -> None:
         offset = discs[None, :, :2] - poses[:, None, :2]
         away = np.hypot(offset[..., 0], offset[..., 1])
         radius = np.broadcast_to(discs[:, 2], away.shape)
-        robot, disc = np.nonzero((away > radius) & (away - radius <= self.spec.range_max_m))
+        robot, disc = np.nonzero((away > radius) & ~own & (away - radius <= self.spec.range_max_m))
         away, radius = away[robot, disc], radius[robot, disc]
-        bearing = np.arctan2(offset[robot, disc, 1], offset[robot, disc, 0]) - poses[robot, 2]
+        bearing = np.arctan2(offset[robot, disc, 1], offset[robot, disc, 0]) - poses[robot, 2] - self._bearings[0]
         half = np.arcsin(radius / away)
-        pair, beam = self._interval((bearing - half) % (2 * math.pi), 2 * half)
-        off = beam * (2 * math.pi / self.spec.beams) - bearing[pair]
+        pair, beam = beams_within((bearing - half) % (2 * math.pi), 2 * half, self._step, self.spec.beams)
+        off = beam * self._step - bearing[pair]
         chord = np.maximum(radius[pair] ** 2 - (away[pair] * np.sin(off)) ** 2, 0.0)
         distance = np.maximum(away[pair] * np.cos(off) - np.sqrt(chord), _TOUCHING_M)
-        what = np.full(len(pair), DISC, np.intp)
-        _keep_nearest(robot[pair] * self.spec.beams + beam, 1 / distance, what, nearness, met)
+        keep_nearest(robot[pair] * self.spec.beams + beam, 1 / distance, DISC - disc[pair], nearness, met)
 
-    def _interval(self, begin: Floats, sweep: Floats) -> tuple[Ints, Ints]:
-        """All (row, beam) with the beam in [begin, begin + sweep], radians from the heading."""
-        beams = self.spec.beams
-        scale = beams / (2 * math.pi)
-        low = np.ceil(begin * scale - _ROUNDING_BEAMS).astype(np.intp)
-        high = np.floor((begin + sweep) * scale + _ROUNDING_BEAMS).astype(np.intp)
-        count = np.clip(high - low + 1, 0, beams)
-        row, nth = repeated(count)
-        return row, (low[row] + nth) % beams
+    def _turning(self, ways: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
+        scans, nearness, met = Scans(self._turn, ways), nearness.reshape(-1), met.reshape(-1)
+        wall, robot, start, end, nearest, _, area = self._in_reach(scans.origins, scans.half_m)
+        row, ray, found = scans.walls(robot, start, end, nearest, area)
+        keep_nearest(ray, found, self._index[wall][row], nearness, met)
+        if discs.shape[1]:
+            disc, ray, found = scans.discs(discs, self.spec.range_max_m, _own(ways[-1], discs[-1]))
+            keep_nearest(ray, found, DISC - disc, nearness, met)
+
+
+def _ways(ways: Floats) -> Floats:
+    """As (s, k, 3)."""
+    ways = np.asarray(ways, np.float64)
+    return ways if ways.ndim == 3 else ways.reshape(1, -1, 3)
+
+
+def _own(poses: Floats, discs: Floats) -> Bools:
+    """(k, m) which discs a robot's centre is in."""
+    offset = discs[None, :, :2] - poses[:, None, :2]
+    return np.asarray(np.hypot(offset[..., 0], offset[..., 1]) <= discs[:, 2])
 
 
 def _seen_from(poses: Floats, points: Floats) -> Floats:
@@ -160,10 +209,3 @@ def _nearest(start: Floats, end: Floats) -> tuple[Floats, Floats]:
     foot = start + share[:, None] * along
     farthest = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
     return np.hypot(foot[:, 0], foot[:, 1]), farthest
-
-
-def _keep_nearest(ray: Ints, found: Floats, what: Ints, nearness: Floats, met: Ints) -> None:
-    """Raise `nearness` to the largest value found on each ray, and note in `met` what stood there."""
-    np.maximum.at(nearness, ray, found)
-    won = found == nearness[ray]
-    met[ray[won]] = what[won]

@@ -1,13 +1,24 @@
 """Rectilinear mazes from a seed: corridors, a few rooms, and loops."""
 
 import math
+import re
 from typing import Any
 
 import numpy as np
 
-MIN_SIDE_M, MAX_SIDE_M = 8.0, 20.0  # smaller mazes have no branches; larger ones take robots of 0.22 m/s an hour
+NAME = re.compile(r"generated-(\d{1,3})x(\d{1,3})-(\d{1,9})")
+"""Name of a generated world: generated-WIDTHxHEIGHT-SEED, sides in metres."""
+MIN_SIDE_M, MAX_SIDE_M = 8.0, 100.0  # smaller mazes have no branches; larger ones have more wall than a world may
 
 CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls
+
+
+def named(name: str) -> dict[str, Any] | None:
+    """Fields of the world file of a generated world's NAME, None for another name; raises ValueError as `generate`."""
+    if not (given := NAME.fullmatch(name)):
+        return None
+    width, height, seed = map(int, given.groups())
+    return generate(width, height, np.random.default_rng(seed)) | {"name": name}
 
 
 def generate(
@@ -16,7 +27,7 @@ def generate(
     """Fields of a world file with a maze of this outer size, lower left corner at the origin (ours).
 
     A depth-first maze on cells of about CORRIDOR_M; then the share `loops` of the walls that it left is opened.
-    Spawns lie in the middle of distinct cells. Raises ValueError for a side that is not 8 to 20 m.
+    Spawns lie in the middle of distinct cells. Raises ValueError for a side that is not 8 to 100 m.
     """
     for side in (width_m, height_m):
         if not MIN_SIDE_M <= side <= MAX_SIDE_M:

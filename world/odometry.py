@@ -5,36 +5,55 @@ import math
 import numpy as np
 
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, relative
+from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import OdometrySpec
 from world.checkpoint import State, luck_state, restore_luck
 
 
 class Odometry:
-    """Dead reckoning of one robot: exact (paper III), or with errors that add up as a random walk."""
+    """Dead reckoning of one robot: exact (paper III), or by wheels.
+
+    Wheels err in two ways: by a random walk, and by what is wrong with this robot all the time, its two wheels' sizes
+    and the length of its axle (Borenstein and Feng, "Measurement and correction of systematic odometry errors in mobile
+    robots", 1996). Where the robot touches something, they slip.
+    """
 
     def __init__(self, start: Floats, config: OdometrySpec, rng: np.random.Generator) -> None:
         """`start` is (3,), the pose in the world that becomes the origin of the robot's own frame."""
-        self._start = self._true = _pose(start)
+        self._start = self._true = pose_of(start)
         self._config, self._rng = config, rng
+        left, right, axle = (1 + rng.standard_normal(3) * (config.wheel_sd, config.wheel_sd, config.axle_sd)).tolist()
+        self._size, self._axle = (left + right) / 2, axle
+        self._bend = (right - left) / config.axle_m  # rad a metre
         self.pose: Pose = (0.0, 0.0, 0.0)
         """Where the robot believes to be, in its own frame; theta in (-pi, pi]."""
 
-    def update(self, true: Floats) -> Pose:
-        """The believed pose after the robot moved to `true`, (3,) in the world."""
-        before, self._true = self._true, _pose(true)
-        config = self._config
-        if not config.noisy:
-            self.pose = relative(self._start, self._true)
-            return self.pose
-        dx, dy, turn = relative(before, self._true)
-        distance = math.hypot(dx, dy)
+    def update(self, way: Floats, turned: Floats | None = None) -> Floats:
+        """The believed poses (n, 3) after the robot moved along true ones, (n, 3) in the world.
+
+        turned (2,): metres and radians by which its wheels turned in each of the n moves, where they slip; None where
+        they roll with the body.
+        """
+        believed = []
+        for true in map(pose_of, way):
+            before, self._true = self._true, true
+            if self._config.noisy:
+                self.pose = compose(self.pose, self._read(*(_rolled(before, true) if turned is None else turned)))
+            else:
+                self.pose = relative(self._start, true)
+            believed.append(self.pose)
+        return np.array(believed).reshape(-1, 3)
+
+    def _read(self, distance: float, turn: float) -> Pose:
+        """The move that the wheels tell of one by so many metres and radians."""
+        config, length = self._config, abs(distance)
         along, spin = self._rng.standard_normal(2).tolist()
         # variances, not deviations, add up over steps: the walk is the same however time is cut
-        scale = 1 + along * config.distance_sd / math.sqrt(distance) if distance > 1e-9 else 1.0
-        turn += spin * math.sqrt(math.radians(config.heading_sd_deg) ** 2 * distance + config.turn_sd**2 * abs(turn))
-        self.pose = compose(self.pose, (scale * dx, scale * dy, turn))
-        return self.pose
+        spin *= math.sqrt(math.radians(config.heading_sd_deg) ** 2 * length + config.turn_sd**2 * abs(turn))
+        told = self._size * distance + self._bend * turn * config.axle_m**2 / 4
+        told += along * config.distance_sd * math.sqrt(length)
+        turned = (self._size * turn + self._bend * distance) / self._axle + spin
+        return told * math.cos(turned / 2), told * math.sin(turned / 2), turned
 
     def state(self) -> State:
         """For a checkpoint."""
@@ -42,10 +61,11 @@ class Odometry:
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
-        self._true, self.pose = (_pose(np.array(state[name], np.float64)) for name in ("true", "pose"))
+        self._true, self.pose = (pose_of(np.array(state[name], np.float64)) for name in ("true", "pose"))
         restore_luck(self._rng, state["rng"])
 
 
-def _pose(row: Floats) -> Pose:
-    x, y, theta = row.tolist()
-    return x, y, theta
+def _rolled(before: Pose, after: Pose) -> tuple[float, float]:
+    """Metres ahead and radians by which wheels that roll with the body turn; they feel no push from the side."""
+    dx, dy, turn = relative(before, after)
+    return dx * math.cos(turn / 2) + dy * math.sin(turn / 2), turn

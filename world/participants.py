@@ -16,10 +16,19 @@ class Participants:
     """
 
     def __init__(
-        self, robots: Iterable[str], dead: Mapping[str, str], linked: Callable[[], Collection[str]] = tuple
+        self,
+        robots: Iterable[str],
+        dead: Mapping[str, str],
+        linked: Callable[[], Collection[str]] | None = None,
+        known: Callable[[str], str | None] | None = None,
     ) -> None:
-        """dead: the reason for each robot that was given up, which may grow. linked: the Zenoh IDs that have a link."""
-        self._robots, self._dead, self._linked = list(robots), dead, linked
+        """dead: the reason for each robot that was given up, which may grow.
+
+        linked: the Zenoh IDs that have a link; None where all links end at a router between, and tokens tell. known:
+        the Zenoh ID that a robot must have, None for one that has no place; None where nobody shows who it is.
+        """
+        self._robots, self._dead, self._known = list(robots), dead, known
+        self._by_token, self._linked = linked is None, linked or self._with_tokens
         self.sessions: dict[str, str] = {}
         """Zenoh ID of each robot that was let in."""
         self.processes: dict[str, str] = {}
@@ -40,6 +49,13 @@ class Participants:
         """Robots that do not take part, not yet, or not now."""
         return [robot for robot in self._robots if not self.is_ready(robot)]
 
+    @property
+    def preparing(self) -> list[str]:
+        """Robots that were let in, still have their link where that can be told, and do not read yet: they compile."""
+        linked = self._linked()
+        awaited = [robot for robot in self.missing if robot in self.sessions and robot not in self._dead]
+        return [robot for robot in awaited if self._by_token or self.sessions[robot] in linked]
+
     def admit(self, robot: str, service: str, payload: bytes) -> str | None:
         """Let in a robot that asks with these bytes; returns the reason where it is refused."""
         if service != keys.JOIN:
@@ -54,6 +70,8 @@ class Participants:
             return f"it says that it is {join.robot}"
         if robot not in self._robots:
             return f"no {robot} takes part, only {', '.join(self._robots)}"
+        if self._known is not None and join.session != self._known(robot):
+            return "its certificate does not count: it was revoked, or made after the world began"
         if robot in self._dead:
             return f"it was given up: {self._dead[robot]}"
         # a process whose link was lost and is there again asks again; one that died has no link any more
@@ -62,6 +80,20 @@ class Participants:
             return f"another {robot} is there already"
         self.sessions[robot], self.processes[robot] = join.session, join.process
         return None
+
+    def dismiss(self, robot: str, payload: bytes) -> str | None:
+        """Let go a robot that says so with these bytes; returns the reason where it is refused."""
+        try:
+            leave = decode(Join, payload)
+        except ProtocolError as error:
+            return str(error)
+        if robot not in self.processes or (leave.robot, leave.process) != (robot, self.processes[robot]):
+            return f"this process is not the {robot} that was let in"
+        self.token_went(robot)
+        return None
+
+    def _with_tokens(self) -> list[str]:
+        return [self.sessions[robot] for robot in self._tokens if robot in self.sessions]
 
     def token_came(self, robot: str) -> None:
         """A robot's token is there, maybe before the robot asked to be let in: its session declares it anew."""

@@ -1,8 +1,11 @@
 """Differential-drive robots as rigid discs that push against walls and each other (pymunk)."""
 
+from typing import Any
+
 import numpy as np
 import pymunk
 import pymunk.batch
+from numpy.typing import NDArray
 from pymunk.batch import BodyFields
 
 from protocol.arrays import Bools, Floats, Ints
@@ -29,13 +32,13 @@ class Physics:
 
     def __init__(self, segments: Floats, poses: Floats, spec: RobotSpec, period_s: float) -> None:
         """Walls (n, 4) and start poses (k, 3) in metres, world frame; one `advance` takes period_s."""
-        self.poses = np.array(poses, np.float64)
-        """(k, 3) x, y, theta of the robots, world frame; theta is not wrapped."""
+        self._steps = max(1, round(period_s / STEP_S))
+        self.way = np.repeat(np.array(poses, np.float64)[None], self._steps + 1, 0)
+        """(s, k, 3) poses at the begin of the last period and after each of its steps (`world.way`)."""
         self._contacts = np.zeros((2, len(poses)), np.int64)
         self.wall_contacts, self.robot_contacts = self._contacts
         """(k,) how often each robot began to touch a wall, or another robot, after a whole period without touch."""
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
-        self._steps = max(1, round(period_s / STEP_S))
         self._dt = period_s / self._steps
         moment = pymunk.moment_for_circle(MASS_KG, 0, spec.radius_m)
         self._gain = np.array([MASS_KG, MASS_KG, moment]) / self._dt
@@ -56,6 +59,8 @@ class Physics:
             space.add(body, disc)
             self._row[body.id] = i
         self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
+        self.driven = np.zeros((len(poses), 2))
+        """(k, 2) speed in m/s and turn rate in rad/s at which the motors turned the wheels in the last period."""
         space.on_collision(_ROBOT, _WALL, pre_solve=self._touch, data=self._touched[0])
         space.on_collision(_ROBOT, _ROBOT, pre_solve=self._touch, data=self._touched[1])
         self._state_buffer, self._force_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
@@ -74,32 +79,39 @@ class Physics:
         if len(self.poses):
             if not np.array_equal(self._rows, self._robots_of_rows()):
                 raise RuntimeError("pymunk's batch changed the order of its bodies")
-            speed, turn = np.clip(commands, -self._limits, self._limits)[self._rows].T
-            self._drive(speed, turn)
-            self.poses = self._state[np.argsort(self._rows), :3]
+            self.driven = np.clip(commands, -self._limits, self._limits)
+            self._drive(*self.driven[self._rows].T)
         self._contacts += self._touched & ~touched_before
         return self.poses
 
     @property
-    def touching(self) -> bool:
-        """Whether any robot touched something in the last period: pymunk then remembers impulses, and hides them."""
-        return bool(self._touched.any())
+    def poses(self) -> Floats:
+        """(k, 3) x, y, theta of the robots, world frame; theta is not wrapped."""
+        return np.asarray(self.way[-1], np.float64)
+
+    @property
+    def touching(self) -> Bools:
+        """(k,) which robots touched something in the last period: pymunk then remembers impulses, and hides them."""
+        return np.asarray(self._touched.any(0))
 
     def state(self) -> State:
         """For a checkpoint. While robots are `touching`, the last bits of what follows may differ."""
-        arrays = {"bodies": self._state[:-1], "contacts": self._contacts, "touched": self._touched}
-        return {name: array.tobytes() for name, array in arrays.items()}
+        return {"bodies": self._state[:-1].tobytes()} | {name: part.tobytes() for name, part in self._parts().items()}
 
     def restore(self, state: State) -> None:
-        """Go on from a state."""
+        """Go on from a state. Raises ValueError where it is none of a world with these robots."""
         bodies = np.zeros((len(self.poses) + 1, 6))  # the last row is the static body
         restore_array(bodies[:-1], state["bodies"])
-        restore_array(self._contacts, state["contacts"])
-        restore_array(self._touched, state["touched"])
+        for name, part in self._parts().items():
+            restore_array(part, state[name])
         self._force_buffer.set_float_buf(bodies)
         pymunk.batch.set_space_bodies(self._space, _READ & ~BodyFields.BODY_ID, self._force_buffer)
         self._state = self._read()
-        self.poses = self._state[np.argsort(self._rows), :3]
+        if not np.array_equal(self.way[-1, self._rows], self._state[:-1, :3]):
+            raise ValueError("the way does not end where the bodies are")
+
+    def _parts(self) -> dict[str, NDArray[Any]]:
+        return {"way": self.way, "driven": self.driven, "contacts": self._contacts, "touched": self._touched}
 
     def _drive(self, speed: Floats, turn: Floats) -> None:
         """All physics steps of one period, at (k,) speeds and turn rates in pymunk's order.
@@ -110,7 +122,9 @@ class Physics:
         dt, half_turn = self._dt, turn * (self._dt / 2)
         force = np.zeros((len(speed) + 1, 3))  # the last row is the static body, which stays
         wanted = force[:-1]
-        for _ in range(self._steps):
+        way = np.empty_like(self.way)
+        way[0] = self.poses
+        for step in range(self._steps):
             state = self._state[:-1]
             heading = state[:, 2] + state[:, 5] * dt + half_turn  # in the middle of the coming move
             np.multiply(speed, np.cos(heading), out=wanted[:, 0])
@@ -122,6 +136,8 @@ class Physics:
             pymunk.batch.set_space_bodies(self._space, _WRITE, self._force_buffer)
             self._space.step(dt)
             self._state = self._read()
+            way[step + 1, self._rows] = self._state[:-1, :3]
+        self.way = way
 
     def _read(self) -> Floats:
         """(k + 1, 6) x, y, angle, vx, vy, turn rate in pymunk's order, the static body last, until the next read."""

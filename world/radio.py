@@ -130,11 +130,14 @@ class Reception:
     """By tick: messages judged in it, and how many of these were delivered; for the last TABLE_S."""
     bytes: int = 0
     """Delivered since the start."""
+    heard: int = -1
+    """Tick of the last delivery; -1 before the first."""
 
     def count(self, tick: int, delivered: bool, since: int) -> None:
         """Count one message, and forget those judged at tick `since` or before."""
         judged, got = self.recent.get(tick, (0, 0))
         self.recent[tick] = judged + 1, got + delivered
+        self.heard = tick if delivered else self.heard
         self.forget(since)
 
     def forget(self, since: int) -> None:
@@ -251,16 +254,16 @@ class Radio:
             self._flying.append(Flying(due, sender, receiver, Send.model_validate(send), lost))
         for sender, receiver, size, recent in state["receptions"]:
             seen = {tick: (judged, got) for tick, (judged, got) in recent.items()}
-            self._receptions[sender, receiver] = Reception(seen, size)
+            heard = max((tick for tick, (_, got) in seen.items() if got), default=-1)
+            self._receptions[sender, receiver] = Reception(seen, size, heard)
 
     def table(self, tick: int) -> list[LinkReport]:
         """Links with a delivery in the last TABLE_S: the share lost in that time, and bytes delivered so far."""
-        rows = []
-        for (sender, receiver), link in sorted(self._receptions.items()):
-            link.forget(tick - self._table_ticks)
-            judged, got = map(sum, zip((0, 0), *link.recent.values(), strict=True))
-            if got:
-                loss = 1 - got / judged
-                names = {"sender": self._robots[sender], "receiver": self._robots[receiver]}
-                rows.append(LinkReport(**names, loss=round(loss, 4), bytes=link.bytes))
+        rows, since = [], tick - self._table_ticks
+        for sender, receiver in sorted(pair for pair, link in self._receptions.items() if link.heard > since):
+            link = self._receptions[sender, receiver]
+            link.forget(since)
+            judged, got = map(sum, zip(*link.recent.values(), strict=True))
+            names = {"sender": self._robots[sender], "receiver": self._robots[receiver]}
+            rows.append(LinkReport(**names, loss=round(1 - got / judged, 4), bytes=link.bytes))
         return rows

@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints
 from protocol.files import LineFile, UnwritableError, write_all, write_whole
 from protocol.wireframe import Label, Wireframe
 from world.radio import Passage
@@ -23,6 +24,10 @@ TEAM = "team"
 """The name of the union of all robots in metrics.csv."""
 PLACE_DIGITS = 6
 """Decimals of places in maps: micrometres, as wireframes travel as float32."""
+
+
+LEAST_BYTES = 20
+"""Of each vertex of a map as JSON: its place and its label."""
 
 
 class MetricsRow(NamedTuple):
@@ -50,13 +55,15 @@ class Recorder:
         radius_m: float,
         range_m: float,
         kept: Mapping[str, int],
+        scans: bool = False,
     ) -> None:
         """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame.
 
         kept: how many bytes of each file that grows stay, where a run goes on; ValueError where they are not there.
+        scans: whether scans are kept, too.
         """
         self._out, self._kept = out, kept
-        for folder in ("maps", "snapshots", "trajectories"):
+        for folder in ("maps", "snapshots", "trajectories", *(["scans"] if scans else [])):
             (out / folder).mkdir(parents=True, exist_ok=True)
         write_whole(out / "world.yaml", to_yaml(world.document))
         frames = {robot: start.tolist() for robot, start in zip(robots, starts, strict=True)}
@@ -72,26 +79,36 @@ class Recorder:
         self._updates = self._open("updates.jsonl")
         self._snapshots = {robot: self._open(f"snapshots/{robot}.jsonl") for robot in robots}
         self._trajectories = [self._open(f"trajectories/{robot}.tum") for robot in robots]
+        self._scans = [self._open(f"scans/{robot}.jsonl") for robot in robots] if scans else []
+
+    # Of what a robot says, a line that has more than `most` bytes is left out. Each returns how many it has, or None.
 
     def event(
         self, t: float, tick: int, robot: str, event: str, data: Mapping[str, Any], most: float = math.inf
     ) -> int | None:
-        """One line of events.jsonl, unless it has more than `most` bytes; returns how many, None where not written.
+        """One line of events.jsonl.
 
         Keys of `data` cannot replace time, tick, robot and event.
         """
         head = {"t": seconds(t), "tick": tick, "robot": robot, "event": event}
-        line = _dump(head | {key: value for key, value in data.items() if key not in head})
-        if len(line) > most:
-            return None
-        self._events.write(line)
-        return len(line)
+        return _line(self._events, head | {key: value for key, value in data.items() if key not in head}, most)
 
     def trajectories(self, t: float, poses: Floats) -> None:
         """A line of each trajectories/ID.tum: time, position, quaternion of the true pose (k, 3) in the world."""
         for file, (x, y, theta) in zip(self._trajectories, poses.tolist(), strict=True):
             spin = f"{math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}"
             file.write(f"{t:.3f} {x:.9f} {y:.9f} 0 0 0 {spin}\n")
+
+    def scans(self, t: float, tick: int, robots: Ints, odometry: Floats, ranges: NDArray[np.float32]) -> None:
+        """A line of scans/ID.jsonl for each row of robots (r,): its odometry (r, 3) and ranges (r, beams)."""
+        if not self._scans:
+            return
+        for row, pose, scan in zip(robots.tolist(), odometry.tolist(), ranges.tolist(), strict=True):
+            told = [
+                None if math.isnan(reading) else -1 if math.isinf(reading) else round(reading, 4) for reading in scan
+            ]
+            fields = {"t": seconds(t), "tick": tick, "odometry": pose, "ranges": told}
+            _line(self._scans[row], fields, math.inf)
 
     def radio(self, passages: Iterable[Passage]) -> None:
         """Lines of radio.csv."""
@@ -104,14 +121,20 @@ class Recorder:
                 {**row._asdict(), "coverage": f"{row.coverage:.6f}", "path_m": f"{row.path_m:.4f}"}.values()
             )
 
-    def snapshot(self, t: float, robot: str, wireframe: Wireframe) -> None:
+    def snapshot(self, t: float, robot: str, wireframe: Wireframe, most: float = math.inf) -> int | None:
         """One line of snapshots/ID.jsonl."""
-        self._snapshots[robot].write(_dump({"t": seconds(t), "map": map_fields(robot, wireframe)}))
+        if LEAST_BYTES * len(wireframe.points) > most:
+            return None
+        return _line(self._snapshots[robot], {"t": seconds(t), "map": map_fields(robot, wireframe)}, most)
 
-    def update(self, t: float, tick: int, robot: str, told: Sequence[str], wireframe: Wireframe) -> None:
+    def update(
+        self, t: float, tick: int, robot: str, told: Sequence[str], wireframe: Wireframe, most: float
+    ) -> int | None:
         """One line of updates.jsonl."""
-        fields = map_fields(robot, wireframe)
-        self._updates.write(_dump({"t": seconds(t), "tick": tick, "robot": robot, "told": told, "map": fields}))
+        if LEAST_BYTES * len(wireframe.points) > most:
+            return None
+        head = {"t": seconds(t), "tick": tick, "robot": robot, "told": told}
+        return _line(self._updates, {**head, "map": map_fields(robot, wireframe)}, most)
 
     def sizes(self) -> dict[str, int]:
         """Bytes of each file that grows. They are handed to the system: a killed process loses nothing of them."""
@@ -177,5 +200,9 @@ def seconds(t: float) -> float:
     return round(t, 3)
 
 
-def _dump(line: Mapping[str, Any]) -> str:
-    return json.dumps(line, separators=(", ", ": "), allow_nan=False) + "\n"
+def _line(file: LineFile, fields: Mapping[str, Any], most: float) -> int | None:
+    line = json.dumps(fields, separators=(", ", ": "), allow_nan=False) + "\n"
+    if len(line) > most:
+        return None
+    file.write(line)
+    return len(line)

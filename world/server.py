@@ -1,32 +1,36 @@
 """The shell around an episode over Zenoh: an embedded router, the join, the ticks, and robots that die."""
 
 import time
-from collections.abc import Callable, Collection
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Self
 
 import zenoh
 
 from protocol import keys
-from protocol.access import Secrets
+from protocol.access import WORLD, Credentials
 from protocol.codec import encode
-from protocol.errors import LinkError, ProtocolError
+from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Clock, End, LinkTable, Progress, Refused
-from protocol.session import at_once, open_router, wait_for_matching
+from protocol.session import at_once, open_client, open_router, wait_for_matching
 from world.answers import LockstepAnswers, RealTimeAnswers
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
-from world.inbox import WorldInbox
+from world.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
 from world.participants import Participants
+from world.roll_call import count
 from world.tick import BadOutputsError, Inputs, Outputs
 from world.wire import Wire
 
+OTHER_WORLD_S = 2.0
+"""A router answers within some ms whether a world is there already."""
 FAREWELL_S = 1.0
 """At the end of a run, robots have this long to go by themselves before the router closes."""
-ENDED, LOST = "its process ended", "its link was lost"
+ENDED, LEFT, LOST = "its process ended", "it took its leave", "its link was lost"
 """Why a robot left."""
+FLOODS = f"more than {MOST_WAITING} of its messages, or {MOST_BYTES_WAITING} bytes of them, waited for the world"
 SAY_AGAIN_S = 2.0
 """In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
 PROGRESS_S = 0.2
@@ -45,24 +49,37 @@ def serve(
     server: ServerConfig,
     out: Path | None,
     *,
-    secrets: Secrets | None = None,
+    credentials: Credentials | None = None,
     inbox: WorldInbox | None = None,
     resume: bool = False,
+    settle_s: float | None = None,
+    counted: Callable[[WorldConfig], None] = lambda config: None,
     listening: Callable[[str], None] = lambda endpoint: None,
     progress: OnProgress = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
-    out: the run directory. secrets: of the robots and viewers that may connect; None lets everybody connect.
-    resume: go on with the run that a killed world left in `out`.
+    out: the run directory. credentials: of the robots and viewers that may connect; None lets everybody connect.
+    resume: go on with the run that a killed world left in `out`. settle_s: the run is for as many robots, config.robots
+    at most, as have come when no further one has for so many seconds; `counted` is told the settings with their number.
     `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises InputError
     where the world cannot listen or cannot be run, before anything is written; LinkError where robots do not join,
     CheckpointError where no run can go on.
     """
-    with open_router(server.listen, secrets) as (session, endpoint):
-        episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
-        with Shell(episode, server, session, inbox or WorldInbox(), progress) as shell:
+    inbox = inbox or WorldInbox()
+    with _opened(server, credentials) as (session, endpoint):
+        known = None if credentials is None else credentials.session_id
+        if settle_s is not None:
             listening(endpoint)
+            robots = count(session, inbox, config.robot_ids, settle_s, server.join_timeout_s, known)
+            if robots is None:
+                return "interrupted"
+            config = config.model_copy(update={"robots": robots})
+            counted(config)
+        episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
+        with Shell(episode, server, session, inbox, progress, known) as shell:
+            if settle_s is None:
+                listening(endpoint)
             ended = "interrupted"
             try:
                 shell.gather(endpoint)
@@ -75,16 +92,38 @@ def serve(
     return ended
 
 
+@contextmanager
+def _opened(server: ServerConfig, credentials: Credentials | None) -> Iterator[tuple[zenoh.Session, str]]:
+    """The world's session, a router or a client of one, with the endpoint where robots find it."""
+    if server.connect is None:
+        with open_router(server.listen, credentials, insecure=server.insecure) as opened:
+            yield opened
+        return
+    with open_client(server.connect, server.join_timeout_s, WORLD, credentials) as session:
+        if any(reply.ok for reply in session.liveliness().get(keys.WORLD_ALIVE, timeout=OTHER_WORLD_S)):
+            raise InputError(f"a world is at {server.connect} already: a router serves one at a time")
+        yield session, server.connect
+
+
 class Shell:
     """An episode among its robots' processes."""
 
     def __init__(
-        self, episode: Episode, config: ServerConfig, session: zenoh.Session, inbox: WorldInbox, progress: OnProgress
+        self,
+        episode: Episode,
+        config: ServerConfig,
+        session: zenoh.Session,
+        inbox: WorldInbox,
+        progress: OnProgress,
+        known: Callable[[str], str | None] | None = None,
     ) -> None:
+        """known: the Zenoh ID that a robot must have, as in `Participants`."""
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
         self._session, self._declared = session, ExitStack()
-        self._participants = Participants(episode.robots, episode.dead, self._linked)
+        linked = self._linked if config.connect is None else None
+        self._known = known
+        self._participants = Participants(episode.robots, episode.dead, linked, known)
         self._participants.processes.update(episode.processes)
         self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
@@ -123,17 +162,25 @@ class Shell:
     def gather(self, endpoint: str) -> None:
         """Wait until as many are ready as the run begins with; LinkError names those missing after join_timeout_s.
 
+        Robots that were let in by then and have their link may still compile their kernels, for silence_s at most.
         In a run that goes on, those that were there come back by themselves, and are waited for as if they were away.
         """
         timeout_s = self.config.join_timeout_s
-        deadline = time.monotonic() + timeout_s
+        begin = time.monotonic()
+        deadline = begin + timeout_s
         first = self.config.begin_with or len(self.episode.robots)
         while not self._here and len(self._participants.ready) < first:
             missing = self._participants.missing
             if not self._take(deadline):
+                coming = len(self._participants.ready) + len(self._participants.preparing)
+                if coming >= first and time.monotonic() - begin < self.config.silence_s:
+                    deadline = time.monotonic() + SAY_AGAIN_S
+                    continue
+                where = endpoint.replace("/0.0.0.0:", "/HOST:").replace("/[::]:", "/HOST:")
+                command = f"wireswarm agent --id {missing[0]} --connect {where}"
+                certs = " --certs DIR" if where.startswith("tls/") else ""
                 raise LinkError(
-                    f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by "
-                    f"`wireswarm agent --id {missing[0]} --connect {endpoint}`"
+                    f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by `{command}{certs}`"
                 )
         ready = self._participants.ready
         wait_for_matching((put for (robot, _), put in self._put.items() if robot in ready), timeout_s)
@@ -160,7 +207,8 @@ class Shell:
         while self.episode.ended is None:
             tick = self.episode.tick
             for robot, inputs in self.episode.inputs().items():
-                self._say_tick(robot, inputs)
+                if robot in self._here:  # one that is about to join would answer ticks that nobody waits for
+                    self._say_tick(robot, inputs)
             self.episode.book()
             if self.config.real_time is None:
                 self._wait_for_all()
@@ -173,6 +221,7 @@ class Shell:
                 self._note_newcomers()
                 self._advance({robot: self._answers.take(robot, tick) for robot in self.episode.live})
             if time.monotonic() - self._told > PROGRESS_S:
+                self._expel()
                 self.tell()
 
     def tell(self, ended: str | None = None) -> None:
@@ -241,6 +290,12 @@ class Shell:
             if time.monotonic() - since >= self.config.silence_s:
                 self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
 
+    def _expel(self) -> None:
+        """Give up robots whose credentials count no longer."""
+        for robot, session in self._participants.sessions.items():
+            if self._known is not None and robot in self.episode.live and self._known(robot) != session:
+                self._kill(robot, "its certificate was revoked")
+
     def _say_tick(self, robot: str, inputs: Inputs) -> None:
         for heard in inputs.heard:
             self._say(robot, keys.RADIO, encode(heard))
@@ -284,6 +339,7 @@ class Shell:
                     )
                 else:
                     self._say_again(robot)
+            self._expel()
             self.tell()
 
     def _advance(self, outputs: dict[str, Outputs]) -> None:
@@ -313,8 +369,9 @@ class Shell:
                     self._lose(arrival.robot)
             case WorldInbox.ENDED:
                 self._participants.token_went(arrival.robot)
-                if self._began is not None:
-                    self._kill(arrival.robot, ENDED)
+                self._part_with(arrival.robot, ENDED)
+            case WorldInbox.FLOOD if arrival.robot in self.episode.live:
+                self._part_with(arrival.robot, FLOODS)
             case channel if channel in keys.NEEDED and self._began is not None:
                 self._hear(arrival.robot, channel, arrival.payload)
         return True
@@ -329,12 +386,20 @@ class Shell:
         except ProtocolError as error:
             self._kill(robot, str(error))
 
+    def _part_with(self, robot: str, reason: str) -> None:
+        """Go on without a robot that will not come back; before the first tick it may be started again."""
+        if self._began is not None:
+            self._kill(robot, reason)
+
     def _kill(self, robot: str, reason: str) -> None:
         self._away.pop(robot, None)
         self.episode.kill(robot, reason)
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
+        if arrival.what == keys.LEAVE:
+            self._let_go(arrival, query)
+            return
         robot, processes = arrival.robot, self._participants.processes
         before = processes.get(robot)
         with query:
@@ -349,3 +414,12 @@ class Shell:
                 self._newcomers[robot] = "rejoined"
                 self._arrive(robot)
             self._welcome_back(robot)
+
+    def _let_go(self, arrival: Arrival, query: zenoh.Query) -> None:
+        with query:
+            refusal = self._participants.dismiss(arrival.robot, arrival.payload)
+            if refusal is not None:
+                query.reply_err(encode(Refused(reason=refusal)))
+                return
+            query.reply(query.key_expr, b"")
+        self._part_with(arrival.robot, LEFT)

@@ -20,6 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from protocol.arrays import Floats
 from protocol.document import read_document
 from protocol.errors import InputError
+from world import maze
 
 BUNDLED = Path(__file__).parent / "bundled"
 
@@ -202,14 +203,26 @@ def bundled() -> list[str]:
 
 
 def load(name_or_path: str | Path) -> World:
-    """World of a bundled name or of a YAML or JSON file; raises WorldFileError naming file and field."""
+    """World of a bundled or generated name, or of a YAML or JSON file; raises WorldFileError naming file and field."""
+    if maze.NAME.fullmatch(str(name_or_path)):
+        return _generated(str(name_or_path))
     path = BUNDLED / f"{name_or_path}.yaml" if str(name_or_path) in bundled() else Path(name_or_path)
     try:
         changed = path.stat()
     except (OSError, ValueError):  # a name that no file can have
         known = ", ".join(bundled())
-        raise WorldFileError(f"{name_or_path!s:.200}: neither a file nor a bundled world ({known})") from None
+        raise WorldFileError(
+            f"{name_or_path!s:.200}: neither a file nor a bundled world ({known}), nor generated-40x40-0"
+        ) from None
     return _loaded(path, (changed.st_mtime_ns, changed.st_size))
+
+
+@lru_cache(maxsize=8)
+def _generated(name: str) -> World:
+    try:
+        return from_document(maze.named(name) or {}, name)
+    except ValueError as error:
+        raise WorldFileError(f"{name}: {error}") from None
 
 
 @lru_cache(maxsize=8)

@@ -124,6 +124,10 @@ class Explorer:
             motion = Motion(0.0, 0.5 * self.spec.max_turn_rps, True)
         return self._command(motion, "drive until a wall is seen")
 
+    def stand(self, reason: str) -> Command:
+        """Nothing for a tick."""
+        return self._command(STANDS, reason)
+
     def place_of_contact(self, scene: Scene) -> Target | None:
         """The way to where a proposal is verified; None without proposal, or if its drive has ended or there is no way.
 

@@ -28,7 +28,6 @@ FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
 _WAYPOINT_M = 0.03  # a waypoint this near is passed
 
 _NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
-_UNASKED, _BARRED = -2, -1  # of a motion between two points; otherwise the number of hurdles that it crosses
 _FROM_START, _NO_WAY = -1, -2  # of what comes before a goal on its way, where otherwise the row of a node stands
 _START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
 _STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
@@ -42,7 +41,9 @@ class Terrain(NamedTuple):
     hurdles: Floats  # (h, 4) stretches that cost a toll: there walls probably go on beyond their frontier ends
     clearance: float  # distance in metres kept from walls
     nodes: Floats  # (k, 2) places where ways may bend
-    joins: Ints  # (k, k) what `_join` said of the motion between two nodes, filled in as it is asked
+    motions: Floats  # (k, k) `_motion` of straight motions between nodes; before it was asked, minus their length
+    joined: Ints  # (k, k) row by row first the nodes that may be joined to one: all but those found to be barred
+    counts: Ints  # (k,) how many these are
 
 
 class Origin(NamedTuple):
@@ -87,84 +88,86 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
 
 
 @kernel
-def _join(ax: float, ay: float, bx: float, by: float, clearance: float, terrain: Terrain) -> int:
-    """How many hurdles the straight motion a-b crosses, or _BARRED if it does not keep the clearance from walls."""
+def _motion(ax: float, ay: float, bx: float, by: float, clearance: float, terrain: Terrain) -> float:
+    """Metres of the straight motion a-b, tolls included; inf if it does not keep the clearance from walls."""
     if not keeps_clear(ax, ay, bx, by, terrain.walls, clearance):
-        return _BARRED
-    hurdles, n = terrain.hurdles, 0
+        return math.inf
+    hurdles, cost = terrain.hurdles, math.hypot(bx - ax, by - ay)
     for k in range(hurdles.shape[0]):
         if crosses(ax, ay, bx, by, hurdles[k, 0], hurdles[k, 1], hurdles[k, 2], hurdles[k, 3]):
-            n += 1
-    return n
+            cost += FRONTIER_TOLL_M
+    return cost
+
+
+@kernel
+def _unasked(points: Floats, nodes: Floats) -> Floats:
+    """(n, k) minus the distances between points (n, 2) and nodes (k, 2)."""
+    out = np.empty((points.shape[0], nodes.shape[0]))
+    for i in range(points.shape[0]):
+        for j in range(nodes.shape[0]):
+            out[i, j] = -math.hypot(points[i, 0] - nodes[j, 0], points[i, 1] - nodes[j, 1])
+    return out
 
 
 @kernel
 def _shortest(start: Floats, start_clearance: float, terrain: Terrain) -> tuple[Floats, Ints]:
     """Dijkstra from start (2,): `cost` and `before` of an Origin."""
-    nodes, joins = terrain.nodes, terrain.joins
+    nodes, motions, joined = terrain.nodes, terrain.motions, terrain.joined
     n = nodes.shape[0]
-    cost, before, settled = np.full(n, math.inf), np.full(n, _FROM_START), np.zeros(n, np.bool_)
-    at, at_cost = _FROM_START, 0.0
-    while True:
-        px, py = (start[0], start[1]) if at == _FROM_START else (nodes[at, 0], nodes[at, 1])
-        for j in range(n):
-            if settled[j]:
-                continue
-            qx, qy = nodes[j, 0], nodes[j, 1]
-            new = at_cost + math.hypot(qx - px, qy - py)
-            if new >= cost[j]:
-                continue
-            if at == _FROM_START:
-                join = _join(px, py, qx, qy, start_clearance, terrain)
-            else:
-                if joins[at, j] == _UNASKED:
-                    joins[at, j] = joins[j, at] = _join(px, py, qx, qy, terrain.clearance, terrain)
-                join = joins[at, j]
-            if join == _BARRED:
-                continue
-            new += FRONTIER_TOLL_M * join
-            if new < cost[j]:
-                cost[j], before[j] = new, at
-        at, best = _FROM_START, math.inf
-        for j in range(n):
-            if not settled[j] and cost[j] < best:
-                best, at = cost[j], j
-        if at == _FROM_START:
-            return cost, before
-        settled[at] = True
-        at_cost = best
+    cost, before = np.empty(n), np.full(n, _FROM_START)
+    for j in range(n):
+        cost[j] = _motion(start[0], start[1], nodes[j, 0], nodes[j, 1], start_clearance, terrain)
+    ahead = cost.copy()  # inf where a node is settled
+    for _ in range(n):
+        at = int(np.argmin(ahead))
+        if ahead[at] == math.inf:
+            break
+        ahead[at] = math.inf
+        kept = 0
+        for i in range(terrain.counts[at]):
+            j = joined[at, i]
+            if cost[at] + abs(motions[at, j]) < cost[j]:
+                if motions[at, j] < 0.0:
+                    motion = _motion(nodes[at, 0], nodes[at, 1], nodes[j, 0], nodes[j, 1], terrain.clearance, terrain)
+                    motions[at, j] = motions[j, at] = motion
+                if cost[at] + motions[at, j] < cost[j]:
+                    cost[j] = ahead[j] = cost[at] + motions[at, j]
+                    before[j] = at
+            if motions[at, j] < math.inf:
+                joined[at, kept] = j
+                kept += 1
+        terrain.counts[at] = kept
+    return cost, before
 
 
 @kernel
-def _reach(origin: Origin, terrain: Terrain, goal: Floats, asked: Ints, worst: float) -> tuple[float, int]:
+def _reach(origin: Origin, terrain: Terrain, goal: Floats, motions: Floats, worst: float) -> tuple[float, int]:
     """Cost of goal (2,) if below worst, and the node before it, _FROM_START or _NO_WAY.
 
-    asked: (k,) what `_join` said of the motion from each node to the goal, filled in as it is asked.
+    motions: (k,) from each node to the goal, as those of a terrain, filled in as they are asked.
     """
     start, nodes = origin.point, terrain.nodes
     best, last = worst, _NO_WAY
-    direct = math.hypot(goal[0] - start[0], goal[1] - start[1])
-    if direct < best:
-        join = _join(start[0], start[1], goal[0], goal[1], origin.clearance, terrain)
-        if join != _BARRED and direct + FRONTIER_TOLL_M * join < best:
-            best, last = direct + FRONTIER_TOLL_M * join, _FROM_START
+    if math.hypot(goal[0] - start[0], goal[1] - start[1]) < best:
+        direct = _motion(start[0], start[1], goal[0], goal[1], origin.clearance, terrain)
+        if direct < best:
+            best, last = direct, _FROM_START
     for j in range(nodes.shape[0]):
-        new = origin.cost[j] + math.hypot(goal[0] - nodes[j, 0], goal[1] - nodes[j, 1])
-        if new >= best:
+        if origin.cost[j] + abs(motions[j]) >= best:
             continue
-        if asked[j] == _UNASKED:
-            asked[j] = _join(nodes[j, 0], nodes[j, 1], goal[0], goal[1], terrain.clearance, terrain)
-        if asked[j] != _BARRED and new + FRONTIER_TOLL_M * asked[j] < best:
-            best, last = new + FRONTIER_TOLL_M * asked[j], j
+        if motions[j] < 0.0:
+            motions[j] = _motion(nodes[j, 0], nodes[j, 1], goal[0], goal[1], terrain.clearance, terrain)
+        if origin.cost[j] + motions[j] < best:
+            best, last = origin.cost[j] + motions[j], j
     return best, last
 
 
 @kernel
-def _costs(origin: Origin, terrain: Terrain, goals: Floats, asked: Ints) -> Floats:
-    """Cost (g,) of each of goals (g, 2), inf where there is no way; asked: (g, k) rows of `_reach`."""
+def _costs(origin: Origin, terrain: Terrain, goals: Floats, motions: Floats) -> Floats:
+    """Cost (g,) of each of goals (g, 2), inf where there is no way; motions: (g, k) rows of `_reach`."""
     out = np.empty(goals.shape[0])
     for i in range(goals.shape[0]):
-        out[i], _ = _reach(origin, terrain, goals[i], asked[i], math.inf)
+        out[i], _ = _reach(origin, terrain, goals[i], motions[i], math.inf)
     return out
 
 
@@ -205,8 +208,8 @@ def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> 
         i = int(np.argmin(bound))
         if bound[i] >= best:
             break
-        asked = np.full(nodes.shape[0], _UNASKED)
-        found, node = _reach(origin, terrain, goals[i], asked, best - extra[i])
+        motions = _unasked(goals[i : i + 1], nodes)[0]
+        found, node = _reach(origin, terrain, goals[i], motions, best - extra[i])
         if node != _NO_WAY:
             best, which, last = found + extra[i], i, node
         bound[i] = math.inf
@@ -246,8 +249,9 @@ class Roads:
         nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
         nodes = np.vstack((nodes, more_nodes))
         self.nodes = nodes[distances_to_walls(nodes, self.walls) >= clearance_m]
-        joins = np.full((len(self.nodes),) * 2, _UNASKED)
-        self.terrain = Terrain(self.walls, hurdles_of(open_ends(wireframe)), clearance_m, self.nodes, joins)
+        k = len(self.nodes)
+        asked = _unasked(self.nodes, self.nodes), np.tile(np.arange(k), (k, 1)), np.full(k, k)
+        self.terrain = Terrain(self.walls, hurdles_of(open_ends(wireframe)), clearance_m, self.nodes, *asked)
         self.origin = self.leave(start)
 
     def leave(self, start: Floats) -> Origin:
@@ -292,8 +296,8 @@ class Roads:
 
     def _costs(self, origins: Iterable[Origin], goals: Floats) -> Floats:
         goals = np.ascontiguousarray(goals, np.float64)
-        asked = np.full((len(goals), len(self.nodes)), _UNASKED)
-        return np.array([_costs(origin, self.terrain, goals, asked) for origin in origins])
+        motions = _unasked(goals, self.nodes)
+        return np.array([_costs(origin, self.terrain, goals, motions) for origin in origins])
 
 
 def _first_clearance(start: Floats, walls: Floats, clearance_m: float) -> float:

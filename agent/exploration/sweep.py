@@ -133,7 +133,8 @@ class Sweep:
     def __init__(self, smallest_object_m: float, lidar: LidarSpec, object_beams: float = OBJECT_BEAMS) -> None:
         self.sample_m = smallest_object_m
         self.range = RANGE_SHARE * lidar.range_max_m
-        self.radius = min(smallest_object_m / (object_beams * 2.0 * math.pi / lidar.beams), self.range)
+        beam = math.radians(lidar.field_of_view_deg) / lidar.beams
+        self.radius = min(smallest_object_m / (object_beams * beam), self.range)
         """Distance in metres at which the smallest object gets enough beams to be seen."""
         self._stood: list[tuple[float, float]] = []
 

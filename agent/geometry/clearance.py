@@ -58,18 +58,24 @@ def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clear
     limit2 = clearance * clearance
     left, right = min(ax, bx) - clearance, max(ax, bx) + clearance
     low, high = min(ay, by) - clearance, max(ay, by) + clearance
+    along_x, along_y = bx - ax, by - ay
+    beyond2 = 1.000001 * limit2 * (along_x * along_x + along_y * along_y)
     for k in range(walls.shape[0]):
         cx, cy, dx, dy = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         if (cx < left and dx < left) or (cx > right and dx > right):
             continue
         if (cy < low and dy < low) or (cy > high and dy > high):
             continue
+        # the wall lies on one side of the motion's line, beyond the clearance
+        first, second = (cx - ax) * along_y - (cy - ay) * along_x, (dx - ax) * along_y - (dy - ay) * along_x
+        if (first > 0.0) == (second > 0.0) and min(first * first, second * second) > beyond2:
+            continue
         if (
-            _point_to_wall2(cx, cy, ax, ay, bx, by) < limit2
+            crosses(ax, ay, bx, by, cx, cy, dx, dy)
+            or _point_to_wall2(cx, cy, ax, ay, bx, by) < limit2
             or _point_to_wall2(dx, dy, ax, ay, bx, by) < limit2
             or _point_to_wall2(ax, ay, cx, cy, dx, dy) < limit2
             or _point_to_wall2(bx, by, cx, cy, dx, dy) < limit2
-            or crosses(ax, ay, bx, by, cx, cy, dx, dy)
         ):
             return False
     return True

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agent.corner_scan import CornerScan, Sight, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import length, tip_at
@@ -23,7 +23,9 @@ class View(NamedTuple):
     pose: Pose  # of the robot: m, m, rad
     pieces: Records  # (k,) of PIECE, lines in the map's frame
     sight: Sight
-    margin: float  # m, distance from a piece within which a place counts as on it
+    margin: float  # m, distance from a piece within which a place counts as on it, at least
+    noise: float  # m, standard deviation of a near range: pieces of few or far hits have a wider margin
+    tilt: float  # rad, by which the scan was found to be turned in itself: edges are as uncertain
 
 
 class Samples(NamedTuple):
@@ -36,18 +38,23 @@ class Samples(NamedTuple):
 
 def view_of(scan: CornerScan, pose: Pose, margin_m: float) -> View:
     """A scan from a pose, held against walls that are known to this precision in metres."""
-    return View(pose, to_map_frame(scan.pieces, pose), scan.sight, margin_m)
+    return View(pose, to_map_frame(scan.pieces, pose), scan.sight, margin_m, margin_m / NOISE_SIGMAS, 0.0)
 
 
 @kernel
-def piece_at(view: View, bearing: float) -> int:
-    """Index of the piece that a ray meets well inside its ends, or -1. bearing: robot's frame, [0, 2 pi)."""
-    half_beam = view.sight.half_beam
+def piece_at(view: View, bearing: float, margin: float) -> int:
+    """Index of the piece that a ray meets inside its ends by the margin, or -1. bearing: robot's frame, [0, 2 pi)."""
     for k in range(len(view.pieces)):
-        for turn in (0.0, 2 * math.pi):
-            if view.pieces[k].bearing[0] + half_beam <= bearing + turn <= view.pieces[k].bearing[1] - half_beam:
-                return k
+        if _inside(view.pieces[k], bearing, margin):
+            return k
     return -1
+
+
+@kernel
+def _inside(piece: Record, bearing: float, margin: float) -> bool:
+    """Whether a ray meets a piece inside its ends by the margin, radians."""
+    low, high = piece.bearing[0] + margin, piece.bearing[1] - margin
+    return bool(low <= bearing <= high or low <= bearing + 2 * math.pi <= high)
 
 
 @kernel
@@ -69,15 +76,21 @@ def look_at(x: float, y: float, view: View) -> tuple[int, int]:
     if distance > sight.reach or distance < 1e-6:
         return UNSEEN, -1
     bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
-    if within(sight.blind, bearing, -sight.half_beam):
+    parallax = (
+        sight.half_beam + view.tilt + sight.shift / distance
+    )  # a place is passed at another bearing than seen from the stamp
+    if within(sight.blind, bearing, -parallax):
         return UNSEEN, -1
-    k = piece_at(view, bearing)
+    k = piece_at(view, bearing, sight.half_beam)
     if k >= 0:
         off = above(view.pieces[k], x, y)
-        if off > view.margin:
-            return THROUGH, k
-        return (UNSEEN, k) if off < -view.margin else (ON, k)
-    if within(sight.open, bearing, sight.half_beam) and distance < sight.reach - view.margin:
+        p = view.pieces[k]
+        t = along(p, x, y)
+        margin = max(view.margin, NOISE_SIGMAS * view.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        if off > margin:
+            return (THROUGH, k) if _inside(p, bearing, parallax) else (UNSEEN, -1)
+        return (UNSEEN, k) if off < -margin else (ON, k)
+    if within(sight.open, bearing, parallax) and distance < sight.reach - view.margin:
         return THROUGH, -1
     return UNSEEN, -1
 

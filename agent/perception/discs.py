@@ -7,6 +7,7 @@ import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS
 from agent.kernels import kernel
+from agent.perception.beams import Beams
 from agent.perception.segmentation import beam_sums, fit
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
@@ -17,15 +18,14 @@ INNER = 0.9  # share of a disc's width whose beams are surely on it, also where 
 ROUNDS = 3  # Gauss-Newton steps from the first guess, which is off by half a radius at most
 
 
-class Turn(NamedTuple):
-    """A full turn of ranges in which discs are looked for."""
+class Panorama(NamedTuple):
+    """A full turn of ranges in which discs are looked for, in even steps of bearing: beam k is the one near k steps."""
 
-    ranges: Floats  # (n,) m, inf where nothing came back
+    ranges: Floats  # (n,) m, inf where nothing came back, NaN where nothing was measured
     rays: Floats  # (n, 2) cosine and sine of each beam's bearing
+    noise: Floats  # (n,) m, standard deviation of each range
     step: float  # rad, from each beam to the next
     radius: float  # m, of the discs
-    noise: float  # m, standard deviation of a range
-    near: float  # m, by which a range may differ from a disc's and still be of it
 
 
 class Disc(NamedTuple):
@@ -40,36 +40,58 @@ class Fit(NamedTuple):
 
     beams: int  # beams well inside the disc
     on: int  # those of them that end on it
-    squares: float  # m2, sum of the squared residuals of these
+    chi2: float  # of these
     first: int  # the first and the last of these; they may lie outside of a turn
     last: int
 
 
 @kernel
-def find_discs(ranges: Floats, radius: float, noise: float) -> Floats:
-    """Discs in a full turn of ranges (inf: nothing): (d, 2) metres, centres in the robot's frame.
+def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
+    """Discs in a full turn of beams: (d, 2) metres, centres in the robot's frame. noise: (n,) sd of the ranges.
 
     A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
     another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
     """
-    step, rays = 2 * math.pi / len(ranges), np.empty((len(ranges), 2))
-    for k in range(len(ranges)):
-        rays[k, 0], rays[k, 1] = math.cos(k * step), math.sin(k * step)
-    turn = Turn(ranges, rays, step, radius, noise, NOISE_SIGMAS * noise + 0.1 * radius)
-    found = np.empty((len(ranges), 3))  # distance, bearing, mean squared residual
+    turn = _evenly_spread(beams, noise, radius)
+    found = np.empty((len(turn.ranges), 3))  # distance, bearing, mean chi-square
     count = 0
-    for i in range(len(ranges)):
-        if not math.isfinite(ranges[i]) or _goes_on_beside(turn, i):
+    for i in range(len(turn.ranges)):
+        if not math.isfinite(turn.ranges[i]) or _goes_on_beside(turn, i):
             continue
-        disc = Disc(ranges[i] + radius, i * turn.step)
+        disc = Disc(turn.ranges[i] + radius, i * turn.step)
         if not _may_be(_fit_of(turn, disc)):
             continue
         for _ in range(ROUNDS):
             disc = _better(turn, disc)
         fitted = _fit_of(turn, disc)
-        if _may_be(fitted) and fitted.squares / noise**2 <= MAX_CHI2 * fitted.on and not _is_line(turn, disc, fitted):
-            count = _keep_best(found, count, disc, fitted.squares / fitted.on, radius)
+        if _may_be(fitted) and fitted.chi2 <= MAX_CHI2 * fitted.on and not _is_line(turn, disc, fitted):
+            count = _keep_best(found, count, disc, fitted.chi2 / fitted.on, radius)
     return _bounded(turn, found, count)
+
+
+@kernel
+def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
+    """The nearest of the beams at each step of bearing. A step that no beam fell on has what is before it."""
+    n = round(2 * math.pi / beams.step)
+    ranges, rays, sd = np.full(n, np.nan), np.zeros((n, 2)), np.ones(n)
+    taken = np.zeros(n, np.bool_)
+    for i in range(len(beams.ranges)):
+        k = round(beams.bearings[i] / beams.step) % n
+        taken[k] = True
+        if math.isnan(beams.ranges[i]) or ranges[k] <= beams.distances[i]:
+            continue
+        ranges[k], sd[k] = beams.distances[i], noise[i]
+        rays[k, 0], rays[k, 1] = math.cos(beams.bearings[i]), math.sin(beams.bearings[i])
+    for k in range(n):
+        if not taken[k] and taken[k - 1]:
+            ranges[k], sd[k], rays[k] = ranges[k - 1], sd[k - 1], rays[k - 1]
+    return Panorama(ranges, rays, sd, beams.step, radius)
+
+
+@kernel
+def _near(turn: Panorama, k: int) -> float:
+    """By how much, m, the range of beam k may differ from that to a disc that it meets."""
+    return NOISE_SIGMAS * turn.noise[k] + 0.1 * turn.radius
 
 
 @kernel
@@ -79,24 +101,24 @@ def _half_width(distance: float, radius: float) -> float:
 
 
 @kernel
-def _goes_on_beside(turn: Turn, i: int) -> bool:
+def _goes_on_beside(turn: Panorama, i: int) -> bool:
     """Whether the beams beside a disc that beam i would meet end about as far: most beams end on walls, which go on."""
     r, n = turn.ranges[i], len(turn.ranges)
     beside = math.ceil(math.asin(turn.radius / (r + turn.radius)) / turn.step) + 1
     before, after = turn.ranges[(i - beside) % n], turn.ranges[(i + beside) % n]
-    far, near = r + 0.5 * turn.radius, r - turn.near
+    far, near = r + 0.5 * turn.radius, r - _near(turn, i)
     return near <= before <= far or near <= after <= far
 
 
 @kernel
-def _span(turn: Turn, disc: Disc) -> tuple[int, int]:
+def _span(turn: Panorama, disc: Disc) -> tuple[int, int]:
     """First and last beam well inside a disc; they may lie outside of a turn."""
     half = INNER * _half_width(disc.distance, turn.radius)
     return math.ceil((disc.bearing - half) / turn.step), math.floor((disc.bearing + half) / turn.step)
 
 
 @kernel
-def _off(turn: Turn, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
+def _off(turn: Panorama, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
     """By how much the range of beam k exceeds that of a disc at a bearing (cosine cb, sine sb).
 
     With the cosine and sine of the angle from the disc's centre to the beam.
@@ -110,18 +132,19 @@ def _off(turn: Turn, k: int, distance: float, cb: float, sb: float) -> tuple[flo
 
 
 @kernel
-def _fit_of(turn: Turn, disc: Disc) -> Fit:
+def _fit_of(turn: Panorama, disc: Disc) -> Fit:
     """How the beams well inside a disc fit it."""
     low, high = _span(turn, disc)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
-    on, squares, first, last = 0, 0.0, high + 1, low - 1
+    on, chi2, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        off, _, _ = _off(turn, k % len(turn.ranges), disc.distance, cb, sb)
-        if abs(off) < turn.near:
+        beam = k % len(turn.ranges)
+        off, _, _ = _off(turn, beam, disc.distance, cb, sb)
+        if abs(off) < _near(turn, beam):
             on += 1
-            squares += off * off
+            chi2 += (off / turn.noise[beam]) ** 2
             first, last = min(first, k), max(last, k)
-    return Fit(high - low + 1, on, squares, first, last)
+    return Fit(high - low + 1, on, chi2, first, last)
 
 
 @kernel
@@ -131,7 +154,7 @@ def _may_be(fitted: Fit) -> bool:
 
 
 @kernel
-def _better(turn: Turn, disc: Disc) -> Disc:
+def _better(turn: Panorama, disc: Disc) -> Disc:
     """One Gauss-Newton step on distance and bearing, with the two exact derivatives of the range."""
     distance, bearing = disc
     radius = turn.radius
@@ -139,8 +162,9 @@ def _better(turn: Turn, disc: Disc) -> Disc:
     cb, sb = math.cos(bearing), math.sin(bearing)
     low, high = _span(turn, disc)
     for k in range(low, high + 1):
-        off, c, s = _off(turn, k % len(turn.ranges), distance, cb, sb)
-        if abs(off) <= turn.near:
+        beam = k % len(turn.ranges)
+        off, c, s = _off(turn, beam, distance, cb, sb)
+        if abs(off) <= _near(turn, beam):
             side = distance * s
             root = math.sqrt(radius * radius - side * side)
             by_distance, by_bearing = c + side * s / root, side - side * distance * c / root
@@ -155,16 +179,18 @@ def _better(turn: Turn, disc: Disc) -> Disc:
 
 
 @kernel
-def _is_line(turn: Turn, disc: Disc, fitted: Fit) -> bool:
+def _is_line(turn: Panorama, disc: Disc, fitted: Fit) -> bool:
     """Whether the beams on a disc, unless they are few, fit a line better."""
-    run, angle, m = np.empty(fitted.last - fitted.first + 1), np.empty(fitted.last - fitted.first + 1), 0
+    size, m = fitted.last - fitted.first + 1, 0
+    run, angle, sd = np.empty(size), np.empty(size), np.empty(size)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(fitted.first, fitted.last + 1):
         beam = k % len(turn.ranges)
-        if abs(_off(turn, beam, disc.distance, cb, sb)[0]) < turn.near:
-            run[m], angle[m] = turn.ranges[beam], k * turn.step
+        if abs(_off(turn, beam, disc.distance, cb, sb)[0]) < _near(turn, beam):
+            run[m], angle[m] = turn.ranges[beam], math.atan2(turn.rays[beam, 1], turn.rays[beam, 0])
+            sd[m] = turn.noise[beam]
             m += 1
-    return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], turn.noise)[m])[2] < fitted.squares / turn.noise**2
+    return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], sd[:m])[m])[2] < fitted.chi2
 
 
 @kernel
@@ -185,7 +211,7 @@ def _keep_best(found: Floats, count: int, disc: Disc, residual: float, radius: f
 
 
 @kernel
-def _bounded(turn: Turn, found: Floats, count: int) -> Floats:
+def _bounded(turn: Panorama, found: Floats, count: int) -> Floats:
     """(d, 2) metres, centres of those discs that end at a jump on one side, and at a jump or another disc on the other.
 
     A row of discs is a wall, so a disc with both ends hidden by others does not count, nor does it end another.
@@ -209,15 +235,16 @@ def _bounded(turn: Turn, found: Floats, count: int) -> Floats:
 
 
 @kernel
-def _jumps(turn: Turn, distance: float, bearing: float, side: int) -> bool:
+def _jumps(turn: Panorama, distance: float, bearing: float, side: int) -> bool:
     """Whether the beam beside a disc (side 1: left, -1: right) is clearly farther or nearer than the disc."""
     half = _half_width(distance, turn.radius)
-    r = turn.ranges[round((bearing + side * (half + turn.step)) / turn.step) % len(turn.ranges)]
-    return r > distance + 0.3 * turn.radius or r < distance - turn.radius - turn.near
+    beam = round((bearing + side * (half + turn.step)) / turn.step) % len(turn.ranges)
+    r = turn.ranges[beam]
+    return r > distance + 0.3 * turn.radius or r < distance - turn.radius - _near(turn, beam)
 
 
 @kernel
-def _on_another(turn: Turn, found: Floats, count: int, jump: Bools, c: int, bearing: float) -> bool:
+def _on_another(turn: Panorama, found: Floats, count: int, jump: Bools, c: int, bearing: float) -> bool:
     """Whether a bearing beside disc c meets another disc that ends at a jump itself."""
     for other in range(count):
         if other != c and (jump[other, 0] or jump[other, 1]):
@@ -228,31 +255,26 @@ def _on_another(turn: Turn, found: Floats, count: int, jump: Bools, c: int, bear
 
 
 @kernel
-def hidden_beams(n: int, discs: Floats, radius: float) -> Bools:
-    """(n,) which beams of a full turn meet one of the discs (d, 2), or pass within one beam of it."""
-    out, step = np.zeros(n, np.bool_), 2 * math.pi / n
+def hidden_beams(beams: Beams, discs: Floats, radius: float) -> Bools:
+    """(n,) which beams meet one of the discs (d, 2), or pass within one beam of it."""
+    out = np.zeros(len(beams.ranges), np.bool_)
     for d in range(len(discs)):
-        distance = max(math.hypot(discs[d, 0], discs[d, 1]), 1.001 * radius)
-        bearing = math.atan2(discs[d, 1], discs[d, 0])
-        half = math.asin(radius / distance) + step
-        for k in range(math.ceil((bearing - half) / step), math.floor((bearing + half) / step) + 1):
-            out[k % n] = True
+        for k in range(len(out)):
+            x, y = discs[d, 0] - beams.origins[k, 0], discs[d, 1] - beams.origins[k, 1]
+            half = math.asin(radius / max(math.hypot(x, y), 1.001 * radius)) + beams.step
+            c, s = beams.rays[k, 0], beams.rays[k, 1]
+            out[k] |= abs(math.atan2(c * y - s * x, c * x + s * y)) <= half
     return out
 
 
 @kernel
-def beams_on(ranges: Floats, expected: Floats, radius: float, margin: float) -> Bools:
+def beams_on(beams: Beams, expected: Floats, radius: float, margin: float) -> Bools:
     """(n,) which beams end on a disc expected at (k, 3) centre and slack (+ margin), metres, robot's frame."""
-    n, step = len(ranges), 2 * math.pi / len(ranges)
-    out = np.zeros(n, np.bool_)
+    out = np.zeros(len(beams.ranges), np.bool_)
     for d in range(len(expected)):
-        reach = radius + (expected[d, 2] + margin)
-        distance = math.hypot(expected[d, 0], expected[d, 1])
-        bearing = math.atan2(expected[d, 1], expected[d, 0])
-        half = math.asin(min(reach / max(distance, 1e-9), 1.0))
-        for k in range(math.ceil((bearing - half) / step), math.floor((bearing + half) / step) + 1):
-            r = ranges[k % n]
-            apart = math.hypot(r * math.cos(k * step) - expected[d, 0], r * math.sin(k * step) - expected[d, 1])
-            if math.isfinite(r) and apart < reach:
-                out[k % n] = True
+        for k in range(len(out)):
+            r, bearing = beams.distances[k], beams.bearings[k]
+            if math.isfinite(r):
+                apart = math.hypot(r * math.cos(bearing) - expected[d, 0], r * math.sin(bearing) - expected[d, 1])
+                out[k] |= apart < radius + (expected[d, 2] + margin)
     return out

@@ -7,17 +7,18 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, range_noise
+from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
 from agent.geometry.clearance import distances_to_walls
 from agent.kernels import kernel
+from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import Method, PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
-from agent.perception.pieces import Beams, pieces_of
+from agent.perception.pieces import Turn, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats
-from protocol.geometry import Pose, apply, seen_from
+from protocol.geometry import Pose, apply, compose, seen_from
 from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
@@ -32,24 +33,38 @@ NOTHING = np.zeros((0, 4))
 class Perception:
     """Turns observations into corner scans, and remembers teammates of the last scans and posts."""
 
-    def __init__(self, config: PerceptionConfig, spec: RobotSpec) -> None:
-        self._method, self._spec = config.method, spec
+    def __init__(self, config: PerceptionConfig, spec: RobotSpec, *, alone: bool = False) -> None:
+        """alone: nobody else is about, so that nothing round is a teammate."""
+        self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
+        self._tick = -1  # of the last observation
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
-    def see(self, observation: Observation, predicted: Pose, own: Wireframe) -> CornerScan:
-        """Corner scan of an observation. predicted: the robot's pose in the frame of its own map, before correction."""
+    def see(self, observation: Observation, way: Floats, start: Pose, own: Wireframe) -> CornerScan:
+        """Corner scan of an observation.
+
+        way: (k + 1, 3) poses since the last one, in the frame of the first, which is `start` in the frame of the map.
+        own: the robot's own map.
+        """
         if own is not self._map:
             walls = own.segments()
             self._map, self._walls = own, walls[lengths(walls) >= WALL_M]
+        x, y, theta = way[-1].tolist()
+        predicted = compose(start, (x, y, theta))
+        turn = (
+            way if observation.tick == self._tick + 1 else None
+        )  # of a tick that was missed the turn's start is unknown
+        self._tick = observation.tick
         scan = perceive(
             observation.scan(),
             self._spec,
             self._method,
+            way=turn,
             expected=self._seen_discs.expected(observation.odometry),
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
+            alone=self._alone,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
         return scan
@@ -64,45 +79,50 @@ def perceive(
     spec: RobotSpec,
     method: Method = "piecewise",
     *,
+    way: Floats | None = None,
     expected: Floats = NOTHING,
     known: Floats = NOTHING,
     posts: Floats = NOTHING,
+    alone: bool = False,
 ) -> CornerScan:
-    """Corner scan of a full turn.
+    """Corner scan of a turn of the lidar, in the robot's frame at its stamp.
 
-    ranges: (beams,) float64 metres, inf where nothing came back. Anything else that is no positive number is
-    treated as silent. expected: (k, 3) metres, teammates seen a moment ago, centre and slack. known: (m, 4) metres,
-    walls of the map, in which no teammate stands. posts: (p, 2) metres, what is round and no teammate. All in the
-    robot's frame.
+    ranges: (beams,) float64 metres, inf where nothing came back, NaN where nothing was measured. Anything else that is
+    no positive number is treated as silent. way: (k + 1, 3) odometry poses at equal steps from the start of the turn to
+    the stamp, in a frame of their own; None where the robot stood. In the robot's frame: expected: (k, 3) metres,
+    teammates seen a moment ago, centre and slack. known: (m, 4) metres, walls of the map, in which no teammate stands.
+    posts: (p, 2) metres, what is round and no teammate. alone: whether nothing round can be a teammate.
     """
     lidar, radius = spec.lidar, spec.radius_m
-    ranges = np.where(np.isfinite(ranges) & (ranges > 0) & (ranges <= lidar.range_max_m + 1.0), ranges, np.inf)
-    noise, n = range_noise(lidar), len(ranges)
-    discs = find_discs(ranges, radius, noise)
+    good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
+    beams = ring_of(np.where(good, ranges, np.inf), lidar, way)
+    noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
+    discs = np.zeros((0, 2)) if alone else find_discs(beams, noise, radius)
     discs = discs[distances_to_walls(discs, known) > IN_WALL_M]
     if len(posts) and len(discs):
         discs = discs[np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1) > radius]
-    hidden = hidden_beams(n, discs, radius) | beams_on(ranges, expected, radius, DISC_MARGIN_M)
-    returned = np.isfinite(ranges)
+    hidden = hidden_beams(beams, discs, radius) | beams_on(beams, expected, radius, DISC_MARGIN_M)
+    hidden |= np.isnan(beams.ranges)
+    returned = np.isfinite(beams.ranges)
     used = np.flatnonzero(returned & ~hidden)
-    pieces, unexplained = np.zeros(0, PIECE), returned
+    pieces, unexplained = np.zeros(0, PIECE), returned | hidden
     if len(used) >= MIN_HITS:
         cut = piecewise if method == "piecewise" else split_and_merge
-        step = 2 * math.pi / n
-        cuts, sums = cut(ranges[used], np.multiply(used, step, dtype=np.float64), noise)
+        cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
-        turn = Beams(ranges, hidden, used, step, noise, lidar.range_max_m, silence)
+        turn = Turn(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar))
         pieces, explained = pieces_of(turn, cuts, sums)
-        unexplained = (returned | hidden) & ~explained
-    free, blind = _sectors(~returned & ~hidden, OPEN_BEAMS), _sectors(unexplained, 1)
-    return CornerScan(pieces, Sight(free, blind, lidar.range_max_m - NOISE_SIGMAS * noise, math.pi / n), discs)
+        unexplained &= ~explained
+    free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
+    reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
+    sight = Sight(free, _sectors(unexplained, beams, 1), reach, 0.5 * beams.step, beams.shift)
+    return CornerScan(pieces, sight, discs)
 
 
 @kernel
-def _sectors(marked: Bools, least: int) -> Floats:
+def _sectors(marked: Bools, beams: Beams, least: int) -> Floats:
     """(s, 2) rad: runs of at least so many marked beams of a full turn."""
     n, unmarked = len(marked), np.flatnonzero(~marked)
-    step = 2 * math.pi / n
     if len(unmarked) == 0:
         return np.array([[0.0, 2 * math.pi]])
     out, count, run = np.empty((n, 2)), 0, 0
@@ -111,7 +131,10 @@ def _sectors(marked: Bools, least: int) -> Floats:
             run += 1
             continue
         if run >= least:
-            out[count, 0], out[count, 1] = (k - run) * step, (k - 1) * step
+            width = width_of(beams, k - run, k - 1)
+            first = beams.bearings[(k - run) % n] + min(width, 0.0)  # parallax may turn the order of two beams
+            out[count, 0] = first % (2 * math.pi)
+            out[count, 1] = out[count, 0] + abs(width)
             count += 1
         run = 0
     return out[:count].copy()

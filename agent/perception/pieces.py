@@ -8,6 +8,7 @@ import numpy as np
 from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import MIN_CORNER_SINE, Record, meet
 from agent.kernels import kernel
+from agent.perception.beams import Beams, width_of
 from agent.perception.segmentation import LINE_COST, MIN_HITS, fit
 from protocol.arrays import Bools, Floats, Ints, Records
 
@@ -18,60 +19,69 @@ EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the l
 MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
 
 
-class Beams(NamedTuple):
-    """A full turn of beams."""
+class Turn(NamedTuple):
+    """The beams of a turn, and what is to be known of them."""
 
-    ranges: Floats  # (n,) m, inf where nothing came back
-    hidden: Bools  # (n,) those that end on a teammate, or pass it narrowly
+    beams: Beams  # (n,)
+    noise: Floats  # (n,) m, standard deviation of each range
+    hidden: Bools  # (n,) those not measured, and those that end on a teammate or pass it narrowly
     used: Ints  # (m,) indices of those that may show walls, rising
-    step: float  # rad, from each to the next
-    noise: float  # m, standard deviation of a range
     range_max: float  # m, beyond which nothing comes back
     silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
+    unit: float  # m, the standard deviation of a range that counts as one hit
 
 
 @kernel
-def pieces_of(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
+def pieces_of(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
     """Pieces (p,) of PIECE, and which beams (n,) are explained by one.
 
     cuts (k, 2) and sums (2 m + 1, 6): as from `segmentation.piecewise`, over the used beams.
     """
     cuts = _split_at_gaps(turn, cuts)
-    explained = np.zeros(len(turn.ranges), np.bool_)
+    explained = np.zeros(len(turn.hidden), np.bool_)
     for k in range(len(cuts)):
         for j in range(cuts[k, 0], cuts[k, 1]):
             explained[turn.used[j % len(turn.used)]] = True
     cuts, totals = _join_across_strays(turn, cuts, sums)
-    pieces = np.zeros(len(cuts), PIECE)
+    pieces, ends = np.zeros(len(cuts), PIECE), np.empty((len(cuts), 2), np.int64)  # of first and last beam
     for k in range(len(cuts)):
-        _fill(pieces[k], turn, cuts[k], totals[k])
+        for side in range(2):
+            ends[k, side] = _beam(turn, cuts[k, side] - side)
+        _fill(pieces[k], turn, cuts[k], ends[k], totals[k])
     for k in range(len(cuts)):
-        _link_corner(pieces, k, turn)
+        _link_corner(pieces, k, turn, ends)
     for k in range(len(cuts)):
         for side in range(2):
             if pieces[k].label[side] != NOMINAL:
                 p = pieces[k]
-                p.label[side], decided = _predicted_label(turn, p, side, totals[k])
+                p.label[side], decided = _predicted_label(turn, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
-                    p.slack[side] = abs(_on_ray(p, decided * turn.step) - p.end[side])
+                    p.slack[side] = abs(_on_ray(p, turn.beams, decided) - p.end[side])
     return pieces, explained
 
 
 @kernel
-def _split_at_gaps(turn: Beams, cuts: Ints) -> Ints:
-    """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them."""
+def _beam(turn: Turn, j: int) -> int:
+    """The beam of place j among the used ones; beyond one turn the number of beams is added."""
+    m = len(turn.used)
+    return int(turn.used[j % m] + len(turn.hidden) * (j // m))
+
+
+@kernel
+def _split_at_gaps(turn: Turn, cuts: Ints) -> Ints:
+    """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them.
+
+    Those that are seen from behind are left out: the lidar passed a wall's line on the way to the stamp.
+    """
     m, count = len(turn.used), 0
     out = np.empty((m + 1, 2), np.int64)
     for k in range(len(cuts)):
         begin = cuts[k, 0]
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
-            if j < cuts[k, 1]:
-                p, q = turn.used[j % m], turn.used[(j - 1) % m]
-                bearing = p * turn.step - q * turn.step
-                r, s = turn.ranges[p], turn.ranges[q]
-                if r * r + s * s - 2 * r * s * math.cos(bearing) <= BRIDGE_M * BRIDGE_M:
-                    continue
-            if j - begin >= MIN_HITS:
+            if j < cuts[k, 1] and _apart(turn.beams, turn.used[j % m], turn.used[(j - 1) % m]) <= BRIDGE_M:
+                continue
+            seen_in_front = width_of(turn.beams, _beam(turn, begin), _beam(turn, j - 1)) > 0.0
+            if j - begin >= MIN_HITS and seen_in_front:
                 out[count, 0], out[count, 1] = begin, j
                 count += 1
             begin = j
@@ -79,7 +89,14 @@ def _split_at_gaps(turn: Beams, cuts: Ints) -> Ints:
 
 
 @kernel
-def _join_across_strays(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Ints, Floats]:
+def _apart(beams: Beams, p: int, q: int) -> float:
+    """Distance of the points that two beams met, metres."""
+    r, s, bearing = beams.distances[p], beams.distances[q], beams.bearings[p] - beams.bearings[q]
+    return math.sqrt(max(r * r + s * s - 2 * r * s * math.cos(bearing), 0.0))
+
+
+@kernel
+def _join_across_strays(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Ints, Floats]:
     """Join neighbouring pieces on one line that only a stray or two part; returns pieces and their sums.
 
     A stray is noise: what stands out farther is a post or the edge of a thin wall, at whose corners the pieces may end.
@@ -99,78 +116,77 @@ def _join_across_strays(turn: Beams, cuts: Ints, sums: Floats) -> tuple[Ints, Fl
 
 
 @kernel
-def _only_strays(turn: Beams, first: int, end: int, joint: Floats) -> bool:
+def _only_strays(turn: Turn, first: int, end: int, joint: Floats) -> bool:
     """Whether the beams [first, end) between two pieces are few, and off the joint line by no more than noise."""
     m = len(turn.used)
     if end - first > MAX_STRAYS:
         return False
-    p, q = turn.used[(first - 1) % m], turn.used[end % m]
-    gap = math.hypot(
-        turn.ranges[p] * math.cos(p * turn.step) - turn.ranges[q] * math.cos(q * turn.step),
-        turn.ranges[p] * math.sin(p * turn.step) - turn.ranges[q] * math.sin(q * turn.step),
-    )
     a, b, _ = fit(joint)
     for j in range(first, end):
         beam = turn.used[j % m]
-        u = a * math.cos(beam * turn.step) + b * math.sin(beam * turn.step)
-        if not abs(turn.ranges[beam] * u - 1.0) < NOISE_SIGMAS * turn.noise * u:
+        bearing = turn.beams.bearings[beam]
+        u = a * math.cos(bearing) + b * math.sin(bearing)
+        if not abs(turn.beams.distances[beam] * u - 1.0) < NOISE_SIGMAS * turn.noise[beam] * u:
             return False
-    return gap <= BRIDGE_M
+    return _apart(turn.beams, turn.used[(first - 1) % m], turn.used[end % m]) <= BRIDGE_M
 
 
 @kernel
-def _fill(piece: Record, turn: Beams, cut: Ints, total: Floats) -> None:
-    """Fill a piece with its line and hits. Both ends are frontiers until more is known."""
-    n, m = len(turn.ranges), len(turn.used)
-    first = turn.used[cut[0] % m] + n * (cut[0] // m)
-    last = turn.used[(cut[1] - 1) % m] + n * ((cut[1] - 1) // m)
+def _fill(piece: Record, turn: Turn, cut: Ints, ends: Ints, total: Floats) -> None:
+    """Fill a piece with its line and hits; ends: its first and last beam. Both are frontiers until more is known."""
+    m, beams = len(turn.used), turn.beams
     a, b, _ = fit(total)
     norm = math.hypot(a, b)
     piece.ux, piece.uy = -b / norm, a / norm
-    hits, sum_t, sum_tt, residual = 0.0, 0.0, 0.0, 0.0
+    hits, sum_t, sum_tt, residual, moment = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(cut[0], cut[1]):
-        angle, r = turn.used[j % m] * turn.step, turn.ranges[turn.used[j % m]]
+        k = turn.used[j % m]
+        angle, r = beams.bearings[k], beams.distances[k]
         off = (r * (a * math.cos(angle) + b * math.sin(angle)) - 1.0) / norm
-        if abs(off) > STRAY_SIGMAS * turn.noise:
+        if abs(off) > STRAY_SIGMAS * turn.noise[k]:
             continue  # a stray that the piece was joined across
-        t = r * (math.cos(angle) * piece.ux + math.sin(angle) * piece.uy)
-        hits += 1.0
-        sum_t += t
-        sum_tt += t * t
-        residual += off * off
+        t, weight = r * (math.cos(angle) * piece.ux + math.sin(angle) * piece.uy), (turn.unit / turn.noise[k]) ** 2
+        hits += weight
+        sum_t += weight * t
+        sum_tt += weight * t * t
+        residual += weight * off * off
+        moment += weight * beams.moments[k]
     t = sum_t / hits
     piece.hits, piece.spread, piece.residual = hits, max(sum_tt - hits * t * t, 1e-9), residual
+    piece.moment = moment / hits
     piece.x, piece.y = a / norm**2 + t * piece.ux, b / norm**2 + t * piece.uy
-    piece.bearing[0], piece.bearing[1] = first * turn.step, last * turn.step
+    piece.bearing[0] = beams.bearings[ends[0] % len(beams.bearings)] % (2 * math.pi)
+    piece.bearing[1] = piece.bearing[0] + width_of(beams, ends[0], ends[1])
     for side in range(2):
-        piece.end[side] = _on_ray(piece, piece.bearing[side])
+        piece.end[side] = _on_ray(piece, beams, ends[side])
         piece.label[side], piece.link[side], piece.slack[side], piece.gap[side] = FRONTIER, -1, 0.0, 0.0
 
 
 @kernel
-def _on_ray(piece: Record, bearing: float) -> float:
-    """Where a ray at the bearing meets the piece's line, metres from its centroid; inf where it does not."""
-    c, s = math.cos(bearing), math.sin(bearing)
+def _on_ray(piece: Record, beams: Beams, k: int) -> float:
+    """Where the ray of beam k meets the piece's line, metres from its centroid; inf where it does not."""
+    k %= len(beams.ranges)
+    c, s, x, y = beams.rays[k, 0], beams.rays[k, 1], beams.origins[k, 0], beams.origins[k, 1]
     cross = c * piece.uy - s * piece.ux
-    return math.inf if abs(cross) < 1e-6 else -(c * piece.y - s * piece.x) / cross
+    return math.inf if abs(cross) < 1e-6 else -(c * (piece.y - y) - s * (piece.x - x)) / cross
 
 
 @kernel
-def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
+def _link_corner(pieces: Records, k: int, turn: Turn, ends: Ints) -> None:
     """Let piece k and the next share a corner if their lines meet between their hits, give or take the noise."""
-    count, n = len(pieces), len(turn.ranges)
+    count, n = len(pieces), len(turn.hidden)
     after = (k + 1) % count
     p, q = pieces[k], pieces[after]
-    begins = round(q.bearing[0] / turn.step) + (n if k + 1 == count else 0)
-    last = round(p.bearing[1] / turn.step)
+    begins = ends[after, 0] + (n if k + 1 == count else 0)
+    last = ends[k, 1]
     sine, along_p = meet(p, q)
     if count < 2 or begins - last > LOOK_PAST or abs(sine) < MIN_CORNER_SINE:
         return
     along_q = meet(q, p)[1]
-    off_p = NOISE_SIGMAS * turn.noise * math.sqrt(1 / p.hits + along_p**2 / p.spread)
-    off_q = NOISE_SIGMAS * turn.noise * math.sqrt(1 / q.hits + along_q**2 / q.spread)
+    off_p = NOISE_SIGMAS * turn.unit * math.sqrt(1 / p.hits + along_p**2 / p.spread)
+    off_q = NOISE_SIGMAS * turn.unit * math.sqrt(1 / q.hits + along_q**2 / q.spread)
     slack = min(math.hypot(off_p, off_q) / abs(sine), MAX_SLACK_M)
-    next_p, next_q = _on_ray(p, begins * turn.step), _on_ray(q, last * turn.step)
+    next_p, next_q = _on_ray(p, turn.beams, begins), _on_ray(q, turn.beams, last)
     next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
     next_q = next_q if next_q < q.end[0] else -math.inf
     if p.end[1] - slack <= along_p <= next_p + slack and next_q - slack <= along_q <= q.end[0] + slack:
@@ -181,26 +197,27 @@ def _link_corner(pieces: Records, k: int, turn: Beams) -> None:
 
 
 @kernel
-def _predicted_label(turn: Beams, piece: Record, side: int, sums: Floats) -> tuple[int, int]:
-    """Label by prediction of a piece's end that is no corner, and the beam that decided.
+def _predicted_label(turn: Turn, beam: int, side: int, sums: Floats) -> tuple[int, int]:
+    """Label by prediction of a piece's end at a beam that is no corner, and the beam that decided.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
     something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
     """
-    n, beam = len(turn.ranges), round(piece.bearing[side] / turn.step)
+    beams, n = turn.beams, len(turn.hidden)
     a, b, _ = fit(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent, before = 0, turn.ranges[beam % n]
+    silent, before, noise = 0, beams.ranges[beam % n], turn.noise[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
-        k = beam + (2 * side - 1) * ahead
-        c, s = math.cos(2 * math.pi * k / n), math.sin(2 * math.pi * k / n)
-        u = a * c + b * s
-        if turn.hidden[k % n] or u <= 1.0 / turn.range_max:
+        k = (beam + (2 * side - 1) * ahead) % n
+        c, s = beams.rays[k, 0], beams.rays[k, 1]
+        away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
+        u = (a * c + b * s) / away if away > 0.0 else 0.0
+        if turn.hidden[k] or u <= 1.0 / turn.range_max:
             return FRONTIER, k
         predicted = 1.0 / u
         spread = predicted**2 * math.sqrt((c * c * sums[2] - 2 * c * s * sums[1] + s * s * sums[0]) / det)
-        sd = math.hypot(turn.noise, spread)
-        r = turn.ranges[k % n]
+        sd = math.hypot(noise, spread)
+        r = beams.ranges[k]
         if not math.isfinite(r):
             if predicted > turn.range_max - EDGE_OF_RANGE_SIGMAS * sd:
                 return FRONTIER, k
@@ -210,7 +227,7 @@ def _predicted_label(turn: Beams, piece: Record, side: int, sums: Floats) -> tup
         elif r > predicted + NOISE_SIGMAS * sd:
             return OCCLUSION, k
         elif r < predicted - NOISE_SIGMAS * sd:
-            apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(2 * math.pi / n), 0.0))
+            apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(beams.step), 0.0))
             # a hit no nearer than the beams are apart is where something meets the wall, and ends it
             return (OCCLUSION if ahead == 1 and predicted - r < apart else FRONTIER), k
     return FRONTIER, k

@@ -18,13 +18,16 @@ STRAY_COST = 10.0  # chi-square of a beam on no wall: a hit 3.2 standard deviati
 
 
 @kernel
-def beam_sums(ranges: Floats, bearings: Floats, noise: float) -> Floats:
-    """(m + 1, 6) prefix sums of w (cos2, cos sin, sin2, u cos, u sin, u2) over beams of finite range."""
+def beam_sums(ranges: Floats, bearings: Floats, noise: Floats) -> Floats:
+    """(m + 1, 6) prefix sums of w (cos2, cos sin, sin2, u cos, u sin, u2) over points at finite distances.
+
+    ranges, bearings, noise: (m,) distance in m, direction in rad, standard deviation of the distance in m.
+    """
     sums = np.zeros((len(ranges) + 1, 6))
     for k in range(len(ranges)):
         r = ranges[k]
         c, s, u = math.cos(bearings[k]), math.sin(bearings[k]), 1.0 / r
-        w = r**4 / noise**2
+        w = r**4 / noise[k] ** 2
         sums[k + 1, 0] = sums[k, 0] + w * c * c
         sums[k + 1, 1] = sums[k, 1] + w * c * s
         sums[k + 1, 2] = sums[k, 2] + w * s * s
@@ -35,7 +38,7 @@ def beam_sums(ranges: Floats, bearings: Floats, noise: float) -> Floats:
 
 
 @kernel
-def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: float) -> Floats:
+def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: Floats) -> Floats:
     """(2 m + 1, 6) prefix sums over the turn and the same turn once more, so that a piece may wrap around."""
     m = len(ranges)
     once = beam_sums(ranges, bearings, noise)
@@ -103,12 +106,12 @@ def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
 
 
 @kernel
-def piecewise(ranges: Floats, bearings: Floats, noise: float) -> tuple[Ints, Floats]:
+def piecewise(ranges: Floats, bearings: Floats, noise: Floats) -> tuple[Ints, Floats]:
     """Cut a full turn of finite beams optimally.
 
-    ranges, bearings: (m,) metres and rising radians; noise: m, standard deviation of a range. Returns (k, 2)
-    intervals [first, end) into the doubled turn (indices modulo m), which may wrap around, and the (2 m + 1, 6) prefix
-    sums of the doubled turn.
+    ranges, bearings, noise: (m,) distances in m in the order of the turn, their directions in rad, their standard
+    deviations in m. Returns (k, 2) intervals [first, end) into the doubled turn (indices modulo m), which may wrap
+    around, and the (2 m + 1, 6) prefix sums of the doubled turn.
     """
     m, sums = len(ranges), sums_of_two_turns(ranges, bearings, noise)
     turn = _true_cut(sums, m // 4, m - m // 4)

@@ -13,7 +13,7 @@ JUMP = 4.0  # a step between beams this many times the greatest distance from th
 
 
 @kernel
-def split_and_merge(ranges: Floats, bearings: Floats, noise: float) -> tuple[Ints, Floats]:
+def split_and_merge(ranges: Floats, bearings: Floats, noise: Floats) -> tuple[Ints, Floats]:
     """Cut a full turn of finite beams; same arguments and result as `segmentation.piecewise`.
 
     Splits at the beam farthest from the chord, then merges neighbours whose common fit costs less than a line.

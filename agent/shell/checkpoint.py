@@ -1,31 +1,33 @@
 """A mind on disk: what a robot's process that was killed and started again goes on from.
 
-A file is a numpy archive of arrays, without pickle, moved to its place as a whole. The one before is kept, because a
+A file is one record of arrays by name, each its type, shape and bytes, moved to its place as a whole. numpy's own
+archives have Python literals in them, whose parser fails in more ways than it says. The file before is kept, because a
 process may be killed after it wrote a checkpoint of the tick at which it then comes back.
 """
 
 from __future__ import annotations
 
+import re
 import sys
-import zipfile
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
+import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
 from agent.shell.mind import Mind
 from agent.state import State
 from protocol.files import write_whole
+from protocol.records import UNREADABLE, opened, sealed
 
 CHECKPOINT_S = 4.0
 """Simulated time between two checkpoints. One takes 1 ms; no map may lose more than 5 s."""
 MAX_BYTES = 64 << 20
 """Of a checkpoint: ten times that of a mind with as many walls as it takes."""
-BROKEN = (ValueError, LookupError, TypeError, ArithmeticError, MemoryError, EOFError, OSError, zipfile.BadZipFile)
-"""What a file of any content may raise where it is read or a mind is restored."""
+KINDS = re.compile(r"[<|][biufU]\d{1,3}")
+"""Types of arrays, as numpy writes them, that a file may have."""
 
 
 @runtime_checkable
@@ -49,12 +51,11 @@ def due(tick: int, rate_hz: float) -> bool:
 def save(folder: Path, robot: str, run: str, tick: int, state: State) -> None:
     """Keep the state of a mind after its step at a tick. Raises UnwritableError."""
     folder.mkdir(parents=True, exist_ok=True)
-    archive = BytesIO()
-    np.savez(archive, allow_pickle=False, run=np.array(run), tick=np.array(tick), **state)
+    arrays = {name: (array.dtype.str, array.shape, array.tobytes()) for name, array in state.items()}
     file, before = _files(folder, robot)
     if file.exists():
         file.replace(before)
-    write_whole(file, archive.getvalue(), durable=False)
+    write_whole(file, sealed({"run": run, "tick": tick, "arrays": arrays}), durable=False)
 
 
 def revived(make: Callable[[], Mind], folder: Path | None, robot: str, run: str, tick: int) -> Mind:
@@ -65,26 +66,31 @@ def revived(make: Callable[[], Mind], folder: Path | None, robot: str, run: str,
     for file in _files(folder, robot) if folder is not None and tick else ():
         mind = make()
         try:
-            state = _read(file)
-            if isinstance(mind, Keeps) and str(state["run"]) == run and int(state["tick"]) < tick:
-                mind.restore(state)
+            kept = _read(file)
+            if isinstance(mind, Keeps) and kept["run"] == run and kept["tick"] < tick:
+                mind.restore({name: _array(*array) for name, array in kept["arrays"].items()})
                 return mind
         except FileNotFoundError:
             continue
-        except BROKEN as error:
+        except (OSError, *UNREADABLE) as error:
             print(f"{robot}: {file} is no checkpoint ({error}); it is left aside", file=sys.stderr)
     return make()
 
 
 def _files(folder: Path, robot: str) -> tuple[Path, Path]:
-    return folder / f"{robot}.npz", folder / f"{robot}.before.npz"
+    return folder / f"{robot}.msgpack", folder / f"{robot}.before.msgpack"
 
 
-def _read(file: Path) -> dict[str, NDArray[Any]]:
+def _read(file: Path) -> dict[str, Any]:
     if file.stat().st_size > MAX_BYTES:
         raise ValueError(f"larger than {MAX_BYTES} bytes")
-    with zipfile.ZipFile(file) as archive:
-        if any(part.compress_type != zipfile.ZIP_STORED for part in archive.infolist()):
-            raise ValueError("it is compressed")  # such a file may become much larger than it is
-    with np.load(file, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays}
+    kept = opened(msgpack.unpackb(file.read_bytes()))
+    if not isinstance(kept, dict):
+        raise ValueError("it has no arrays")
+    return kept
+
+
+def _array(kind: str, shape: list[int], data: bytes) -> NDArray[Any]:
+    if not KINDS.fullmatch(kind):
+        raise ValueError(f"no array has the type {kind[:20]!r}")
+    return np.frombuffer(data, kind).reshape(shape).copy()

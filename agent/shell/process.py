@@ -17,16 +17,18 @@ from agent.config import AgentConfig, JoinConfig
 from agent.shell.checkpoint import Keeps, due, revived, save
 from agent.shell.mind import MakeMind, Mind
 from protocol import keys
-from protocol.access import Secrets
+from protocol.access import Credentials
 from protocol.codec import decode, encode
-from protocol.errors import LinkError, ProtocolError, RefusedError
+from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, Welcome
-from protocol.session import at_once, open_as_first, open_client, wait_for_matching
+from protocol.session import at_once, is_read, open_as_first, open_client, wait_for_matching
 
 if TYPE_CHECKING:
     from agent.robot import Step
 
+LEAVE_S = 1.0
+"""A robot that takes its leave waits so long for the world to hear it."""
 ANSWER_S = 5.0
 """A robot asks again where the world has not answered its question by then."""
 RETRY_S = 0.1
@@ -42,6 +44,8 @@ class AgentInbox(Inbox):
         super().__init__()
         self.process = uuid.uuid4().hex[:16]
         """By which the world knows this process, as another may take its place."""
+        self.robot = ""
+        """Who this process is, once it is known."""
 
     world_up = False
     """Whether the world's liveliness token is there."""
@@ -60,32 +64,30 @@ def run_agent(
     connect: str,
     config: AgentConfig,
     *,
-    secrets: Secrets | None = None,
+    credentials: Credentials | None = None,
     patience: JoinConfig | None = None,
     make_mind: MakeMind | None = None,
     inbox: AgentInbox | None = None,
     checkpoints: Path | None = None,
+    by_hand: bool = False,
 ) -> str:
     """Live as `robot` in the world at the endpoint `connect` until its run ends; None: as any that is missing there.
 
-    secrets: of this robot, or of all that it may be, where the world asks for them. patience: how long to look for a
-    world. checkpoints: folder where the mind is kept, from which it goes on when its process is started again; None
-    keeps nothing.
+    credentials: of this robot, or of all that it may be, where the world asks for them. patience: how long to look for
+    a world. checkpoints: folder where the mind is kept, from which it goes on when its process is started again; None
+    keeps nothing. by_hand: nobody else tells the world that this process ends; where it is stopped and keeps no
+    checkpoint, from which it could come back, it takes its leave, so that the others need not wait for it.
     Returns why the run ended: `complete`, `time`, `dead`, `interrupted`, or why the world gave this robot up.
     Raises LinkError where no world is found or it does not come back in time, RefusedError where the world does not
     let the robot in, ProtocolError where the world's messages make no sense.
     """
-    if make_mind is None:
-        from agent.robot import Robot
-        from agent.warmup import rehearse
-
-        rehearse()
-        make_mind = Robot
     patience, inbox = patience or JoinConfig(), inbox or AgentInbox()
-    with opened(robot, connect, patience.join_timeout_s, secrets or {}) as (robot, session):
+    with opened(robot, connect, patience.join_timeout_s, credentials) as (robot, session):
+        inbox.robot = robot
         # with history: Zenoh reports the end of a token only to those to whom it reported the token
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         entry = join(session, robot, inbox, patience.join_timeout_s)
+        make_mind = make_mind or _own_mind(inbox)  # the world waits for a robot that is let in and compiles
         while isinstance(entry, Entry):  # a world that was gone and is back may begin a new run
             welcome = entry.welcome
             make = partial(make_mind, robot, welcome.spec, config, welcome.seed)
@@ -98,18 +100,44 @@ def run_agent(
                         break
                     ended = life.live(publishers, inbox) if isinstance(entry, Entry) else entry
             entry = ended or entry
+        if inbox.stopped and by_hand and checkpoints is None:
+            _leave(session, robot, inbox)
     return entry
 
 
+def _leave(session: zenoh.Session, robot: str, inbox: AgentInbox) -> None:
+    for _ in session.get(keys.service(robot, keys.LEAVE), payload=_question(session, robot, inbox), timeout=LEAVE_S):
+        pass
+
+
+def _question(session: zenoh.Session, robot: str, inbox: AgentInbox) -> bytes:
+    zid = str(session.info.zid())
+    return encode(Join(version=PROTOCOL_VERSION, robot=robot, session=zid, process=inbox.process))
+
+
+def _own_mind(inbox: AgentInbox) -> MakeMind:
+    """Ours, with its kernels loaded."""
+    with inbox.long_work():
+        from agent.robot import Robot
+        from agent.warmup import rehearse
+
+        rehearse()
+    return Robot
+
+
 @contextmanager
-def opened(robot: str | None, connect: str, timeout_s: float, secrets: Secrets) -> Iterator[tuple[str, zenoh.Session]]:
-    """A session of the robot, or of the first of those with a secret that nobody else is; its name comes with it."""
+def opened(
+    robot: str | None, connect: str, timeout_s: float, credentials: Credentials | None
+) -> Iterator[tuple[str, zenoh.Session]]:
+    """A session of the robot, or of the first of those with credentials that nobody else is, with its name."""
     if robot is None:
-        with open_as_first(connect, timeout_s, secrets) as (name, session):
+        if credentials is None:
+            raise InputError("a robot without a name takes that of its secret or certificate: give one of them")
+        with open_as_first(connect, timeout_s, credentials) as (name, session):
             print(f"{name}: takes part", flush=True)
             yield name, session
     else:
-        with open_client(connect, timeout_s, robot, secrets.get(robot)) as session:
+        with open_client(connect, timeout_s, robot, credentials) as session:
             yield robot, session
 
 
@@ -127,9 +155,7 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
     Returns why the run ended where it is over for this robot. Raises RefusedError where the world says no, LinkError
     where it is not there or does not answer.
     """
-    zid = str(session.info.zid())
-    question = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=zid, process=inbox.process))
-    left_s = timeout_s
+    question, left_s = _question(session, robot, inbox), timeout_s
     while True:
         began, changes = time.monotonic(), inbox.world_changes
         service = keys.service(robot, keys.JOIN)
@@ -183,7 +209,7 @@ def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:
     for send in step.sends:
         publishers[keys.RADIO].put(encode(send))
     for channel, report in ((keys.SCAN, step.scan), (keys.POSE, step.pose)):
-        if publishers[channel].matching_status:
+        if is_read(publishers[channel]):
             publishers[channel].put(encode(report))
     if step.map is not None:
         publishers[keys.MAP].put(encode(step.map))

@@ -14,6 +14,9 @@ from deploy.report.style import colour
 from protocol.arrays import Floats
 from world.recorder import TEAM
 
+NAMED = 8
+"""Robots in the legend: that of thirty was higher than the picture."""
+
 
 def draw(run: Path, measurement: Measurement) -> Path:
     """Write bandwidth.png into the run directory."""
@@ -32,7 +35,8 @@ def _over_time(axes: Axes, measurement: Measurement) -> None:
     for number, robot in enumerate(sorted({robot for _, robot, _ in measurement.sent})):
         for name, style in (("delta", "-"), ("full", ":")):
             t, size = _sent(measurement, name, robot)
-            axes.step(t, np.cumsum(size), where="post", label=f"{robot} {name}", color=colour(number), ls=style)
+            label = f"{robot} {name}" if number < NAMED else None
+            axes.step(t, np.cumsum(size), where="post", label=label, color=colour(number), ls=style)
     axes.set(xlabel="simulated seconds", ylabel="bytes sent", title="Maps sent by each robot", ylim=(0, None))
     if measurement.sent:
         axes.legend(fontsize=8)

@@ -134,9 +134,9 @@ class _Forms:
         """(nx, ny) 0 unknown, 1 free, 2 occupied, with the scan of that tick."""
         new = slice(self._next, tick + 1)
         ranges = self._seen.ranges[new].astype(np.float64)
-        ranges[np.isinf(ranges)] = np.nan  # too far or too near: the lidar does not say which
+        ranges[np.isinf(ranges)] = np.nan  # silent beams clear no cells: dark and grazing walls return nothing, too
         self._next = max(self._next, tick + 1)
-        return self._grid.add(ranges, self._seen.poses[new]).states()
+        return self._grid.add(ranges, self._seen.rays(new)).states()
 
     def charge(self, line: dict[str, Any]) -> list[Update]:
         """Updates of one line of updates.jsonl, one for each peer."""

@@ -8,9 +8,11 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from deploy.bandwidth.replay import config_of
 from deploy.bandwidth.representations import FORMS, Measurement
+from deploy.sensing import named
 from deploy.terminal import add_row
-from deploy.text import printable
+from protocol.text import printable
 
 MANY_LINKS = 12  # more links than that are in the JSON only
 
@@ -19,16 +21,16 @@ def document(run: Path, books: dict[str, Any], measurement: Measurement) -> dict
     """All figures of a run."""
     totals = measurement.totals()
     ratios = {name: round(totals["delta"] / size, 6) if size else None for name, size in totals.items()}
-    return {"run": str(run), **books, **measurement.as_dict(), "delta_against": ratios}
+    sensing = named(config_of(run).spec)
+    return {"run": str(run), "sensing": sensing, **books, **measurement.as_dict(), "delta_against": ratios}
 
 
 def print_tables(figures: dict[str, Any]) -> None:
     """Print a document's tables to stdout."""
     console = Console()
     console.width = max(console.width, 110)
-    console.print(
-        Text(printable(figures["run"]), "bold"), f": {figures['updates']} contact updates", sep="", highlight=False
-    )
+    heard = f": {figures['updates']} contact updates, {figures['sensing']} sensing"
+    console.print(Text(printable(figures["run"]), "bold"), heard, sep="", highlight=False)
     console.print(_robots(figures["robots"]))
     if len(figures["links"]) <= MANY_LINKS:
         console.print(_links(figures["links"]))

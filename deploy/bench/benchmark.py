@@ -4,6 +4,7 @@ import json
 import os
 import platform
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +14,9 @@ from rich.console import Console
 
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
+from deploy.sensing import named
 from protocol.files import write_whole
+from protocol.messages import RobotSpec
 
 WIDTH = 150  # characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost
 PARTS = {
@@ -22,6 +25,7 @@ PARTS = {
     "filter": "filter.runs filter.trials filter.ambiguous filter.storage speed filter.cost filter.sweep",
     "exploration": "exploration.runs exploration.teams exploration.mazes exploration.tours exploration.dense speed",
     "alignment": "alignment.trials alignment.cost alignment.live alignment.forced alignment.hostile",
+    "sensing": "sensing",
     "radio": "radio.codec radio.traffic radio.cost",
 }
 """The modules of each benchmark. Each holds one question: `cases(quick)`, what is measured, where quick as little as
@@ -43,20 +47,22 @@ class Benchmark:
         made = [table.section(figures) for part in self.parts for table in part.TABLES]
         return [section for section in made if section.rows]
 
-    def run(self, quick: bool, folder: Path, jobs: int | None) -> bool:
+    def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> bool:
         """Measure what is not in `folder` yet and print all tables; whether every case has figures, whatever they say.
 
-        Cases are kept under folder/NAME and the tables in folder/NAME.json, with -quick appended to NAME where quick.
+        Cases are kept under folder/NAME and the tables in folder/NAME.json, with -ideal and -quick appended to NAME
+        where so. ideal: with the paper's sensing in all runs that do not set it themselves.
         """
-        stem = folder / (f"{self.name}-quick" if quick else self.name)
+        stem = folder / f"{self.name}{'-ideal' if ideal else ''}{'-quick' if quick else ''}"
         for part in self.parts:
             getattr(part, "beforehand", bool)(quick)
-        outcome = measure_all(self.cases(quick), stem, jobs)
-        report(stem.name, self.sections(outcome.figures), outcome.failed, folder / f"{stem.name}.json")
+        outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
+        sensing = "ideal" if ideal else named(RobotSpec())
+        report(stem.name, sensing, self.sections(outcome.figures), outcome.failed, folder / f"{stem.name}.json")
         return not outcome.failed
 
 
-def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
+def report(name: str, sensing: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
     """Print all tables and write them to `out`, with the machine they were measured on, and pictures beside it."""
     console = Console()
     console.width = max(console.width, WIDTH)
@@ -64,10 +70,11 @@ def report(name: str, sections: Sequence[Section], failed: Mapping[str, str], ou
         section.print(console)
     for case, reason in failed.items():
         console.print(f"no figures of {case}: {reason}", style="red", markup=False, highlight=False)
+    console.print(f"sensing is {sensing} where a table does not say otherwise")
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
     met = {section.table.name: section.met for section in sections}
     found = {section.table.name: section.as_dict() for section in sections}
-    document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), **machine}
+    document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), "sensing": sensing, **machine}
     document |= {"met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from deploy.sensing import IDEAL_BENCHMARK
 from protocol.files import write_whole
 
 ROOT = Path(__file__).parents[2]
@@ -39,6 +40,7 @@ class Case:
     measure: Callable[..., Figures]  # a function at the top of a module: other processes must find it
     arguments: Mapping[str, Any] = field(default_factory=dict)  # JSON values
     alone: bool = False  # whether nothing may run beside it, because its figures are times
+    ideal: bool = False  # whether runs have the paper's sensing, where the measure does not say otherwise
     ignores: str = ""  # how the paths of sources begin that its figures do not depend on; empty: they depend on all
 
     @property
@@ -47,6 +49,7 @@ class Case:
         own = getsourcefile(self.measure)
         assert own is not None
         words = [_sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
+        words += ["ideal"] if self.ideal else []
         return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -150,6 +153,7 @@ def _become_worker() -> None:
 
 def _measure(case: Case) -> tuple[Figures, float]:
     begin = time.perf_counter()
+    IDEAL_BENCHMARK.set(case.ideal)
     figures: Figures = json.loads(json.dumps(case.measure(**case.arguments), allow_nan=False))  # as read back later
     return figures, time.perf_counter() - begin
 

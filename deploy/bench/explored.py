@@ -9,8 +9,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agent.config import AgentConfig
 from agent.exploration.explorer import Explorer
+from agent.geometry.transform import fit
 from agent.robot import Robot, Step
 from agent.shell.mind import MakeMind, Mind
 from deploy import inprocess
@@ -19,7 +22,9 @@ from deploy.bench.layouts import path_of
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from deploy.metrics import Truth, score, truth_of
-from protocol.geometry import Pose
+from deploy.sensing import of_benchmark
+from protocol.arrays import Floats
+from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import Action, Event, Heard, Observation, PoseReport, RobotSpec, ScanReport
 from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
@@ -62,6 +67,27 @@ class Driven:
                     self.until[robot][key] = round(episode.paths[robot], 4)
 
 
+class Tracks:
+    """Poses at every tick: where robots were, in the world; where they believed to be and what their odometry said."""
+
+    def __init__(self) -> None:
+        self.true: list[Floats] = []  # (k, 3) of all robots
+        self.believed: defaultdict[str, list[Pose]] = defaultdict(list)
+        self.odometry: defaultdict[str, list[Pose]] = defaultdict(list)
+
+    def errors(self, row: int, robot: str, frame: Pose) -> Figures:
+        """Of a robot with this row and frame: rms and greatest distance from its true path, metres.
+
+        After the best rigid fit, as paths of SLAM are judged; `frame`: without it, in the robot's own frame.
+        """
+        believed, odometry = (np.array(poses)[:, :2] for poses in (self.believed[robot], self.odometry[robot]))
+        true = seen_from(frame, np.array([poses[row, :2] for poses in self.true[: len(believed)]]))
+        paths = {"path": apply(fit(believed, true, len(true)), believed), "frame": believed, "odometry": odometry}
+        off = {name: np.hypot(*(path - true).T) for name, path in paths.items()}
+        found = {f"{name}_rms_m": round(float(np.sqrt((far**2).mean())), 5) for name, far in off.items()}
+        return found | {"path_max_m": round(float(off["path"].max()), 5)}
+
+
 class Explored(NamedTuple):
     """A run that has ended."""
 
@@ -70,6 +96,11 @@ class Explored(NamedTuple):
     summary: dict[str, Any]
     driven: Driven
     events: list[tuple[float, str, Event]]  # simulated seconds, robot and event, in order
+    tracks: Tracks
+
+    def path_errors(self, robot: str = "r1") -> Figures:
+        """How far the robot was from where it believed to be (`Tracks.errors`)."""
+        return self.tracks.errors(self.episode.robots.index(robot), robot, self.frame(robot))
 
     def truth(self, robot: str = "r1") -> Truth:
         """What the robot could have mapped."""
@@ -118,11 +149,12 @@ def explore(
 
     out: the run directory, None to write nothing.
     """
-    config = WorldConfig.model_validate({**world, "world": path_of(world["world"])})
+    config = WorldConfig.model_validate({**of_benchmark(world), "world": path_of(world["world"])})
     runs: list[Explored] = []
     robots: dict[str, Any] = {}
     driven = Driven()
     events: list[tuple[float, str, Event]] = []
+    tracks = Tracks()
 
     class Watched(NamedTuple):
         name: str
@@ -132,6 +164,8 @@ def explore(
             step = self.mind.step(observation, heard)
             t = observation.tick / config.spec.lidar.rate_hz
             events.extend((t, self.name, event) for event in step.action.events)
+            tracks.believed[self.name].append(step.pose.pose)
+            tracks.odometry[self.name].append(observation.odometry)
             if watch is not None:
                 watch(robots[self.name], observation, step)
             return step
@@ -142,7 +176,8 @@ def explore(
 
     def keep(episode: Episode) -> None:
         driven(episode)
-        runs[:] = [Explored(episode, robots, {}, driven, events)]
+        tracks.true += [episode.poses.copy()] if tracks.true else [episode.starts, episode.poses.copy()]
+        runs[:] = [Explored(episode, robots, {}, driven, events, tracks)]
         if enough is not None and episode.ended is None and enough(runs[0]):
             episode.ended = "time"
 
@@ -173,7 +208,7 @@ def launched(settings: Fields, make_mind: Callable[..., Any] | None = None) -> I
     """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
     with TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        result = launch(RunConfig.model_validate(dict(settings)), out, make_mind=make_mind)
+        result = launch(RunConfig.model_validate(of_benchmark(settings)), out, make_mind=make_mind)
         if result.errors:
             raise RuntimeError("; ".join(result.errors))
         yield out, result.ended

@@ -1,20 +1,17 @@
 """The layouts that benchmarks run in: bundled worlds, real ones beside the repository, and those that are made."""
 
 import hashlib
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
-
-import numpy as np
 
 from deploy.bench.cases import ROOT
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
 from world.draws import generator
-from world.maze import generate
+from world.maze import NAME
 from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
@@ -24,12 +21,12 @@ KEEP = Path(gettempdir()) / "wireswarm-bench"  # folder of large or intermediate
 
 
 def path_of(name: str) -> str:
-    """File of a layout's name: a file's own path, a world's name, or generated-WIDTHxHEIGHT-SEED, a maze that is made.
+    """What `load` takes for a layout's name: a file's own path, a bundled or generated world's, or a shared layout's.
 
     Raises FileNotFoundError where it is absent.
     """
-    if made := re.fullmatch(r"generated-(\d+)x(\d+)-(\d+)", name):
-        return written(generate(float(made[1]), float(made[2]), np.random.default_rng(int(made[3]))))
+    if NAME.fullmatch(name):
+        return name
     for path in (Path(name), BUNDLED / f"{name}.yaml", SHARED / f"{name}.yaml"):
         if path.is_file():
             return str(path)

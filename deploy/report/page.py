@@ -45,7 +45,7 @@ def write_page(run: Run, file: Path) -> None:
         plan=plan.overview(run),
         switches=_switches(run),
         legend=_legend(),
-        curves="\n".join(curves_svg(run)),
+        curves="" if run.of_logs else "\n".join(curves_svg(run)),
         sections="\n".join(section(run) for section in (_singles, _robots, _radio, _events, _configuration)),
         frames=_embedded(plan.frames(run)),
     )

@@ -67,10 +67,13 @@ def write_picture(run: Run, file: Path) -> None:
         figure.text(0.01, 1 - 0.30 / height, headline(run), size=17, weight="bold", va="center")
         figure.text(0.01, 1 - 0.58 / height, subtitle(run), size=10, color=style.FAINT, va="center")
         parts = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-        whole = parts[0].subgridspec(2, 2, width_ratios=[7, 5.4])
-        draw_overview(figure.add_subplot(whole[:, 0]), run)
-        draw_coverage(figure.add_subplot(whole[0, 1]), run)
-        draw_bytes(figure.add_subplot(whole[1, 1]), run)
+        if run.of_logs:
+            draw_overview(figure.add_subplot(parts[0]), run)
+        else:
+            whole = parts[0].subgridspec(2, 2, width_ratios=[7, 5.4])
+            draw_overview(figure.add_subplot(whole[:, 0]), run)
+            draw_coverage(figure.add_subplot(whole[0, 1]), run)
+            draw_bytes(figure.add_subplot(whole[1, 1]), run)
         maps = parts[-1].subgridspec(max(rows, 1), columns)
         for k, robot in enumerate(single):
             draw_single(figure.add_subplot(maps[k // columns, k % columns]), run, robot)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deploy.text import all_printable, printable
 from protocol.arrays import Floats
 from protocol.geometry import apply
+from protocol.text import all_printable, printable
 from protocol.walls import directions
 from protocol.wireframe import LABELS
 from world.recorder import TEAM
@@ -30,7 +30,7 @@ _BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, Recursi
 """What parsing a file of any content may raise."""
 
 MAX_TIME_S = 1e9  # of a simulated time in a file
-MAX_M = 1e6  # of a coordinate in a file: neither pictures nor pages can show more
+MAX_M = 1e6  # of a coordinate (or a second of a path) in a file: neither pictures nor pages can show more
 
 T = TypeVar("T")
 
@@ -111,6 +111,11 @@ class Run:
         return sorted(names, key=lambda name: (len(name), name))
 
     @property
+    def of_logs(self) -> bool:
+        """Whether recorded logs were mapped: there is no world then, and a map alone is drawn in its own frame."""
+        return "logs" in self.manifest
+
+    @property
     def placed(self) -> list[str]:
         """The robots whose frame in the world is known."""
         return [robot for robot in self.robots if robot in self.frames]
@@ -171,12 +176,18 @@ def read_run(directory: str | Path) -> Run:
 
     run.manifest = part("manifest.json", _object, {})
     run.summary = part("summary.json", _object, {})
+    if run.of_logs:
+        run.maps = each("maps", ".json", lambda file: _map(_object(file)))
+        run.paths = each("estimate", ".tum", _trajectory)
+        run.frames = {robot: np.zeros(3) for robot in run.maps if len(run.maps) == 1}
+        return run
     run.bandwidth = part("bandwidth.json", _object, {})
     run.world = part("world.yaml", load, None)
     run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
     run.maps = each("maps", ".json", lambda file: _map(_object(file)))
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
-    run.paths = each("trajectories", ".tum", _trajectory)
+    paths = each("trajectories", ".tum", _trajectory)
+    run.paths = {robot: path for robot, path in paths.items() if len(path)}
     run.metrics = part("metrics.csv", read_metrics, {})
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
     run.notes = [printable(note) for note in run.notes]
@@ -259,6 +270,6 @@ def read_metrics(file: Path) -> dict[str, Series]:
 
 def _array(value: Any, shape: tuple[int, ...]) -> Floats:
     array = np.array(value, np.float64).reshape(shape)
-    if not np.isfinite(array).all():
-        raise ValueError("a number in it is not finite")
+    if not (np.abs(array) <= MAX_M).all():
+        raise ValueError(f"a number in it is not finite or over {MAX_M:,.0f}")
     return array

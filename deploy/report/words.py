@@ -3,7 +3,7 @@
 from typing import Any
 
 from deploy.report.rundir import Run, mapping
-from deploy.text import printable
+from protocol.text import printable
 
 NONE = "—"  # stands for a missing value
 MAX_SHOWN = 1e15  # larger numbers of a file are no figures of a run
@@ -22,7 +22,7 @@ def subtitle(run: Run) -> str:
     pieces = [f"seed {run.manifest['seed']}"] if "seed" in run.manifest else []
     if isinstance(run.manifest.get("ended"), str):
         pieces.append(f"ended: {run.manifest['ended']}")
-    pieces.append(f"{run.duration:.0f} simulated seconds")
+    pieces.append(f"{run.duration:.0f} " + ("scans" if run.of_logs else "simulated seconds"))
     if "coverage" in team:
         pieces.append(f"team coverage {share(team['coverage'])}")
     reached = [percent for percent in (90, 99) if team.get(f"t_{percent}") is not None]

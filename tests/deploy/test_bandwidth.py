@@ -3,6 +3,7 @@
 import csv
 import json
 import shutil
+import warnings
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from deploy import inprocess
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.plots import draw
 from deploy.bandwidth.replay import seen_again
-from deploy.bandwidth.representations import NAMES, _changed_cells, measure, write
+from deploy.bandwidth.representations import NAMES, Measurement, _changed_cells, measure, write
 from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
@@ -191,3 +192,13 @@ def test_changed_cells_cost_what_changed() -> None:
     assert everything <= len(zlib.compress(two_bits(before), 9)) * 1.35
     cells = np.array([[0, 1, 2], [2, 1, 0]], np.uint8)
     assert two_bits(cells) == bytes([0 | 1 << 2 | 2 << 4 | 2 << 6, 1])
+
+
+def test_the_plots_of_thirty_robots_have_room(tmp_path: Path) -> None:
+    sent = [(float(t), f"r{number}", 60) for number in range(30) for t in range(5)]
+    (tmp_path / "metrics.csv").write_text(
+        "t,robot,coverage,path_m,vertices,bytes_sent,bytes_received\n0.0,r1,0.0,0.0,,0,0\n"
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # matplotlib's, of axes that collapsed
+        draw(tmp_path, Measurement([], sent, 0, 0, {}))

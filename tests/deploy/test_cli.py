@@ -1,6 +1,7 @@
 """The command: options of the contract, exit statuses, and one sentence for what a user can act on."""
 
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,8 +11,9 @@ import pytest
 import yaml
 
 from deploy import cli
-from deploy.config import ConfigError, RunConfig, load
+from deploy.config import RunConfig, load
 from deploy.launcher import run_directory
+from protocol.configuration import ConfigError
 from protocol.session import open_router
 from tests.tiny import ROOM
 
@@ -175,15 +177,18 @@ def test_the_compose_file_runs_commands_that_exist(wireswarm: Command) -> None:
     compose = yaml.safe_load((REPO / "deploy" / "compose.yaml").read_text())
     services = compose["services"]
     assert set(services) == {"world", "agent"} and "name" not in compose  # docker-compose 1.29 refuses a name
-    build = services["world"]["build"]
-    assert (REPO / "deploy" / build["context"] / build["dockerfile"]).is_file()
+    targets = re.findall(r"^FROM .* AS (\S+)$", (REPO / "deploy" / "Dockerfile").read_text(), re.MULTILINE)
     for name, service in services.items():
-        sub, *options = service["command"]
-        known = wireswarm(sub, "--help")[1]
-        assert sub == name and all(option.split("=")[0] in known for option in options if option.startswith("--"))
-        assert service["read_only"] and service["cap_drop"] == ["ALL"] and service["image"] == "wireswarm"
+        build = service["build"]
+        assert (REPO / "deploy" / build["context"] / build["dockerfile"]).is_file() and build["target"] in targets
+        known = wireswarm(name, "--help")[1]
+        options = [word for word in service["command"] if word != "world"]
+        assert all(option.split("=")[0] in known for option in options)
+        assert service["read_only"] and service["cap_drop"] == ["ALL"] and service["image"] == f"wireswarm-{name}"
+        assert service["mem_limit"] and service["cpus"] and service["healthcheck"]["test"][0] == "CMD"
     port = next(option for option in services["world"]["command"] if "--listen" in option).rsplit(":")[-1]
-    assert f"tcp/world:{port}" in services["agent"]["command"]
+    assert f"--connect=tcp/world:{port}" in services["agent"]["command"]
+    assert f":{int(port):04X} 01" in services["agent"]["healthcheck"]["test"]
     for file, expected in ((".dockerignore", "*"), ("deploy/compose.sh", "#!/bin/sh")):
         assert expected in (REPO / file).read_text().splitlines()
 

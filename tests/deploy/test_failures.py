@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +66,7 @@ class Running:
         return world
 
     def agents(self) -> list[psutil.Process]:
-        return [process for process in self.all if not _listens(process) and process.net_connections("tcp")]
+        return [process for process in self.all if _links(process) and not _listens(process)]
 
     def gone_within(self, seconds: float) -> bool:
         return not psutil.wait_procs(self.all, timeout=seconds)[1]
@@ -74,8 +75,15 @@ class Running:
         return [json.loads(line) for line in (self.out / "events.jsonl").read_text().splitlines()]
 
 
+def _links(process: psutil.Process) -> set[str]:
+    """States of a process's sockets; none where it has just ended, as helpers of the start do."""
+    with suppress(psutil.NoSuchProcess):
+        return {connection.status for connection in process.net_connections("tcp")}
+    return set()
+
+
 def _listens(process: psutil.Process) -> bool:
-    return any(connection.status == psutil.CONN_LISTEN for connection in process.net_connections("tcp"))
+    return psutil.CONN_LISTEN in _links(process)
 
 
 @pytest.fixture
@@ -129,14 +137,20 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
 
 
 @pytest.mark.parametrize("pause_s", [0.3, 1.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (5.5, 30.0))])
-def test_a_pause_of_any_process_changes_no_byte_in_lockstep(running: Any, tmp_path: Path, pause_s: float) -> None:
-    run = running(mind="Wanderer", until=600.0)
+def test_a_pause_of_any_process_changes_no_byte_in_lockstep(
+    running: Any, tmp_path: Path, pause_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hold = tmp_path / "hold"
+    hold.touch()
+    monkeypatch.setenv("HOLD", str(hold))
+    run = running(mind="Held", until=600.0)
     for process in (run.world(), run.agents()[1]):
         process.suspend()
         time.sleep(pause_s)
         process.resume()
         tick = run.line()["clock"]["tick"]
         run.wait_for(lambda line, tick=tick: line["clock"]["tick"] > tick + 5)
+    hold.unlink()
     assert run.result()["status"] == 0
     inprocess.run(tiny_config(tmp_path, until=600.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
     assert digests(run.out) == digests(tmp_path / "alone")
@@ -176,8 +190,12 @@ def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path)
     assert (result["status"], result["ended"]) == (3, "time")
     liar, crasher, suicide = sorted(result["errors"])
     assert liar.startswith("r2: given up by the world: an action of tick 4")
-    assert crasher.startswith("r3: stopped by a mistake in its program: ZeroDivisionError")
+    log = tmp_path / "out" / "logs" / "r3.log"
+    mistake = "r3: stopped by a mistake in its program: ZeroDivisionError: as promised"
+    assert crasher == f"{mistake}; what it said is in {log}"
+    assert "in step\n" in log.read_text() and log.read_text().endswith("ZeroDivisionError: as promised\n")
     assert suicide == "r4: its process died (signal 9)"
+    assert [file.name for file in log.parent.iterdir()] == ["r3.log"]  # the others said nothing
     events = [json.loads(line) for line in (tmp_path / "out" / "events.jsonl").read_text().splitlines()]
     assert [event["robot"] for event in events if event["event"] == "dead"] == ["r2", "r3", "r4"]
 

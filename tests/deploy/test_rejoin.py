@@ -139,7 +139,7 @@ def test_a_broken_checkpoint_is_told_and_the_robot_begins_anew(
     lived: tuple[Robot, list[Observation]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     robot, _ = lived
-    file, state = tmp_path / "r1.npz", robot.state()
+    file, state = tmp_path / "r1.msgpack", robot.state()
     save(tmp_path, "r1", "0" * 16, 40, state)
     whole = file.read_bytes()
     flipped = bytearray(whole)
@@ -150,6 +150,6 @@ def test_a_broken_checkpoint_is_told_and_the_robot_begins_anew(
         assert "is no checkpoint" in capsys.readouterr().err
     for wrong in broken_states(state):
         save(tmp_path, "r1", "0" * 16, 40, wrong)
-        (tmp_path / "r1.before.npz").unlink(missing_ok=True)
+        (tmp_path / "r1.before.msgpack").unlink(missing_ok=True)
         assert len(again(robot, tmp_path).own.edges) == 0, sorted(state.keys() - wrong.keys())
         assert "is no checkpoint" in capsys.readouterr().err

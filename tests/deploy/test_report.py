@@ -241,6 +241,7 @@ BROKEN = [
     ("truth.json", '{"frames": {"r1": [0, NaN, 0]}}'),
     ("truth.json", '{"frames": [1]}'),
     ("maps/r1.json", '{"vertices": [[0, 0], [1e999, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
+    ("maps/r1.json", '{"vertices": [[0, 0], [1e300, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
     ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["nominal"], "edges": [[0, 7]]}'),
     ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["corner"], "edges": []}'),
     ("maps/r1.json", "[" * 100_000),

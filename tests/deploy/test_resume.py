@@ -76,6 +76,28 @@ def test_a_world_that_is_killed_and_resumed_ends_with_the_bytes_of_one_that_is_n
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["team"]["coverage"] > 0.5
 
 
+def test_in_real_time_a_killed_world_goes_on_and_so_do_its_robots(tmp_path: Path) -> None:
+    config, run = tiny_config(tmp_path, until=100.0, server={"real_time": 20.0}), tmp_path / "run"
+    world = World(config, run, "begin")
+    config = config.model_copy(update={"server": config.server.model_copy(update={"listen": world.endpoint})})
+
+    def agent(robot: str) -> str:
+        return run_agent(robot, world.endpoint, AgentConfig(), patience=JoinConfig(), make_mind=endless)
+
+    with ThreadPoolExecutor() as pool:
+        agents = [pool.submit(agent, robot) for robot in config.robot_ids]
+        killed_at = world.kill_after(100)
+        world = World(config, run, "resume")
+        assert [one.result(60) for one in agents] == ["time"] * 3
+    assert world.process.wait(10) == 0
+    read_books(run)  # raises where they do not balance
+    assert {robot["ended"] for robot in json.loads((run / "summary.json").read_text())["robots"].values()} == {"time"}
+    for robot in config.robot_ids:
+        poses = [line.split()[1:] for line in (run / "trajectories" / f"{robot}.tum").read_text().splitlines()]
+        assert len(poses) == 501
+        assert len({tuple(pose) for pose in poses[killed_at + 100 :]}) > 50  # it drives on, 5 s after the kill
+
+
 def killed(folder: Path, until: float = 120.0) -> Path:
     """The directory of a run whose world was killed after 10 s; its robots are gone, too."""
     config, run = tiny_config(folder, until=until), folder / "run"

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from deploy.config import ConfigError, RunConfig, load
+from deploy.config import RunConfig, load
 from deploy.settings import DERIVED, settings, to_json, to_text, to_yaml
+from protocol.configuration import ConfigError
 from world.radio_config import Bernoulli
 
 

@@ -17,6 +17,7 @@ from tests.tiny import ROOM
 
 REPO = Path(__file__).parents[2]
 BEGUN_S = 100.0  # bound of waits for a phase to begin, on a machine that is busy with others
+AS_TERMINAL = ("env", "--default-signal=INT")  # a shell's job in the background, and what it starts, ignores Ctrl-C
 ENDED_S = 5.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # 5 s of a machine that is not
 
 
@@ -27,7 +28,7 @@ class Command:
         (folder / "tiny.yaml").write_text(ROOM)
         self.out = folder / "out"
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "wireswarm", "run", "--world", "tiny.yaml", "--out", "out", *options],
+            [*AS_TERMINAL, sys.executable, "-m", "wireswarm", "run", "--world", "tiny.yaml", "--out", "out", *options],
             cwd=folder,
             env={**os.environ, "PYTHONPATH": str(REPO)},
             stdout=subprocess.PIPE,
@@ -98,6 +99,22 @@ def test_a_command_that_is_still_being_imported_leaves_without_a_word(command: A
 
 
 @SIGNALS
+def test_the_server_that_children_are_forked_from_goes_with_a_command_that_is_being_imported(
+    command: Any, number: signal.Signals
+) -> None:
+    run = command()
+    end = time.monotonic() + BEGUN_S
+    while len(run.processes) < 3:  # with the tracker of resources
+        assert run.popen.poll() is None and time.monotonic() < end
+        run.note()
+    run.popen.send_signal(number)
+    assert run.popen.wait(ENDED_S) == 130
+    began = time.monotonic()
+    run.popen.communicate(timeout=ENDED_S)  # while the server lives, it holds the streams
+    assert time.monotonic() - began < ENDED_S / 10
+
+
+@SIGNALS
 @pytest.mark.parametrize("after_s", [0.3, 1.0])
 def test_a_signal_in_the_first_second_is_no_traceback(command: Any, number: signal.Signals, after_s: float) -> None:
     run = command()
@@ -150,6 +167,20 @@ def test_a_second_signal_kills_what_the_first_does_not_end(command: Any) -> None
     run.popen.send_signal(signal.SIGINT)
     assert run.ended()[0] == 130
     assert run.manifest()["ended"] == "interrupted"
+
+
+def test_a_child_whose_launcher_dies_before_it_says_what_to_do_ends_without_a_word() -> None:
+    dies = """
+import os
+from multiprocessing import forkserver
+from deploy import forks
+forks.begin()
+child, told = forkserver.connect_to_new_process([])
+os.close(told)
+os.read(child, 8), os.read(child, 8)  # the child's number and status
+"""
+    done = subprocess.run([sys.executable, "-c", dies], cwd=REPO, capture_output=True, text=True, timeout=BEGUN_S)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("phase", ["manifest.json", "truth.json", "snapshots/r1.jsonl"])

@@ -8,8 +8,8 @@ import pytest
 from deploy.live import Display, print_summary
 from deploy.report import write_report
 from deploy.report.rundir import read_run
-from deploy.text import printable
 from protocol.messages import Clock, Progress
+from protocol.text import printable
 
 EVIL = "[/b]\x1b[2J\x07\r\n\x9b31m\u202e\u2066<script>$x$"
 SHOWN = r"[/b]\x1b[2J\x07\r\n\x9b31m\u202e\u2066<script>$x$"

@@ -9,8 +9,12 @@ import random
 import resource
 import sys
 import time
+from collections.abc import Callable
 from hashlib import sha256
+from importlib.util import find_spec
+from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
+from typing import Any
 
 SLOW_S, GROWTH_MB = 0.1, 64
 FAILURES = Path("fuzz-failures")
@@ -53,29 +57,27 @@ def checked(name: str, data: bytes) -> str | None:
     return f"takes {time.thread_time() - began:.2f} s"
 
 
-def run_random(name: str, seconds: float, seed: int) -> int:
-    """Mutate for so many seconds; returns how many inputs were tried. Raises AssertionError."""
+def run_random(name: str, seconds: float, tried: "Synchronized[int]", seed: int) -> None:
+    """Mutate for so many seconds; tried counts the inputs. Raises AssertionError."""
     from tests.fuzz.targets import TARGETS
 
     rng, seeds = random.Random(seed), TARGETS[name].seeds()
-    end, tried, peak = time.monotonic() + seconds, 0, 0
+    end, peak = time.monotonic() + seconds, 0
     while time.monotonic() < end:
         data = mutant(rng, seeds)
         if reason := checked(name, data):
             FAILURES.mkdir(exist_ok=True)
             (FAILURES / f"{name}-{sha256(data).hexdigest()[:8]}").write_bytes(data)
             raise AssertionError(f"{name}: {reason}: {data[:200]!r}")
-        tried += 1
+        tried.value += 1
         now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        if tried <= 2000:
+        if tried.value <= 2000:
             peak = now  # caches of honest maps are full by then
         elif now - peak > GROWTH_MB:
             raise AssertionError(f"{name}: memory grew by {now - peak} MB: {data[:200]!r}")
-    print(f"{name}: {tried} inputs", flush=True)
-    return tried
 
 
-def run_guided(name: str, seconds: float) -> None:
+def run_guided(name: str, seconds: float, tried: "Synchronized[int]") -> None:
     """The same with atheris, whose process ends with it."""
     import atheris
 
@@ -88,6 +90,7 @@ def run_guided(name: str, seconds: float) -> None:
         (corpus / sha256(data).hexdigest()[:16]).write_bytes(data)
 
     def one(data: bytes) -> None:
+        tried.value += 1
         if reason := checked(name, data):
             raise AssertionError(f"{name}: {reason}")
 
@@ -101,23 +104,23 @@ def run_guided(name: str, seconds: float) -> None:
     atheris.Fuzz()
 
 
-def main(seconds: float, names: list[str]) -> int:
-    """Fuzz these targets one after the other."""
-    try:
-        import atheris  # noqa: F401
-    except ImportError:
+def main(seconds: float, names: list[str], seed: int = 0) -> int:
+    """Fuzz these targets one after the other, and tell how many inputs that were; seed: where nothing guides."""
+    run: Callable[..., None] = run_guided
+    more: tuple[Any, ...] = ()
+    if find_spec("atheris") is None:
         print("atheris is not installed: inputs are mutated without a look at coverage")
-        guided = False
-    else:
-        guided = True
-    context, bad = mp.get_context("spawn"), []
+        run, more = run_random, (seed,)
+    context, bad, total = mp.get_context("spawn"), [], 0
     for name in names:
-        process = context.Process(
-            target=run_guided if guided else run_random, args=(name, seconds) if guided else (name, seconds, 0)
-        )
+        tried = context.Value("Q", 0)  # shared, because atheris ends its process
+        process = context.Process(target=run, args=(name, seconds, tried, *more))
         process.start()
         process.join()
+        total += tried.value
+        print(f"{name}: {tried.value:,} inputs", flush=True)
         bad += [name] if process.exitcode else []
+    print(f"{total:,} inputs in all")
     if bad:
         print(f"failures in {', '.join(bad)}: see {FAILURES}/")
     return 1 if bad else 0

@@ -1,27 +1,39 @@
 """Every decoder and file loader as a fuzz target: any bytes are taken, or refused by the one error that is due."""
 
 import json
+import ssl
 import tempfile
+import zlib
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import redirect_stderr, suppress
 from functools import cache
+from io import StringIO
 from pathlib import Path
 from typing import NamedTuple
 
+import msgpack
+import numpy as np
+
 from agent.communication.receiving import KEPT_MAPS, Known
+from agent.config import AgentConfig
+from agent.robot import Robot
+from agent.shell.checkpoint import revived, save
 from deploy.bandwidth.books import NoRunError, read_books
-from deploy.config import ConfigError, load
+from deploy.config import load
 from deploy.pairs import fates
+from deploy.recorded.carmen import read_carmen
 from deploy.report import page, plan
 from deploy.report.rundir import Run, read_run
 from deploy.report.words import headline, subtitle
 from protocol import messages
-from protocol.access import read_secrets
+from protocol.certificates import ROSTER, Identity, fingerprint, read_roster
 from protocol.codec import decode, encode
+from protocol.configuration import ConfigError
 from protocol.document import parse_document
 from protocol.errors import InputError, ProtocolError
 from protocol.map_codec import encode_map
 from protocol.messages import Message
+from protocol.secrets import read_secrets
 from protocol.talk import Ack, Beacon, Part, in_parts
 from protocol.viewpoints import AskViews, Views, decode_views
 from protocol.wireframe import decode_wireframe, encode_wireframe
@@ -256,6 +268,20 @@ def some_secrets(data: bytes) -> None:
         read_secrets(file, ["r1"])
 
 
+def a_roster(data: bytes) -> None:
+    """The roster of certificates, and a certificate."""
+    (_folder() / ROSTER).write_bytes(data)
+    with suppress(InputError):
+        read_roster(_folder())
+    with suppress(ValueError):
+        fingerprint(data.decode(errors="replace"))
+
+
+def _rosters() -> list[bytes]:
+    identity = Identity("r1.0123456789abcdef", "0" * 64)._asdict()
+    return [json.dumps({"r1": identity, "world": identity}).encode(), ssl.DER_cert_to_PEM_cert(bytes(99)).encode()]
+
+
 @cache
 def _folder() -> Path:
     kept = tempfile.TemporaryDirectory(prefix="wireswarm-fuzz-")
@@ -330,15 +356,48 @@ def _files() -> list[bytes]:
     return [bytes([k]) + content for k, content in enumerate(FILES.values())]
 
 
+def a_log(data: bytes) -> None:
+    """A recorded lidar log."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "some.log"
+        file.write_bytes(data)
+        with suppress(InputError):
+            read_carmen(file)
+
+
+def _logs() -> list[bytes]:
+    pose, robotlaser = b" 1 2 0.5 1 2 0.5 ", b"ROBOTLASER1 0 -1.57 3.14 0.0174 30.0 0.01 0 10"
+    return [
+        b"FLASER 10" + b" 2.5" * 10 + pose + b"0 host 0\n" + b"FLASER 10" + b" 2.5" * 10 + pose + b"1 host 1\n",
+        robotlaser + b" 3" * 10 + b" 0" + pose + b"0.1 0 0.3 0.2 9 12.5 host 12.5\n",
+    ]
+
+
 def a_checkpoint(data: bytes) -> None:
-    """What a killed world left, whose checkpoint is anything."""
+    """What a killed world left, whose checkpoint is anything; by the first byte also one with right checksums."""
     config, files = _killed()
     for file, content in files.items():
         file.write_bytes(content)
     out = _folder() / "killed"
-    (out / checkpoint.NAME).write_bytes(data)
+    (out / checkpoint.NAME).write_bytes(b"".join(map(_sealed, _values(data[1:]))) if data[:1] == b"\1" else data[1:])
     with suppress(checkpoint.CheckpointError):
         Episode.resume(config, out)
+
+
+def _values(row: bytes) -> Iterator[bytes]:
+    """A row of msgpack values one by one; the last is what is none."""
+    unpacker, at = msgpack.Unpacker(max_buffer_size=0), 0
+    unpacker.feed(row)
+    with suppress(ValueError, msgpack.UnpackException):
+        while True:
+            unpacker.skip()
+            yield row[at : unpacker.tell()]
+            at = unpacker.tell()
+    yield row[at:]
+
+
+def _sealed(data: bytes) -> bytes:
+    return bytes(msgpack.packb((zlib.crc32(data), data)))
 
 
 @cache
@@ -354,7 +413,35 @@ def _killed() -> tuple[WorldConfig, dict[Path, bytes]]:
 
 
 def _checkpoints() -> list[bytes]:
-    return [content for file, content in _killed()[1].items() if file.name == checkpoint.NAME]
+    whole = next(content for file, content in _killed()[1].items() if file.name == checkpoint.NAME)
+    unpacker = msgpack.Unpacker()
+    unpacker.feed(whole)
+    return [b"\0" + whole, b"\1" + b"".join(data for _, data in unpacker)]
+
+
+def a_mind(data: bytes) -> None:
+    """A robot's checkpoint that is anything; by the first byte also one with a right checksum."""
+    (_folder() / "r1.msgpack").write_bytes(_sealed(data[1:]) if data[:1] == b"\1" else data[1:])
+    told = StringIO()
+    with redirect_stderr(told):
+        assert isinstance(revived(_robot, _folder(), "r1", "run", 99), Robot)
+    assert told.getvalue().count("\n") <= 1
+
+
+def _robot() -> Robot:
+    return Robot("r1", messages.RobotSpec(), AgentConfig(), 7)
+
+
+@cache
+def _minds() -> list[bytes]:
+    """A robot's checkpoint after some steps."""
+    robot = _robot()
+    for tick in range(6):
+        ranges = np.full(360, 1.5, np.float32).tobytes()
+        robot.step(messages.Observation(tick=tick, ranges=ranges, odometry=(0.0, 0.0, 0.0)), [])
+    save(_folder(), "r1", "run", 5, robot.state())
+    whole = (_folder() / "r1.msgpack").read_bytes()
+    return [b"\0" + whole, b"\1" + msgpack.unpackb(whole)[1]]
 
 
 TARGETS = {
@@ -367,17 +454,23 @@ TARGETS = {
     "worlds": Target(a_world, _worlds),
     "settings": Target(a_setting, _settings),
     "secrets": Target(some_secrets, lambda: [b"r1:0123456789abcdef\nviewer:0123456789abcdef\n"]),
+    "rosters": Target(a_roster, _rosters),
+    "logs": Target(a_log, _logs),
     "runs": Target(a_run_directory, _files),
     "reports": Target(a_report, _files),
     "checkpoints": Target(a_checkpoint, _checkpoints),
+    "minds": Target(a_mind, _minds),
 }
 """By name."""
 
 BROKE = {
     "messages": [b"\x0c\x81\xa5a\nkey\x01"],  # the error quoted the line end
+    "maps": [b"\x13\x1c\xaf\x1c\xafK\x15\x90#!wL\x90\x1c#!wL\x00"],  # beyond 10 km once turned
     "documents": [b"[" * 100_000, b"!!bool abc", b'!!int ""', b"? [a]\n: 1", b"\x00", b"&a [*a]"],
     "worlds": [b"boxes: [[0, 0, 0, 1, 1e-9]]", b"polygons: [[[[0, 0], [1e-9, 0], [0, 1e-9]]]]"],
     "settings": [b"seed=2026-13-45", b"seed=" + b"[" * 100_000, b"seed=0x" + b"f" * 5000],
+    "logs": [b"FLASER 0 1 2\n", b"FLASER -5 1 2\n", _logs()[0].replace(b"1 2 0.5", b"1e999 2 inf")],
     "runs": [bytes([k]) + b"[" * 100_000 for k in range(len(FILES))],
+    "reports": [b"> "],  # a path without poses
 }
 """What once was a traceback, a hang or a crash, by target."""

@@ -1,4 +1,4 @@
-"""A rogue with a robot's own secret: what it reads, says and fakes, by the rules of the router."""
+"""A rogue with a robot's own secret or certificate: what it reads, says and fakes, by the rules of the router."""
 
 import socket
 import threading
@@ -13,32 +13,40 @@ import zenoh
 
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
+from deploy.certs import issue
 from protocol import keys, session
-from protocol.access import VIEWER, new_secrets, read_secrets, write_secrets
+from protocol.access import VIEWER, Credentials
+from protocol.certificates import Certificates
 from protocol.codec import encode
 from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from protocol.messages import Action
+from protocol.secrets import Secrets, new_secrets, read_secrets, write_secrets
 from protocol.session import open_as_first, open_client, open_router
 from tests.agent.shell.test_process import World, events
 from tests.tiny import tiny_config
 from tests.wanderer import endless
 
 JOIN_S = 20.0
+Guarded = tuple[World, Credentials, Path]
 FORGED = "world/truth/forged"
 
 
-@pytest.fixture
-def guarded(tmp_path: Path) -> Iterator[tuple[World, dict[str, str], Path]]:
+@pytest.fixture(params=["secrets", "certificates"])
+def guarded(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Guarded]:
     """A world with two robots far apart by radio; the third, r3, is the rogue, which never joins as a robot."""
-    secrets = new_secrets(["r1", "r2", "r3"])
+    robots = ["r1", "r2", "r3"]
+    credentials: Credentials = new_secrets(robots)
+    if request.param == "certificates":
+        issue(tmp_path / "certs", robots, [])
+        credentials = Certificates(tmp_path / "certs", [*robots, VIEWER])
     config = tiny_config(tmp_path, robots=2, until=400.0, radio={"range_m": 0.2}, server={"real_time": 20.0})
     out = tmp_path / "run"
-    with World(config, out, secrets) as world, ThreadPoolExecutor(2) as pool:
+    with World(config, out, credentials) as world, ThreadPoolExecutor(2) as pool:
         endpoint = world.endpoint.result(JOIN_S)
         for robot in ("r1", "r2"):
-            pool.submit(run_agent, robot, endpoint, AgentConfig(), secrets=secrets, make_mind=endless)
-        yield world, secrets, out
+            pool.submit(run_agent, robot, endpoint, AgentConfig(), credentials=credentials, make_mind=endless)
+        yield world, credentials, out
         world.inbox.stop()
 
 
@@ -65,12 +73,12 @@ def wait_for(condition: object, seconds: float = 10.0) -> None:
         time.sleep(0.02)
 
 
-def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(guarded: tuple[World, dict[str, str], Path]) -> None:
-    world, secrets, _ = guarded
+def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(guarded: Guarded) -> None:
+    world, credentials, _ = guarded
     endpoint = world.endpoint.result(JOIN_S)
     with (
-        open_client(endpoint, 5.0, "r3", secrets["r3"]) as rogue,
-        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
+        open_client(endpoint, 5.0, "r3", credentials) as rogue,
+        open_client(endpoint, 5.0, VIEWER, credentials) as viewer,
     ):
         theirs, all_of_it = Ear(rogue), Ear(viewer)
         said = {keys.from_robot(robot, keys.RADIO) for robot in ("r1", "r2")}
@@ -85,43 +93,43 @@ def test_a_rogue_reads_what_is_public_or_its_own_and_nothing_else(guarded: tuple
         assert not any(key.startswith(("robots/r1/in", "robots/r2/in")) for key in all_of_it.keys)
 
 
-def test_robots_without_a_name_take_those_that_nobody_has_yet(guarded: tuple[World, dict[str, str], Path]) -> None:
-    world, secrets, _ = guarded
+def test_robots_without_a_name_take_those_that_nobody_has_yet(guarded: Guarded) -> None:
+    world, credentials, _ = guarded
     endpoint = world.endpoint.result(JOIN_S)
-    roster = {name: secrets[name] for name in ("r1", "r2", "r3")}
-    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+    with open_client(endpoint, 5.0, VIEWER, credentials) as viewer:
         heard = Ear(viewer)
         wait_for(lambda: {keys.from_robot(robot, keys.ACT) for robot in ("r1", "r2")} <= heard.keys)
-    with open_as_first(endpoint, 5.0, roster) as (name, _):
+    with open_as_first(endpoint, 5.0, credentials) as (name, _):
         assert name == "r3"
-        with pytest.raises(LinkError, match="each of its 3 robots is there"), open_as_first(endpoint, 0.3, roster):
+        with pytest.raises(LinkError, match="each of its 3 robots is there"), open_as_first(endpoint, 0.3, credentials):
             pass
 
 
-def test_a_second_session_of_a_robot_is_refused_and_told(guarded: tuple[World, dict[str, str], Path]) -> None:
-    world, secrets, out = guarded
+def test_a_second_session_of_a_robot_is_refused_and_told(guarded: Guarded) -> None:
+    world, credentials, out = guarded
     endpoint = world.endpoint.result(JOIN_S)
-    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+    with open_client(endpoint, 5.0, VIEWER, credentials) as viewer:
         heard = Ear(viewer)
         wait_for(lambda: keys.from_robot("r1", keys.ACT) in heard.keys)  # r1 is there
-    with pytest.raises(LinkError, match="another session is r1 at"), open_client(endpoint, 0.6, "r1", secrets["r1"]):
+    with pytest.raises(LinkError, match="another session is r1 at"), open_client(endpoint, 0.6, "r1", credentials):
         pass
     world.inbox.stop()
     assert world.ended.result(10) == "interrupted"
     assert not [event for event in events(out) if event["event"] == "dead"]
 
 
-def test_a_robots_secret_in_a_session_of_another_id_reads_and_says_nothing(
-    guarded: tuple[World, dict[str, str], Path], monkeypatch: pytest.MonkeyPatch
+def test_a_robot_in_a_session_of_another_id_reads_and_says_nothing(
+    guarded: Guarded, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    world, secrets, out = guarded
+    world, credentials, out = guarded
     endpoint = world.endpoint.result(JOIN_S)
     act = keys.from_robot("r1", keys.ACT)
-    with open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer:
+    with open_client(endpoint, 5.0, VIEWER, credentials) as viewer:
         all_of_it = Ear(viewer)
         wait_for(lambda: {act, keys.CLOCK} <= all_of_it.keys)  # the robots are there, with their own IDs
-    monkeypatch.setattr(session, "session_id", lambda name, secret: "f00d")
-    with open_client(endpoint, 5.0, "r1", secrets["r1"]) as rogue:
+    own = credentials.connecting("r1")
+    monkeypatch.setattr(credentials, "connecting", lambda name: {**own, "id": "f00d"})
+    with open_client(endpoint, 5.0, "r1", credentials) as rogue:
         theirs = Ear(rogue)
         for _ in range(20):
             rogue.put(act, encode(Action(tick=0, speed_mps=0.0, turn_rps=0.0, sent=77)))
@@ -140,7 +148,7 @@ def test_a_robot_gets_in_beside_a_thousand_connections_that_do_not_say_who_they_
         for _ in range(1000):
             idle.enter_context(socket.create_connection(address)).sendall(said)
         began = time.monotonic()
-        with open_client(endpoint, JOIN_S, "r1", secrets["r1"]):
+        with open_client(endpoint, JOIN_S, "r1", secrets):
             assert time.monotonic() - began < 5.0  # where 100 fill the door, it takes 10 s
 
 
@@ -164,12 +172,12 @@ def test_a_connection_that_trickles_bytes_is_closed(monkeypatch: pytest.MonkeyPa
         raise AssertionError("it is still open")
 
 
-def test_a_rogue_cannot_speak_for_another_or_for_the_world(guarded: tuple[World, dict[str, str], Path]) -> None:
-    world, secrets, out = guarded
+def test_a_rogue_cannot_speak_for_another_or_for_the_world(guarded: Guarded) -> None:
+    world, credentials, out = guarded
     endpoint = world.endpoint.result(JOIN_S)
     with (
-        open_client(endpoint, 5.0, "r3", secrets["r3"]) as rogue,
-        open_client(endpoint, 5.0, VIEWER, secrets[VIEWER]) as viewer,
+        open_client(endpoint, 5.0, "r3", credentials) as rogue,
+        open_client(endpoint, 5.0, VIEWER, credentials) as viewer,
     ):
         heard = Ear(viewer)
         wait_for(lambda: keys.from_robot("r1", keys.ACT) in heard.keys)
@@ -197,15 +205,15 @@ def test_a_rogue_cannot_speak_for_another_or_for_the_world(guarded: tuple[World,
     assert not [event for event in events(out) if event["event"] == "dead"]
 
 
-@pytest.mark.parametrize(("name", "secret"), [("r1", "wrong"), ("nobody", "r1"), ("r2", "r1"), (None, None)])
-def test_without_the_right_secret_nobody_gets_in(
-    guarded: tuple[World, dict[str, str], Path], name: str | None, secret: str | None
-) -> None:
+@pytest.mark.parametrize("guarded", ["secrets"], indirect=True)
+@pytest.mark.parametrize(("name", "secret"), [("r1", "wrong"), ("nobody", "r1"), ("r2", "r1"), ("r1", None)])
+def test_without_the_right_secret_nobody_gets_in(guarded: Guarded, name: str, secret: str | None) -> None:
     world, secrets, _ = guarded
-    secret = secrets.get(secret, secret) if secret else None
+    assert isinstance(secrets, Secrets)
+    mine = Secrets({name: secrets.get(secret, secret)} if secret else {})
     with (
         pytest.raises(LinkError, match="the secret is the world's"),
-        open_client(world.endpoint.result(JOIN_S), 0.6, name, secret),
+        open_client(world.endpoint.result(JOIN_S), 0.6, name, mine),
     ):
         pass
 
@@ -213,7 +221,7 @@ def test_without_the_right_secret_nobody_gets_in(
 def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
     file = tmp_path / "secrets"
     secrets = new_secrets(["r1", "r2"])
-    assert len(set(secrets.values())) == 3 and min(map(len, secrets.values())) >= 32
+    assert len(set(secrets.values())) == 4 and min(map(len, secrets.values())) >= 32
     write_secrets(file, secrets)
     assert file.stat().st_mode & 0o777 == 0o600
     assert read_secrets(file, ["r2"]) == {"r2": secrets["r2"]}

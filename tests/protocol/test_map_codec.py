@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
-from protocol.grid_map import AXIS_STEPS, MAX_TOLD, GridMap, main_axis, matched, quantise
+from protocol.grid_map import AXIS_STEPS, MAX_REACH_M, MAX_TOLD, GridMap, main_axis, matched, quantise
 from protocol.map_codec import decode_map, encode_map
 from protocol.wireframe import Label, Wireframe
 from tests.fuzz.maps import BASE, changes, fuzz_one, some_map
@@ -23,7 +23,8 @@ def grid_maps(draw: st.DrawFn, cell_mm: int = 10, axis: int = 77) -> GridMap:
     sizes = draw(st.lists(st.integers(1, 6), max_size=6))
     rings = [draw(st.booleans()) and size > 1 for size in sizes]
     n = sum(sizes)
-    coordinate = st.integers(-40, 40) | st.integers(-9_000_000 // cell_mm, 9_000_000 // cell_mm)
+    farthest = int(1000 * MAX_REACH_M / np.sqrt(2)) // cell_mm
+    coordinate = st.integers(-40, 40) | st.integers(-farthest, farthest)
     starts = np.cumsum([0, *sizes])
     chains = GridMap(
         cell_mm,
@@ -80,6 +81,18 @@ def test_changes_lead_to_the_map_that_they_tell(
 @given(grid_maps(cell_mm=25, axis=4095))
 def test_cells_of_any_size_travel(grid_map: GridMap) -> None:
     assert decode_map(encode_map(grid_map).data).alike(grid_map)
+
+
+@given(st.floats(0, 2 * np.pi), st.integers(0, AXIS_STEPS - 1))
+def test_a_map_is_as_large_by_whatever_axis(bearing: float, axis: int) -> None:
+    def corner(reach_m: float) -> GridMap:
+        cells = np.round(100 * reach_m * np.array([[0.0, 0.0], [np.cos(bearing), np.sin(bearing)]])).astype(np.int32)
+        chain = np.array([0, 2]), np.zeros(1, np.bool_)
+        return GridMap(10, axis, cells, np.zeros(2, np.uint8), np.zeros(2, np.bool_), np.zeros(2, np.uint8), *chain)
+
+    decode_map(encode_map(corner(MAX_REACH_M - 0.1)).data).wireframe().check()
+    with pytest.raises(ProtocolError, match="out of bounds"):
+        encode_map(corner(MAX_REACH_M + 0.1))
 
 
 @given(st.binary(max_size=60))

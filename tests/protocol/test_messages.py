@@ -16,15 +16,18 @@ from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import ProtocolError
 from protocol.messages import (
     MAX_EVENT_DEPTH,
+    MAX_WAY,
     Action,
     Clock,
     End,
     Event,
     Heard,
     Join,
+    LidarSpec,
     MapReport,
     Message,
     Observation,
+    OdometrySpec,
     PoseReport,
     Progress,
     Refused,
@@ -51,7 +54,7 @@ json_values = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4),
     max_leaves=20,
 )
-scans = st.lists(st.floats(0, width=32), max_size=400).map(lambda r: np.asarray(r, "<f4").tobytes())
+scans = st.lists(st.floats(0, width=32) | st.just(math.nan), max_size=400).map(lambda r: np.asarray(r, "<f4").tobytes())
 events = st.builds(Event, event=ids, data=st.dictionaries(texts, json_values, max_size=4).filter(
     lambda data: depth(data) <= MAX_EVENT_DEPTH
 ))  # fmt: skip
@@ -185,11 +188,41 @@ def test_numbers_are_numbers_of_which_no_sum_overflows(bad: object) -> None:
     assert "pose" in refused(PoseReport, msgpack.packb({"tick": 0, "pose": [0.0, bad, 0.0]}))
 
 
-@pytest.mark.parametrize("ranges", [[math.nan], [1.0, -0.5], [-math.inf]])
+@pytest.mark.parametrize("ranges", [[1.0, -0.5], [-math.inf]])
 def test_a_range_is_a_length(ranges: list[float]) -> None:
     data = msgpack.packb({"tick": 0, "ranges": np.asarray(ranges, "<f4").tobytes(), "odometry": [0, 0, 0]})
     assert "range" in refused(Observation, data)
     assert "float32" in refused(Observation, msgpack.packb({"tick": 0, "ranges": b"abc", "odometry": [0, 0, 0]}))
+
+
+def test_a_way_is_of_finite_poses_and_ends_at_the_stamp() -> None:
+    def seen(way: bytes) -> bytes:
+        return encode(Observation.model_construct(tick=0, ranges=b"", odometry=(1.0, 0.0, 0.0), way=way))
+
+    way = np.array([[0.5, 0, 0], [1, 0, 0]], "<f8")
+    assert np.array_equal(decode(Observation, seen(way.tobytes())).poses(), way)
+    assert np.array_equal(decode(Observation, seen(b"")).poses(), [[1, 0, 0]])
+    assert "does not end" in refused(Observation, seen(way[:1].tobytes()))
+    assert "three float64" in refused(Observation, seen(way.tobytes()[:-1]))
+    assert "not within 1e+09" in refused(Observation, seen(np.full((1, 3), math.nan).tobytes()))
+    assert "at most" in refused(Observation, seen(bytes(24 * (MAX_WAY + 1))))
+
+
+def test_beams_of_a_spec_have_bearings_and_moments() -> None:
+    still, turning = LidarSpec(), LidarSpec(turning=True)
+    assert np.degrees(still.bearings()) == pytest.approx(np.arange(360)) and (still.moments() == 1).all()
+    assert turning.moments() == pytest.approx(np.arange(1, 361) / 360) and turning.moments()[-1] == 1
+    narrow = LidarSpec(
+        beams=8, turning=True, field_of_view_deg=180, first_beam_deg=90, clockwise=True, mount_yaw_deg=10
+    )
+    assert np.degrees(narrow.bearings()) == pytest.approx([100, 77.5, 55, 32.5, 10, -12.5, -35, -57.5])
+    assert narrow.moments() == pytest.approx([*np.arange(9, 17) / 16])
+
+
+def test_wheels_are_read_at_least_once_a_scan() -> None:
+    for rate_hz, poses in ((25, 5), (5, 1), (1, 1), (12, 2)):
+        assert RobotSpec(odometry=OdometrySpec(rate_hz=rate_hz)).poses_per_scan == poses
+    assert RobotSpec(lidar=LidarSpec(rate_hz=0.01)).poses_per_scan == MAX_WAY
 
 
 @pytest.mark.parametrize("name", ["", "R1", "r/1", "r*", "../r1", "r1/in/obs", "x" * 17, "r1\n"])

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import wireswarm
-from deploy.config import ConfigError, RunConfig
+from deploy.config import RunConfig
 from deploy.inprocess import run as run_in_process
+from protocol.configuration import ConfigError
 from tests.tiny import ROOM
 
 REPO = Path(__file__).parents[2]

@@ -36,8 +36,8 @@ def test_visible_wall_is_the_scorers(scorer: ModuleType, name: str) -> None:
 
 
 def look(world: World, coverage: Coverage, poses: np.ndarray, robots: np.ndarray, t: float) -> None:  # type: ignore[type-arg]
-    ranges, met = Lidar(world.segments, LidarSpec(beams=2000)).trace(poses)
-    coverage.update(t, round(5 * t), robots, poses, ranges, met)
+    lidar = Lidar(world.segments, LidarSpec(beams=2000))
+    coverage.update(t, round(5 * t), robots, lidar.rays(poses), *lidar.trace(poses))
 
 
 def test_a_look_covers_what_is_in_view_and_all_looks_cover_all() -> None:
@@ -75,8 +75,8 @@ def test_robots_behind_walls_from_each_other_have_their_own_visible_wall() -> No
     boxes = [[0, 0, 0, 9, 0.2], [0, 4, 0, 9, 0.2], [-4.4, 2, 0, 0.2, 4], [4.4, 2, 0, 0.2, 4], [1, 2, 0, 0.2, 4]]
     world = worldfile.from_document({"boxes": boxes, "spawns": [[-2, 2, 0], [3, 2, 0]]})
     coverage = Coverage(world, world.spawns, RADIUS, 10.0)
-    ranges, met = Lidar(world.segments, LidarSpec(beams=2000, range_max_m=10)).trace(world.spawns)
-    coverage.update(0.0, 0, np.arange(2), world.spawns, ranges, met)
+    lidar = Lidar(world.segments, LidarSpec(beams=2000, range_max_m=10))
+    coverage.update(0.0, 0, np.arange(2), lidar.rays(world.spawns), *lidar.trace(world.spawns))
     assert coverage.own == pytest.approx([1.0, 1.0])
     assert coverage.team == pytest.approx(1.0)
 

@@ -18,13 +18,13 @@ from deploy import inprocess
 from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observation, OdometrySpec, RobotSpec, Send
-from protocol.wireframe import Wireframe, encode_wireframe
+from protocol.wireframe import MAX_VERTICES, Wireframe, encode_wireframe
 from tests.scripted import ScriptedStep, Wanderer
 from world.answers import LockstepAnswers
 from world.config import WorldConfig
 from world.draws import generator
 from world.episode import Episode
-from world.ledger import EVENT_BYTES, EVENT_BYTES_PER_S
+from world.ledger import ALLOWED
 from world.odometry import Odometry
 from world.recorder import own_part
 from world.tick import BadOutputsError, Outputs
@@ -132,29 +132,68 @@ def test_exact_odometry_is_the_true_pose_in_the_start_frame() -> None:
     for _ in range(20):
         inputs = episode.inputs()
         for robot, start, pose in zip(episode.robots, episode.starts, episode.poses, strict=True):
-            x, y, theta = inputs[robot].observation.odometry
+            seen = inputs[robot].observation
+            x, y, theta = seen.odometry
             c, s = math.cos(start[2]), math.sin(start[2])
             assert (start[0] + c * x - s * y, start[1] + s * x + c * y) == pytest.approx(tuple(pose[:2]))
             assert math.cos(start[2] + theta - pose[2]) == pytest.approx(1)
             assert -math.pi < theta <= math.pi
+            assert seen.poses().shape == (5, 3) and tuple(seen.poses()[-1]) == seen.odometry
+            if episode.tick > 1:  # the first step of the first period is at rest
+                steps = np.diff(seen.poses(), axis=0)
+                assert np.hypot(*steps[:, :2].T) == pytest.approx([0.2 / 25] * 4, rel=1e-3)  # chords of an arc
+                assert steps[:, 2] % math.tau == pytest.approx([1.0 / 25] * 4)
         episode.advance({robot: answer(episode.tick, speed=0.2, turn=1.0) for robot in episode.robots})
 
 
 def test_noisy_odometry_grows_with_the_root_of_the_distance() -> None:
-    config = OdometrySpec(noisy=True)
+    config = OdometrySpec(noisy=True, wheel_sd=0, axle_sd=0)
     for ticks in (25, 100, 400):
         ends = []
         for seed in range(300):
             odometry = Odometry(np.zeros(3), config, np.random.default_rng(seed))
-            for i in range(ticks):
-                pose = odometry.update(np.array([0.04 * (i + 1), 0.0, 0.0]))
-            ends.append(pose)
+            way = np.zeros((ticks, 3))
+            way[:, 0] = 0.04 * np.arange(1, ticks + 1)
+            ends.append(odometry.update(way)[-1])
         distance = 0.04 * ticks
         off = np.array(ends) - [distance, 0, 0]
         assert off[:, 2].std() == pytest.approx(math.radians(1) * math.sqrt(distance), rel=0.15)
         assert abs(off[:, 2].mean()) < 4 * math.radians(1) * math.sqrt(distance / 300)
         if ticks == 25:  # later the heading's error bends the path
             assert off[:, 0].std() == pytest.approx(0.02 * math.sqrt(distance), rel=0.2)
+
+
+def test_a_robots_wheels_and_axle_are_wrong_by_the_same_all_the_time() -> None:
+    config = OdometrySpec(noisy=True, distance_sd=0, heading_sd_deg=0, turn_sd=0)
+    straight, spin = np.zeros((100, 3)), np.zeros((100, 3))
+    straight[:, 0] = np.arange(1, 101) / 100
+    spin[:, 2] = np.arange(1, 101) / 100
+    size, bend, axle = [], [], []
+    for seed in range(500):
+        path = Odometry(np.zeros(3), config, np.random.default_rng(seed)).update(straight)
+        steps = np.diff(path, axis=0)
+        assert np.ptp(steps[:, 2]) < 1e-12 and np.ptp(np.hypot(*steps[:, :2].T)) < 1e-12
+        size.append(100 * np.hypot(*steps[0, :2]))
+        bend.append(path[-1, 2])
+        axle.append(Odometry(np.zeros(3), config, np.random.default_rng(seed)).update(spin)[-1, 2] / size[-1])
+    assert np.mean(size) == pytest.approx(1, abs=0.002) and np.std(size) == pytest.approx(0.01 / math.sqrt(2), rel=0.1)
+    assert np.mean(bend) == pytest.approx(0, abs=0.02) and np.std(bend) == pytest.approx(0.01 * 2**0.5 / 0.16, rel=0.1)
+    assert np.mean(axle) == pytest.approx(1, abs=0.002) and np.std(axle) == pytest.approx(0.01, rel=0.1)
+
+
+def test_wheels_slip_where_the_robot_touches_something() -> None:
+    quiet = {"distance_sd": 0, "heading_sd_deg": 0, "turn_sd": 0, "wheel_sd": 0, "axle_sd": 0}
+    config = QUICK.model_copy(update={"spec": RobotSpec(odometry=OdometrySpec(noisy=True, **quiet))})
+    episode = Episode(config, None)
+    believed, went = 0.0, 0.0
+    for _ in range(200):
+        seen = episode.inputs()["r1"].observation
+        believed, went = math.hypot(*seen.odometry[:2]), math.dist(episode.poses[0, :2], episode.starts[0, :2])
+        episode.advance({robot: answer(episode.tick, speed=0.2) for robot in episode.robots})
+        if episode.tick == 3:
+            assert believed == pytest.approx(went, abs=1e-9)
+    assert believed == pytest.approx(0.2 * 199 * 0.2, abs=0.01)
+    assert went < believed - 0.5
 
 
 def answer(tick: int, *, speed: float = 0.0, turn: float = 0.0, complete: bool = False) -> Outputs:
@@ -223,7 +262,31 @@ def test_a_robot_that_boasts_costs_nobody_the_results_nor_the_disk(tmp_path: Pat
     events = [json.loads(line) for line in (tmp_path / "events.jsonl").open()]
     assert [event["event"] for event in events if event["robot"] == "r2"].count("muted") == 1
     assert any(event["robot"] == "r1" for event in events)
-    assert (tmp_path / "events.jsonl").stat().st_size < EVENT_BYTES + 30 * EVENT_BYTES_PER_S + 50_000
+    assert (tmp_path / "events.jsonl").stat().st_size < sum(ALLOWED["events"]) * 2 + 50_000
+
+
+class Cartographer(Wanderer):
+    """r2 tells everybody the largest map there is, in every tick."""
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> ScriptedStep:
+        step = super().step(observation, heard)
+        if self.robot != "r2":
+            return step
+        places = np.random.default_rng(observation.tick).uniform(-9, 9, (MAX_VERTICES, 2))
+        wireframe = encode_wireframe(Wireframe(points=places, labels=np.zeros(MAX_VERTICES, np.uint8)))
+        sends = [Send(tick=observation.tick, to="r1", kind="map", payload=b"map")]
+        action = step.action.model_copy(update={"sent": 1})
+        return step._replace(action=action, sends=sends, map=MapReport(tick=observation.tick, wireframe=wireframe))
+
+
+def test_a_robot_with_huge_maps_does_not_fill_the_disk(tmp_path: Path) -> None:
+    config = QUICK.model_copy(update={"until": 4.0, "snapshot_s": 0.4})
+    inprocess.run(config, MIND, tmp_path, make_mind=Cartographer)  # type: ignore[arg-type]
+    last = 2 * MAX_VERTICES * 40  # the last map is always written, as a map and as a snapshot
+    written = sum((tmp_path / name).stat().st_size for name in ("updates.jsonl", "snapshots/r2.jsonl"))
+    assert ALLOWED["maps"].at_once / 2 < written < ALLOWED["maps"].at_once + 4 * ALLOWED["maps"].a_second + last
+    said = [event for event in map(json.loads, (tmp_path / "events.jsonl").open()) if event["event"] == "muted"]
+    assert [event["robot"] for event in said] == ["r2"] and "of maps" in said[0]["reason"]
 
 
 def test_a_robot_that_sends_without_end_is_refused_before_its_action_comes() -> None:

@@ -212,7 +212,18 @@ def test_loops_are_opened() -> None:
     assert rings(0.3) > 3
 
 
-@pytest.mark.parametrize("size", [(7, 10), (10, 21), (math.nan, 10)])
+@pytest.mark.parametrize("size", [(7, 10), (10, 101), (math.nan, 10)])
 def test_mazes_have_bounds(size: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match="8 to 20 m"):
+    with pytest.raises(ValueError, match="8 to 100 m"):
         maze.generate(*size, np.random.default_rng(0))
+
+
+def test_generated_worlds_have_a_name() -> None:
+    world = worldfile.load("generated-40x30-5")
+    x0, y0, x1, y1 = world.solid.bounds
+    assert (x1 - x0, y1 - y0) == pytest.approx((40, 30), abs=0.01)
+    assert world.name == "generated-40x30-5"
+    assert world.hash != worldfile.load("generated-40x30-6").hash
+    assert worldfile.load("generated-100x100-0").starts(500, RADIUS, np.random.default_rng(0)).shape == (500, 3)
+    with pytest.raises(WorldFileError, match="generated-400x40-0: a maze has sides of 8 to 100 m, not 400 m"):
+        worldfile.load("generated-400x40-0")

@@ -70,12 +70,13 @@ def measure(
     cooperation: Mapping[str, Any] | None = None,
     start: int | None = None,
     until: str | None = None,
+    spec: Mapping[str, Any] | None = None,
 ) -> Figures:
     """One run, until `team` or `each` robot has 99 %, until all is `merged`, or to its own end (None).
 
-    start: the run is of one robot, from the start of that number; None: from all starts.
+    start: the run is of one robot, from the start of that number; None: from all starts. spec: settings of the robots.
     """
-    settings = {"robots": robots, "seed": seed, "starts": "random", "max_time_s": limit_s}
+    settings = {"robots": robots, "seed": seed, "starts": "random", "max_time_s": limit_s, "spec": spec or {}}
     name = world
     if start is not None:
         spawn = drawn_starts(world, 3, seed)[start].tolist()

@@ -29,6 +29,7 @@ from deploy.occupancy_grid import OccupancyGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.messages import Action, Heard, Observation, RobotSpec
+from world.lidar import Lidar
 from world.worldfile import load
 
 CELL_M = 0.05
@@ -151,6 +152,7 @@ class DenseRobot:
         n = 2 * math.ceil(reach_m / CELL_M)
         self.corner = -CELL_M * n / 2
         box = self.corner, self.corner, -self.corner, -self.corner
+        self.lidar = Lidar(np.zeros((0, 4)), spec.lidar)
         self.grid = OccupancyGrid(box, CELL_M, spec.lidar.range_max_m)
         self.log_odds = self.grid.log_odds
         self.given_up = np.zeros(self.log_odds.shape, np.bool_)
@@ -174,7 +176,7 @@ class DenseRobot:
         """Map, plan, drive."""
         started = time.perf_counter()
         pose, ranges = observation.odometry, observation.scan()
-        self.grid.add(_heard(ranges, BLIND_M)[None], np.array(pose)[None])
+        self.grid.add(_heard(ranges, BLIND_M)[None], self.lidar.rays(np.array(pose)))
         if not self.complete and observation.tick % REPLAN_TICKS == 0:
             self._plan(pose)
         scan = perceive(ranges, self.spec, self.config.perception.method).wireframe()

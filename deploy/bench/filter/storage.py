@@ -19,6 +19,7 @@ from deploy.metrics import Truth, score_walls
 from deploy.occupancy_grid import CELLS_PER_BYTE, OccupancyGrid, two_bits
 from protocol.walls import directions
 from protocol.wireframe import encode_wireframe
+from world.lidar import Lidar
 
 FINEST_M = 0.005  # cells are not made smaller: half the range noise
 
@@ -54,7 +55,8 @@ def _cell_for(run: ScanRecording, size: int) -> float:
 
 
 def _grid(run: ScanRecording, cell_m: float) -> OccupancyGrid:
-    return OccupancyGrid(_box(run), cell_m, run.spec.lidar.range_max_m).add(run.ranges, np.array(run.poses))
+    rays = Lidar(np.zeros((0, 4)), run.spec.lidar).rays(np.array(run.poses))
+    return OccupancyGrid(_box(run), cell_m, run.spec.lidar.range_max_m).add(run.ranges, rays)
 
 
 def _compressed_grid(run: ScanRecording, size: int) -> OccupancyGrid:

@@ -18,6 +18,7 @@ from deploy import inprocess
 from deploy.config import RunConfig
 from deploy.launcher import launch
 from protocol import keys
+from protocol.access import Credentials
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import InputError, LinkError, RefusedError
 from protocol.inbox import Arrival
@@ -34,8 +35,8 @@ JOIN_S = 20.0
 class World:
     """A world server in a thread; robots join it from this process or others."""
 
-    def __init__(self, config: RunConfig, out: Path, secrets: dict[str, str] | None = None) -> None:
-        self.secrets = secrets
+    def __init__(self, config: RunConfig, out: Path, credentials: Credentials | None = None) -> None:
+        self.credentials = credentials
         self.inbox = WorldInbox()
         self.endpoint: Future[str] = Future()
         self.ended: Future[str] = Future()
@@ -45,7 +46,9 @@ class World:
     def _serve(self, config: RunConfig, out: Path) -> None:
         try:
             listening = self.endpoint.set_result
-            ended = serve(config, config.server, out, secrets=self.secrets, inbox=self.inbox, listening=listening)
+            ended = serve(
+                config, config.server, out, credentials=self.credentials, inbox=self.inbox, listening=listening
+            )
             self.ended.set_result(ended)
         except BaseException as error:
             self.ended.set_exception(error)
@@ -99,6 +102,9 @@ def test_the_world_waits_for_all_and_lets_each_name_in_once(tmp_path: Path) -> N
     config = tiny_config(tmp_path, robots=2, until=4.0)
     with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
         first = pool.submit(agent, world, "r1", patience=JoinConfig(reconnect_s=0.1))
+        with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
+            while not any(reply.ok for reply in session.liveliness().get(keys.alive("r1"))):  # on a busy machine
+                time.sleep(0.05)
         time.sleep(0.7)  # longer than reconnect_s: a world that is alive but waits is waited for
         with pytest.raises(RefusedError, match="another r1 is there already"):
             agent(world, "r1")
@@ -259,3 +265,54 @@ def test_the_real_robot_in_processes_writes_the_same_bytes_as_in_one(tmp_path: P
     alone = digests(tmp_path / "one")
     assert alone == digests(tmp_path / "many")
     assert json.loads((tmp_path / "one" / "maps" / "r1.json").read_text())["edges"]
+
+
+def test_a_robot_that_floods_the_world_is_given_up_and_the_others_go_on(tmp_path: Path) -> None:
+    begun = threading.Event()
+
+    def mind(*which: Any) -> Wanderer:
+        begun.set()
+        return endless(*which)
+
+    with World(tiny_config(tmp_path, robots=2, until=60.0), tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        robots = [pool.submit(agent, world, robot, mind) for robot in ("r1", "r2")]
+        assert begun.wait(JOIN_S)
+        while not (tmp_path / "out" / "trajectories" / "r1.tum").stat().st_size:
+            time.sleep(0.01)
+        world.inbox.put(Arrival(world.inbox.FLOOD, "r2"))
+        assert robots[0].result(30) == "time"
+        assert "waited for the world" in robots[1].result(10)
+    assert [event["robot"] for event in events(tmp_path / "out") if event["event"] == "dead"] == ["r2"]
+
+
+@pytest.mark.parametrize("real_time", [None, 50.0])
+def test_a_robot_that_is_stopped_by_hand_takes_its_leave_and_the_others_go_on(
+    tmp_path: Path, real_time: float | None
+) -> None:
+    config = tiny_config(tmp_path, robots=2, until=60.0, server={"real_time": real_time})
+    inbox, begun = AgentInbox(), threading.Event()
+
+    class Noted(Wanderer):
+        def step(self, *seen: Any) -> Any:
+            begun.set()
+            return super().step(*seen)
+
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        stays = pool.submit(agent, world, "r1")
+        leaves = pool.submit(agent, world, "r2", Noted, inbox=inbox, by_hand=True)
+        assert begun.wait(JOIN_S)
+        inbox.stop()
+        assert leaves.result(10) == "interrupted"
+        assert (stays.result(30), world.ended.result(10)) == ("time", "time")  # it waits 300 s for one that is away
+    assert [event["reason"] for event in events(tmp_path / "out") if event["event"] == "dead"] == ["it took its leave"]
+
+
+def test_only_the_process_that_was_let_in_can_take_its_leave(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=4.0)
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        with open_client(world.endpoint.result(JOIN_S), JOIN_S) as session:
+            said = encode(Join(version=PROTOCOL_VERSION, robot="r1", session="0a", process="0b"))
+            for payload in (said, b"no message"):
+                (reply,) = session.get(keys.service("r1", keys.LEAVE), payload=payload, timeout=5.0)
+                assert reply.err is not None and decode(Refused, reply.err.payload.to_bytes()).reason
+        assert pool.submit(agent, world, "r1").result(JOIN_S) == "time"

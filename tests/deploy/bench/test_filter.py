@@ -121,8 +121,9 @@ def test_a_grid_has_walls_where_beams_end_and_free_space_before() -> None:
         {"boxes": [[0, 1.1, 0, 4.4, 0.2], [0, -1.1, 0, 4.4, 0.2], [2.1, 0, 0, 0.2, 2.4], [-2.1, 0, 0, 0.2, 2.4]]}
     )
     poses = np.array([[x, 0.1, x] for x in np.linspace(-1.5, 1.5, 15)])
-    ranges, _ = Lidar(room.segments, LidarSpec()).trace(poses)
-    grid = OccupancyGrid((-2.2, -1.2, 2.2, 1.2), 0.05, 3.5).add(ranges, poses)
+    lidar = Lidar(room.segments, LidarSpec())
+    ranges, _ = lidar.trace(poses)
+    grid = OccupancyGrid((-2.2, -1.2, 2.2, 1.2), 0.05, 3.5).add(ranges, lidar.rays(poses))
     cells = grid.occupied()
     off = np.minimum(np.abs(np.abs(cells[:, 0]) - 2), np.abs(np.abs(cells[:, 1]) - 1))
     assert off.max() <= 0.05 + 1e-9 and len(cells) > 0.9 * 12 / 0.05

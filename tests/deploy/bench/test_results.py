@@ -52,7 +52,7 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
     assert section.rows[0] == {"world": "a", "t": 1.5, "t_spread": "1-2", "ok": 1.0, "sum": 3}
     assert section.rows[2]["world"] == "all" and section.rows[2]["sum"] == 8
     assert [section.missed(k) for k in range(3)] == [[], None, []]
-    report("some", [section], {}, tmp_path / "some.json")
+    report("some", "ideal", [section], {}, tmp_path / "some.json")
     document = json.loads((tmp_path / "some.json").read_text())
     assert document["met"] == {"one": True} and document["sections"]["one"]["bars"] == {"t": "<= 3"}
 

@@ -1,5 +1,6 @@
 """Exit statuses of the commands."""
 
+from collections.abc import Iterable
 from enum import IntEnum
 
 
@@ -14,4 +15,12 @@ class Status(IntEnum):
 
 
 ENDINGS = {"complete": Status.OK, "time": Status.OK, "dead": Status.INCOMPLETE, "interrupted": Status.INTERRUPTED}
-"""Exit status by how a run ended, for a world or a robot alone."""
+"""Exit status by how a run ended, for a robot alone."""
+
+
+def of_run(ended: str, until: str | float, robots: Iterable[str]) -> Status:
+    """Exit status of a run by how it ended, its setting `until`, and how each robot stood at its end (Clock.status)."""
+    if ended == "interrupted":
+        return Status.INTERRUPTED
+    fine = {"complete"} if until == "complete" else {"complete", "exploring"}
+    return Status.OK if fine.issuperset(robots) else Status.INCOMPLETE

@@ -1,0 +1,27 @@
+"""What a robot cannot do with its body and lidar, said before it drives (ours)."""
+
+import math
+
+from protocol.messages import RobotSpec
+
+LEAST_VIEW_DEG = 180.0  # what is beside the robot is what it turns into next
+LEAST_BEAMS = 180  # a turn: a post of 0.1 m gets three beams from 1 m away, and a wall of 0.25 m from 2.4 m
+MOST_TURN_DEG = 90.0  # in a scan: a quarter of the room is then seen twice, or not at all
+
+
+def doubts(spec: RobotSpec) -> list[str]:
+    """Why a complete map is not to be expected of a robot, a sentence each; none where it is."""
+    lidar, found = spec.lidar, list[str]()
+    if lidar.range_min_m >= lidar.range_max_m:
+        found.append(f"the lidar measures nothing: range_min_m {lidar.range_min_m:g} is not below range_max_m")
+    if lidar.field_of_view_deg < LEAST_VIEW_DEG:
+        view = f"the lidar looks at {lidar.field_of_view_deg:g} degrees"
+        found.append(f"{view}: with less than {LEAST_VIEW_DEG:g} a robot does not see what it turns into")
+    beams = round(lidar.beams * 360 / lidar.field_of_view_deg)
+    if beams < LEAST_BEAMS:
+        near_m = 0.1 / (3 * 2 * math.pi / beams)
+        found.append(f"the lidar has {beams} beams a turn: what is 0.1 m wide is seen from {near_m:.1f} m at most")
+    turn_deg = math.degrees(spec.max_turn_rps / lidar.rate_hz)
+    if lidar.turning and turn_deg > MOST_TURN_DEG:
+        found.append(f"the robot turns by {turn_deg:.0f} degrees during one scan: lower spec.max_turn_rps")
+    return found

@@ -1,0 +1,70 @@
+"""Loops of a robot that drives: where its wireframe is torn, it is merged anew from submaps (ours).
+
+The filter's walls anchor it better than submaps would, as long as they fit each other. So submaps follow beside it, and
+take over only when a loop finds a place somewhere else than the filter has it.
+"""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import CornerScan
+from agent.mapping.config import SubmapConfig
+from agent.mapping.loops import RIVAL_SCORE, score
+from agent.mapping.segments import moved
+from agent.mapping.submaps import MERGE_AFTER_M, Submaps, travelled
+from protocol.arrays import Records
+from protocol.geometry import Pose, compose, pose_of, relative, wrapped
+
+TORN_M = 0.15  # between where a loop and the filter have a submap; matches of submaps err by 0.05 m
+TORN_RAD = math.radians(3.0)
+TORN_SIGMAS = 5.0  # by the loop's own information
+
+
+class LoopClosing:
+    """Submaps that follow a robot, and where its filter had it at the begin of each."""
+
+    def __init__(self, config: SubmapConfig, half_view: float) -> None:
+        """half_view: rad to either side of the heading that the lidar sees."""
+        self.submaps = Submaps(config, half_view)
+        self._frames: list[Pose] = []  # of the submaps, by the filter
+        self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
+
+    def take(self, scan: CornerScan, by: Pose, pose: Pose) -> bool:
+        """Take a scan; whether a loop shows that the filter's map is torn.
+
+        by: the motion since the last one by odometry, in the robot's frame then. pose: the filter's after the scan.
+        """
+        if not self._frames:
+            self._frames = [pose]
+        self._by = compose(self._by, by)
+        if travelled(self._by) < MERGE_AFTER_M:
+            return False
+        submaps, loops = len(self.submaps.poses), self.submaps.loops
+        self.submaps.take(scan, self._by)
+        self._by = (0.0, 0.0, 0.0)
+        if len(self.submaps.poses) > submaps:
+            self._frames.append(pose)
+        return self._torn(loops)
+
+    def _torn(self, known: int) -> bool:
+        """Whether any loop after the first `known` is not where the filter has it, and cannot be there either."""
+        graph, finished = self.submaps.graph(), self.submaps.finished
+        for k in np.flatnonzero(graph.loop)[known:].tolist():
+            a, b = graph.ends[k].tolist()
+            held, measured = np.array(relative(self._frames[a], self._frames[b])), graph.measured[k]
+            off = held - measured
+            off[2] = wrapped(float(off[2]))
+            if math.hypot(off[0], off[1]) < TORN_M and abs(off[2]) < TORN_RAD:
+                continue
+            if off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
+                continue
+            if score(finished[a], finished[b], held) < RIVAL_SCORE * score(finished[a], finished[b], measured):
+                return True
+        return False
+
+    def settled(self) -> tuple[Records, Pose]:
+        """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""
+        start = self._frames[0]
+        self._frames = [compose(start, pose) for pose in map(pose_of, self.submaps.poses)]
+        return moved(self.submaps.walls(), np.array(start)), compose(start, self.submaps.pose)

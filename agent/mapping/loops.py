@@ -1,0 +1,144 @@
+"""Whether a robot is back where it was: a finished submap against an earlier one (ours).
+
+Accepted are only poses that enough wall supports, that explain what the earlier submap's views should show, and that
+have no rival: a wrong loop bends the whole map, a missed one only this part of it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.geometry.lines import above, along
+from agent.kernels import kernel
+from agent.mapping.matching import Match, costs_around, nearest_wall, poses_around, refine
+from agent.mapping.segments import SAMPLE_M
+from protocol.arrays import Floats, Records
+from protocol.geometry import wrapped
+
+MATCHED_M = 3.6  # metres of wall that must lie on the earlier submap's, at least
+EXPLAINED = 0.6  # share of what the earlier views should show of the later submap that must lie on a wall
+ON_WALL_M = 0.2  # a sample this near to a wall counts as on it
+RIVAL_M = 0.5  # a pose farther off than this, or turned by RIVAL_RAD, is another answer
+RIVAL_RAD = math.radians(10.0)
+RIVAL_SCORE = 0.85  # score of another answer, over the best one's, from which a place is ambiguous
+STEP = np.array((0.4, 0.4, math.radians(4.0)))
+"""m, m and rad between the poses that are tried first: narrower than the gate of the first refinement."""
+TRIED = 6  # of those poses, the best are refined
+SPARSE = 60  # samples that are enough to tell those
+COARSE_GATE_M = 0.4
+GATES_M = np.array([0.6, 0.3])
+AGAIN_GATES_M = np.array([0.3, 0.15])
+AGAIN_PRIOR = np.diag((1 / 0.3**2, 1 / 0.3**2, 1 / 0.05**2))  # 0.3 m and 0.05 rad: walls decide, where they hold at all
+ROUNDS = 8  # Gauss-Newton steps for each gate
+
+
+class Submap(NamedTuple):
+    """What was seen on some metres of way, in the frame of the first pose there."""
+
+    walls: Records  # (n,) of SEGMENT
+    samples: Floats  # (k, 4) along those walls that scans have confirmed
+    views: Floats  # (v, 3) poses from which it was seen
+    reach: float  # m, how far its views see walls
+    half_view: float  # rad to either side of a view's heading
+
+
+class Found(NamedTuple):
+    """Judgement on a loop."""
+
+    pose: Floats  # (3,) of the later submap in the earlier one's frame
+    information: Floats  # (3, 3)
+    matched_m: float
+    explained: float
+    rival: float  # score of the best other answer over the best one's
+    accepted: bool
+
+
+@kernel
+def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]:
+    """How many samples (k, 4) at a pose some view of a place should show, and how many of those lie on its walls."""
+    due, met = 0, 0
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(samples)):
+        x = pose[0] + c * samples[k, 0] - s * samples[k, 1]
+        y = pose[1] + s * samples[k, 0] + c * samples[k, 1]
+        ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
+        if nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0:
+            due += 1
+            met += 1
+            continue
+        for v in range(len(place.views)):
+            view = place.views[v]
+            dx, dy = x - view[0], y - view[1]
+            distance = math.hypot(dx, dy)
+            flat = dy * ux - dx * uy  # > 0 where the view is behind the wall
+            if distance > place.reach or -flat < 0.2 * distance:
+                continue
+            if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and not _hidden(place.walls, view, x, y):
+                due += 1
+                break
+    return due, met
+
+
+@kernel
+def _hidden(walls: Records, view: Floats, x: float, y: float) -> bool:
+    """Whether a wall stands between a view and a point, clear of both."""
+    dx, dy = x - view[0], y - view[1]
+    for k in range(len(walls)):
+        w = walls[k]
+        a, b = above(w, view[0], view[1]), above(w, x, y)
+        if a * b >= 0 or min(abs(a), abs(b)) < ON_WALL_M:
+            continue
+        share = a / (a - b)
+        t = along(w, view[0] + share * dx, view[1] + share * dy)
+        if w.low < t < w.high:
+            return True
+    return False
+
+
+def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: Floats) -> Found | None:
+    """Where the later submap lies in the earlier one's frame; None where nothing fits.
+
+    start (3,): by the graph; window (3,): how far off it may be, metres and radians; prior (3, 3): its information.
+    """
+    samples = later.samples
+    if not len(samples) or not len(earlier.walls):
+        return None
+    poses = start[None]
+    if (window >= STEP).any():
+        tried = poses_around(start, np.where(window >= STEP, window, 0.0), STEP)
+        costs = costs_around(samples[:: max(1, len(samples) // SPARSE)], earlier.walls, tried, COARSE_GATE_M)
+        poses = np.vstack((start, tried[np.argsort(costs, kind="stable")[:TRIED]]))
+    answers: list[tuple[float, Match, float, float]] = []  # score, match, metres matched, share explained
+    for pose in poses:
+        match = refine(samples, earlier.walls, pose, prior, GATES_M, ROUNDS)
+        due, met = due_and_met(earlier, samples, match.pose)
+        off = match.pose - start
+        off[2] = wrapped(off[2])
+        if (np.abs(off) > window + STEP).any():
+            continue
+        explained = met / max(due, 1)
+        answers.append((met * explained, match, met * SAMPLE_M, explained))
+    if not answers:
+        return None
+    score, best, matched, explained = max(answers, key=lambda answer: answer[0])
+    rivals = [s for s, m, *_ in answers if _apart(m.pose, best.pose)]
+    rival = max(rivals, default=0.0) / max(score, 1e-9)
+    accepted = matched >= MATCHED_M and explained >= EXPLAINED and rival < RIVAL_SCORE
+    return Found(best.pose, best.information - prior, matched, explained, rival, accepted)
+
+
+def score(earlier: Submap, later: Submap, pose: Floats) -> float:
+    """How much speaks for the later submap at a pose (3,) in the earlier one: samples on walls, times their share."""
+    due, met = due_and_met(earlier, later.samples, pose)
+    return met * met / max(due, 1)
+
+
+def look_again(later: Submap, earlier: Submap, start: Floats) -> Match:
+    """The pose of an accepted loop measured again, narrowly, about a start (3,) that the graph has settled."""
+    match = refine(later.samples, earlier.walls, start, AGAIN_PRIOR, AGAIN_GATES_M, ROUNDS)
+    return match._replace(information=match.information - AGAIN_PRIOR)
+
+
+def _apart(a: Floats, b: Floats) -> bool:
+    return math.hypot(a[0] - b[0], a[1] - b[1]) > RIVAL_M or abs(wrapped(float(a[2] - b[2]))) > RIVAL_RAD

@@ -1,0 +1,143 @@
+"""The wireframe of the walls of submaps: sure and long enough ones, once each, with corners where ends meet (ours)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.corner_scan import FRONTIER, NOMINAL
+from agent.geometry.chains import chained
+from agent.geometry.lines import meet
+from agent.kernels import kernel
+from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
+from agent.mapping.matching import nearest_wall
+from agent.mapping.segments import samples_along
+from protocol.arrays import Bools, Floats, Ints, Labels, Records
+from protocol.grid_map import MAX_TOLD
+from protocol.wireframe import Wireframe
+
+SEEN = 2.0  # looks from different places that must have shown a wall: legs and people stand in one
+LENGTH_M = 0.2  # shorter ones are the clutter on desks; without them a map of offices is half as large
+TWICE_M = 0.07  # a wall that lies so near beside longer ones that face the same way is drawn already
+TWICE_SHARE = 0.6  # of its length
+CORNER_M = 0.12  # a head and a tail this near are one corner, so that curves and cupboards are chains, not heaps
+HITS = 1.0  # that a wall of submaps is worth: 1 cm
+
+
+class Joined(NamedTuple):
+    """Walls of a map, longest first."""
+
+    walls: Records  # (n,) of SEGMENT
+    tips: Floats  # (n, 2, 2) tail and head, m
+    following: Ints  # (n,) the wall whose tail is this one's head, or -1
+
+
+def joined(walls: Records) -> Joined:
+    """What is sure of merged segments (n,) of SEGMENT, in their frame: each wall once.
+
+    The shortest are left away, so that the radio can tell the map.
+    """
+    walls = walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)]
+    walls = walls[np.argsort(walls["low"] - walls["high"], kind="stable")]
+    walls = walls[_stand_once(walls)]
+    while True:
+        tips, following = _tips(walls), np.full(len(walls), -1)
+        if len(walls):
+            following = _followers(tips)
+            _meet_at_corners(walls, tips, following)
+        too_many = 2 * len(walls) - int((following >= 0).sum()) - MAX_TOLD
+        if too_many <= 0:
+            return Joined(walls, tips, following)
+        walls = walls[: len(walls) - max(1, too_many // 2)]
+
+
+def wireframe_of(segments: Records) -> Wireframe:
+    """The map of merged segments (n,) of SEGMENT, in their frame."""
+    walls, tips, following = joined(segments)
+    points, names, edges = chained(tips, _labels(following), following)
+    likelihood = (walls["seen"] / (walls["seen"] + 1)).astype(np.float32)
+    return Wireframe(points, names, edges, likelihood, np.ones(len(walls), np.bool_))
+
+
+def records_of(segments: Records) -> Records:
+    """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm."""
+    walls, tips, following = joined(segments)
+    out = np.zeros(len(walls), EDGE)
+    out["alive"], out["own"], out["hits"], out["tip"] = WALL, 1, HITS, tips
+    for name in ("x", "y", "ux", "uy"):
+        out[name] = walls[name]
+    for name in ("xx", "xy", "yy"):
+        out[name] = walls[name] * HITS / walls["hits"]
+    out["seen"] = out["due"] = np.minimum(walls["seen"], CONFIRMATIONS)
+    out["label"], out["link"], out["link"][:, 1] = _labels(following), -1, following
+    heads = np.flatnonzero(following >= 0)
+    out["link"][following[heads], 0] = heads
+    out["strength"][out["link"] >= 0] = 1.0
+    return out
+
+
+def _labels(following: Ints) -> Labels:
+    """(n, 2) labels of tails and heads."""
+    labels = np.full((len(following), 2), FRONTIER, np.uint8)
+    labels[following >= 0, 1] = NOMINAL
+    labels[following[following >= 0], 0] = NOMINAL
+    return labels
+
+
+def _tips(walls: Records) -> Floats:
+    """(n, 2, 2) tail and head of each wall."""
+    ends = np.stack((walls["low"], walls["high"]), 1)[:, :, None]
+    middle, along = (np.stack((walls[x], walls[y]), 1)[:, None] for x, y in (("x", "y"), ("ux", "uy")))
+    return np.asarray(middle + ends * along, np.float64)
+
+
+@kernel
+def _stand_once(walls: Records) -> Bools:
+    """Which walls (n,), longest first, do not lie beside longer ones for the most part."""
+    kept, count, out = np.empty_like(walls), 0, np.zeros(len(walls), np.bool_)
+    for k in range(len(walls)):
+        samples, on = samples_along(walls[k : k + 1]), 0
+        for j in range(len(samples)):
+            x, y, ux, uy = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
+            on += nearest_wall(kept[:count], x, y, ux, uy, TWICE_M)[0] >= 0
+        if on < TWICE_SHARE * len(samples):
+            kept[count] = walls[k]
+            count += 1
+            out[k] = True
+    return out
+
+
+@kernel
+def _followers(tips: Floats) -> Ints:
+    """(n,) the wall whose tail is at each wall's head, each taken once and the nearest pairs first; or -1."""
+    n = len(tips)
+    following, taken = np.full(n, -1), np.zeros(n, np.bool_)
+    rows, columns, apart, count = np.empty(16 * n, np.int64), np.empty(16 * n, np.int64), np.empty(16 * n), 0
+    for a in range(n):
+        for b in range(n):
+            d = math.hypot(tips[a, 1, 0] - tips[b, 0, 0], tips[a, 1, 1] - tips[b, 0, 1])
+            if a != b and d < CORNER_M and count < len(rows):
+                rows[count], columns[count], apart[count] = a, b, d
+                count += 1
+    for k in np.argsort(apart[:count], kind="mergesort"):
+        a, b = rows[k], columns[k]
+        if following[a] < 0 and not taken[b]:
+            following[a], taken[b] = b, True
+    return following
+
+
+@kernel
+def _meet_at_corners(walls: Records, tips: Floats, following: Ints) -> None:
+    """Move heads and the tails that follow them to where their lines meet, or between them where that is far off."""
+    for a in range(len(walls)):
+        b = following[a]
+        if b < 0:
+            continue
+        x, y = 0.5 * (tips[a, 1, 0] + tips[b, 0, 0]), 0.5 * (tips[a, 1, 1] + tips[b, 0, 1])
+        sine, t = meet(walls[a], walls[b])
+        if sine != 0.0:
+            cx, cy = walls[a].x + t * walls[a].ux, walls[a].y + t * walls[a].uy
+            if math.hypot(cx - x, cy - y) < CORNER_M:
+                x, y = cx, cy
+        tips[a, 1, 0], tips[a, 1, 1] = x, y
+        tips[b, 0, 0], tips[b, 0, 1] = x, y

@@ -1,0 +1,213 @@
+"""The way of a robot as a chain of submaps: tracked from wall to wall, closed in loops, relaxed (ours).
+
+A submap holds the walls of some metres of way in the frame of its first pose. Scans are matched against the present
+and the last one; a finished one against all that it may overlap. What errs is then the poses of submaps alone, which
+the pose graph settles, and one map is merged from their walls.
+"""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import CornerScan
+from agent.mapping.config import SubmapConfig
+from agent.mapping.loops import Submap, find, look_again
+from agent.mapping.matching import costs_around, poses_around, refine
+from agent.mapping.pose_graph import Edges, covariances_from, relaxed
+from agent.mapping.segments import SEGMENT, merge, moved, samples_along, segments_of, united
+from protocol.arrays import Floats, Records
+from protocol.geometry import Pose, apply, compose, pose_of, relative
+
+ROOM = 64  # records by which a submap's array grows, at least
+GATES_M = np.array([0.6, 0.3])  # of a scan: the first finds walls after a bad step of odometry, the second is accurate
+ROUNDS = 6  # Gauss-Newton steps for each gate
+LOST_SHARE = 0.6  # of a scan's samples on walls, below which the pose is searched for, too
+SEARCH, SEARCH_STEP = np.array((0.3, 0.3, math.radians(8.0))), np.array((0.15, 0.15, math.radians(2.0)))
+"""m, m and rad to either side of the odometry's pose, and from one pose that is tried to the next."""
+SAMPLE_WEIGHT = 0.25  # of a sample in the search, against the odometry: neighbours on one wall err alike
+VIEW_M = 0.4  # of way, or twice this in radians, from one kept view to the next: a dozen a submap
+MERGE_AFTER_M = 0.2  # of way, or twice this in radians: scans from one place show its walls with the same errors
+SKIPPED = 2  # submaps before a finished one hold it by the way already and are no loops
+CONFIRMED = 2.0  # scans that must have shown a wall of a loop's samples: what one scan shows may be a leg
+LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
+FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
+TRUST = 0.25  # weight of a match's information: samples are not independent
+
+
+def travelled(by: Pose) -> float:
+    """Metres of a motion, a turn counting half its radians: by which views and merged scans are told apart."""
+    return math.hypot(by[0], by[1]) + 0.5 * abs(by[2])
+
+
+class Submaps:
+    """The chain, and the pose of the robot in it. Frame: the robot's own, in which the first submap lies at zero."""
+
+    def __init__(self, config: SubmapConfig, half_view: float = math.pi) -> None:
+        """half_view: rad to either side of the heading that the lidar sees."""
+        self._config, self._half_view = config, half_view
+        self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
+        self.poses = np.zeros((1, 3))
+        """(n, 3) poses of the submaps, the present one's last."""
+        self.loops = 0
+        self.finished: list[Submap] = []
+        self._ends: list[tuple[int, int]] = []  # of the graph's edges, as in Edges
+        self._measured: list[Floats] = []
+        self._information: list[Floats] = []
+        self._is_loop: list[bool] = []
+        self._path: list[tuple[int, Floats]] = []  # of each scan: its submap, and the pose in that
+        self._behind = np.zeros(0, SEGMENT)  # walls of the last submap, in the frame of the present one
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start an empty submap at the robot's place."""
+        self._walls, self._count = np.zeros(ROOM, SEGMENT), 0
+        self._local = np.zeros(3)  # the robot's pose in the present submap
+        self._views, self._since_view, self._way = [np.zeros(3)], 0.0, 0.0
+        self._since_merged = math.inf
+
+    @property
+    def pose(self) -> Pose:
+        """Of the robot, in its own frame."""
+        return compose(pose_of(self.poses[-1]), pose_of(self._local))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the submaps and the graph."""
+        kept = sum(place.walls.nbytes + place.samples.nbytes + place.views.nbytes for place in self.finished)
+        return kept + self._count * SEGMENT.itemsize + self.poses.nbytes + len(self._ends) * 120
+
+    def path(self) -> Floats:
+        """(scans, 3) pose of each scan, by what is known now."""
+        return np.array([compose(pose_of(self.poses[k]), pose_of(local)) for k, local in self._path]).reshape(-1, 3)
+
+    def take(self, scan: CornerScan, by: Pose) -> None:
+        """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then."""
+        self._local = np.array(compose(pose_of(self._local), by))
+        seen = segments_of(scan.pieces)
+        if len(seen):
+            walls = np.concatenate((self._behind, self._walls[: self._count]))
+            self._local = self._tracked(samples_along(seen), walls, by)
+        travel = travelled(by)
+        self._since_merged += travel
+        if self._since_merged >= MERGE_AFTER_M or not self._count:
+            self._merge(seen)
+        self._path.append((len(self.poses) - 1, self._local))
+        self._way += math.hypot(by[0], by[1])
+        self._since_view += travel
+        if self._since_view > VIEW_M:
+            self._views.append(self._local)
+            self._since_view = 0.0
+        if self._way > self._config.length_m:
+            self.close()
+
+    def _merge(self, seen: Records) -> None:
+        """Add segments of a scan, in the robot's frame, to the present submap."""
+        if self._count + len(seen) > len(self._walls):
+            more = max(ROOM, len(self._walls), len(seen))
+            self._walls = np.concatenate((self._walls, np.zeros(more, SEGMENT)))
+        self._count = merge(self._walls, self._count, moved(seen, self._local))
+        self._since_merged = 0.0
+
+    def _tracked(self, samples: Floats, walls: Records, by: Pose) -> Floats:
+        """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior."""
+        guess, config = self._local, self._config
+        if not len(walls):
+            return guess
+        far = math.hypot(by[0], by[1])
+        place = config.distance_sd**2 * far + config.still_sd_m**2
+        heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
+        prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
+        match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
+        if match.share >= LOST_SHARE:
+            return match.pose
+        poses = poses_around(guess, SEARCH, SEARCH_STEP)
+        off = poses - guess
+        against = 0.5 * np.einsum("ni,ij,nj->n", off, prior, off)
+        start = poses[np.argmin(SAMPLE_WEIGHT * costs_around(samples, walls, poses, GATES_M[-1]) + against)]
+        found = refine(samples, walls, start, prior, GATES_M[-1:], ROUNDS)
+        return found.pose if found.share > match.share else match.pose
+
+    def close(self) -> bool:
+        """Finish the present submap, close its loops, and begin the next one; whether the poses have moved."""
+        walls, new = self._walls[: self._count].copy(), len(self.finished)
+        sure = walls[walls["seen"] >= CONFIRMED]
+        place = Submap(walls, samples_along(sure), np.array(self._views), self._config.view_m, self._half_view)
+        self.finished.append(place)
+        self.poses = np.vstack((self.poses, compose(pose_of(self.poses[-1]), pose_of(self._local))))
+        way_sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
+        self._add_edge(new, new + 1, self._local, np.diag(way_sd**-2), False)
+        self._behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
+        self._begin()
+        if not self._find_loops(new):
+            return False
+        self.poses = relaxed(self.poses, self.graph())
+        return True
+
+    def finish(self) -> None:
+        """Close the last submap and measure all loops again from where the graph has put the submaps."""
+        if self._count:
+            self.close()
+        for _ in range(LOOK_AGAIN if self.loops else 0):
+            for k, (earlier, later) in enumerate(self._ends):
+                if self._is_loop[k]:
+                    guess = self._relative(earlier, later)
+                    match = look_again(self.finished[later], self.finished[earlier], guess)
+                    self._measured[k], self._information[k] = match.pose, self._loop_information(match.information)
+            self.poses = relaxed(self.poses, self.graph())
+
+    def _find_loops(self, new: int) -> bool:
+        """Hold a finished submap against the earlier ones that it may overlap; whether any was a loop."""
+        last = new - SKIPPED
+        if last <= 0:
+            return False
+        config, found_any = self._config, False
+        known = covariances_from(new, self.poses, self.graph())[:last]
+        middles = np.array([self._middle(k) for k in range(last)])
+        apart = np.hypot(*(middles - self._middle(new)).T)
+        sd = np.sqrt(np.maximum(known[:, 0, 0], known[:, 1, 1]))
+        near = np.flatnonzero(apart < config.length_m + 3 * sd)
+        for k in near[np.argsort(apart[near], kind="stable")][: config.compared].tolist():
+            c, s = math.cos(self.poses[k, 2]), math.sin(self.poses[k, 2])
+            turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
+            covariance = turn @ known[k] @ turn.T + FLOOR
+            spread = np.minimum(3 * np.array((sd[k], sd[k], math.sqrt(known[k, 2, 2]))), self._window)
+            found = find(
+                self.finished[new], self.finished[k], self._relative(k, new), spread, np.linalg.inv(covariance)
+            )
+            if found is not None and found.accepted:
+                self._add_edge(k, new, found.pose, self._loop_information(found.information), True)
+                found_any = True
+                self.loops += 1
+        return found_any
+
+    def _loop_information(self, matched: Floats) -> Floats:
+        """(3, 3) of a loop's edge, from that of its match: little along a corridor, and bounded everywhere."""
+        place, heading = self._config.loop_sd_m, math.radians(self._config.loop_sd_deg)
+        floor = np.diag((place, place, heading)) ** 2
+        return np.asarray(np.linalg.inv(np.linalg.inv(TRUST * matched + 1e-3 * np.eye(3)) + floor), np.float64)
+
+    def _add_edge(self, a: int, b: int, measured: Floats, information: Floats, loop: bool) -> None:
+        self._ends.append((a, b))
+        self._measured.append(measured)
+        self._information.append(information)
+        self._is_loop.append(loop)
+
+    def graph(self) -> Edges:
+        """What was measured between submaps."""
+        return Edges(
+            np.array(self._ends), np.array(self._measured), np.array(self._information), np.array(self._is_loop)
+        )
+
+    def _relative(self, a: int, b: int) -> Floats:
+        """Pose (3,) of submap b in the frame of submap a."""
+        return np.array(relative(pose_of(self.poses[a]), pose_of(self.poses[b])))
+
+    def _middle(self, k: int) -> Floats:
+        """(2,) mean place of a finished submap's views."""
+        middle: Floats = apply(self.poses[k], self.finished[k].views[:, :2].mean(0, keepdims=True))[0]
+        return middle
+
+    def walls(self) -> Records:
+        """(n,) of SEGMENT: the walls of all submaps as one map, by the poses that are known now."""
+        parts = [place.walls for place in self.finished] + [self._walls[: self._count]]
+        return united([moved(walls, pose) for walls, pose in zip(parts, self.poses, strict=True)])

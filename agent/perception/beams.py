@@ -1,0 +1,83 @@
+"""The beams of one turn of the lidar, in the robot's frame at the scan's stamp (ours).
+
+A lidar that turns takes its beams one after the other, each from where the robot was at that moment. Odometry says
+where that was: every beam has its own origin, and what it met is a point in the one frame of the stamp.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.kernels import kernel
+from protocol.arrays import Floats
+from protocol.geometry import relative, wrapped
+from protocol.messages import LidarSpec
+
+SEAM_BEAMS = 1.5  # neighbours farther apart than so many beams have a part between them that was not measured
+
+
+class Beams(NamedTuple):
+    """A closed ring of n beams by rising bearing. Metres and radians in the robot's frame at the stamp.
+
+    What was not measured (a limited field of view, what a robot that turns back left out, the seam between the first
+    and the last beam of a turn) is filled with beams of range NaN, so that neighbours in the ring are neighbours.
+    """
+
+    ranges: Floats  # (n,) from each beam's origin; inf where nothing came back, NaN where nothing was measured
+    origins: Floats  # (n, 2) where the lidar was
+    rays: Floats  # (n, 2) unit directions
+    moments: Floats  # (n,) when: 0 at the start of the turn, 1 at the stamp
+    distances: Floats  # (n,) from the robot at the stamp to what was met, inf where nothing was
+    bearings: Floats  # (n,) the same direction, or that of the beam's far end; rising over one turn but for parallax
+    step: float  # mean angle between neighbours
+    shift: float  # greatest distance of an origin from the robot at the stamp
+
+
+def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beams:
+    """The beams of a scan (beams,), metres, in the order in which an observation has them.
+
+    way: (k + 1, 3) odometry poses at equal steps from the start of the turn to its stamp; None: the robot stood still.
+    """
+    bearings, moments = lidar.bearings(), lidar.moments()
+    step = abs(float(bearings[1] - bearings[0]))
+    places = _places_at(moments, way) if way is not None and lidar.turning else np.zeros((len(ranges), 3))
+    c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
+    x, y = lidar.mount_x_m, lidar.mount_y_m
+    origins = places[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
+    angles = places[:, 2] + bearings
+    once = np.abs(angles - angles[-1]) < 2 * math.pi - 0.5 * step  # a robot that turns along sees some directions twice
+    rising = slice(None, None, -1 if lidar.clockwise else 1)
+    ranges, origins, moments, angles = (values[once][rising] for values in (ranges, origins, moments, angles))
+    left_out = 2 * math.pi - (angles[-1] - angles[0])
+    if lidar.turning or left_out > SEAM_BEAMS * step:
+        fill = np.full(max(1, round(left_out / step) - 1), np.nan)
+        ranges = np.concatenate((ranges, fill))
+        origins, moments = np.vstack((origins, np.zeros((len(fill), 2)))), np.concatenate((moments, np.ones(len(fill))))
+        share = np.arange(1, len(fill) + 1) / (len(fill) + 1)
+        angles = np.concatenate((angles, angles[-1] + share * left_out))
+    rays = np.column_stack((np.cos(angles), np.sin(angles)))
+    shift = float(np.hypot(*origins.T).max())
+    distances = np.where(np.isnan(ranges), np.inf, ranges)
+    if shift > 0:
+        ends = origins + np.where(np.isfinite(ranges), ranges, lidar.range_max_m)[:, None] * rays
+        angles = angles + wrapped(np.arctan2(ends[:, 1], ends[:, 0]) - angles)
+        distances = np.where(np.isfinite(ranges), np.hypot(*ends.T), np.inf)
+    return Beams(ranges, origins, rays, moments, distances, angles, step, shift)
+
+
+def _places_at(moments: Floats, way: Floats) -> Floats:
+    """(n, 3) poses of the robot at its beams' moments, in the frame of the last pose of its way (k + 1, 3)."""
+    last = (float(way[-1, 0]), float(way[-1, 1]), float(way[-1, 2]))
+    knots = np.array([relative(last, (x, y, theta)) for x, y, theta in way.tolist()])
+    knots[:, 2] = np.unwrap(knots[:, 2])
+    knots[:, 2] -= knots[-1, 2]
+    at = np.linspace(0.0, 1.0, len(knots))
+    return np.column_stack([np.interp(moments, at, column) for column in knots.T])
+
+
+@kernel
+def width_of(beams: Beams, first: int, last: int) -> float:
+    """Angle from beam `first` counter-clockwise to beam `last`; negative where parallax turns it round."""
+    n, expected = len(beams.bearings), (last - first) * beams.step
+    return float(expected + wrapped(beams.bearings[last % n] - beams.bearings[first % n] - expected))

@@ -1,0 +1,97 @@
+"""The command of one robot: `python -m agent`, and `wireswarm agent` where the world is installed, too."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Exit, Option
+
+from protocol.status import ENDINGS, Status
+
+if TYPE_CHECKING:
+    from agent.shell.process import AgentInbox
+
+Certs = Annotated[Path | None, Option(help="Folder of `wireswarm certs`; links are encrypted.", metavar="DIR")]
+
+LAST_TICK_S = 1.0
+"""A tick takes some ms; containers are killed 2 s or more after they are asked to stop."""
+
+
+def agent(
+    connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
+    id_: Annotated[
+        str | None, Option("--id", help="Name of the robot.", show_default="the first that is not there yet")
+    ] = None,
+    secrets: Annotated[Path | None, Option(help="File of secrets with this robot's line.")] = None,
+    certs: Certs = None,
+    reconnect_s: Annotated[
+        float | None, Option("--reconnect", help="Seconds to wait for a world that is gone.", show_default="60")
+    ] = None,
+    checkpoints: Annotated[
+        Path | None, Option(help="Folder where the robot keeps its map, and goes on from when started again.")
+    ] = None,
+    config: Annotated[Path | None, Option(help="YAML file with settings, those of a whole run or a robot's.")] = None,
+    set_: Annotated[
+        list[str] | None, Option("--set", help="One setting, such as join_timeout_s=60.", metavar="KEY=VALUE")
+    ] = None,
+) -> None:
+    """Run one robot."""
+    from agent.config import ProcessConfig
+    from agent.shell.process import AgentInbox, run_agent
+    from protocol.configuration import load
+    from protocol.credentials import of_robot
+    from protocol.errors import InputError
+    from protocol.messages import ID
+
+    settings = load(ProcessConfig, config, {"reconnect_s": reconnect_s}, set_ or (), shared=True)
+    if id_ is None and secrets is None and certs is None:
+        raise InputError(
+            "--id: name the robot, such as r1, or give --certs or --secrets to take the first that is free"
+        )
+    if id_ is not None and not re.fullmatch(ID, id_):
+        raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
+    known = of_robot(id_, secrets, certs)
+    _heed_signals(inbox := AgentInbox())
+    ended = run_agent(
+        id_,
+        connect,
+        settings.agent,
+        credentials=known,
+        patience=settings,
+        inbox=inbox,
+        checkpoints=checkpoints,
+        by_hand=True,
+    )
+    print(f"{inbox.robot}: {ended}")
+    raise Exit(ENDINGS.get(ended, Status.FAILURE))
+
+
+def _heed_signals(inbox: AgentInbox) -> None:
+    """End at the next tick on Ctrl-C or SIGTERM, after LAST_TICK_S at most; at once on a second, and before it drives.
+
+    A thread hears of them, since Zenoh does not return to the main thread while it looks for a world or asks it.
+    """
+    heard, told = socket.socketpair()
+    told.setblocking(False)
+    signal.set_wakeup_fd(told.fileno())
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: None)
+
+    def wait() -> None:
+        with heard, told:
+            heard.recv(1)
+            if inbox.robot and not inbox.busy:
+                inbox.stop()
+                heard.settimeout(LAST_TICK_S)
+                with suppress(TimeoutError):  # a second signal
+                    heard.recv(1)
+            os._exit(Status.INTERRUPTED)
+
+    Thread(target=wait, daemon=True).start()

@@ -1,0 +1,119 @@
+"""Sensing as a real robot has it: a lidar that turns, noise that grows with range, wheels that err and slip."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from deploy.bench.alignment import live
+from deploy.bench.cases import Case, Figures, each
+from deploy.bench.explored import explore
+from deploy.bench.layouts import present
+from deploy.bench.tables import Row, Table, columns, most, over, share
+from deploy.sensing import IDEAL, REAL
+
+PLAIN = ["maze-15", "office", "apartment", "symmetric", "hall"]
+SHARED = ["drlnav_stage7", "tb3_dqn_stage4", "gbeltramo_building"]
+HARD = ["pal_passage_110cm_w"]  # a corridor of 12 m without a feature
+CLUTTERED = ["uday_building", "drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]
+SEEDS = 5
+PEOPLE = {"office": 5, "hall": 10}
+ROBOT_WORLD, ROBOT_SEEDS = "apartment", 2
+LIDARS: dict[str, dict[str, Any]] = {
+    **{f"{beams} beams": {"beams": beams} for beams in (90, 180, 720, 1440)},
+    **{f"{rate_hz} Hz": {"rate_hz": rate_hz} for rate_hz in (10, 20)},
+    **{f"{range_m} m": {"range_max_m": range_m} for range_m in (2, 8, 25)},
+    **{f"{view} degrees": {"field_of_view_deg": view, "first_beam_deg": -view / 2} for view in (180, 270)},
+    "clockwise, off centre": {"clockwise": True, "first_beam_deg": 30, "mount_x_m": -0.03, "mount_yaw_deg": 180},
+}
+BODIES: dict[str, dict[str, Any]] = {
+    **{f"radius {radius_m} m": {"radius_m": radius_m} for radius_m in (0.08, 0.16, 0.25)},
+    **{f"{speed_mps} m/s": {"max_speed_mps": speed_mps} for speed_mps in (0.1, 0.5, 1.0)},
+}
+"""Robots that differ from the default in one thing each."""
+TEAM_SEEDS = 20  # runs of each bundled world: 100 in all
+LIMIT_S = 4000.0  # simulated seconds after which a run counts as not finished: twice what the largest layout takes
+
+
+def cases(quick: bool) -> list[Case]:
+    """One robot in every layout, with real and with ideal sensing; teams in the bundled worlds."""
+    worlds = ["apartment"] if quick else PLAIN + present(SHARED + HARD + CLUTTERED)
+    seeds, teams = range(1 if quick else SEEDS), range(0 if quick else TEAM_SEEDS)
+    made = each("real/{world}/{seed}", measure, {"ideal": False}, seed=seeds, world=worlds)
+    made += each("ideal/{world}/{seed}", measure, {"ideal": True}, seed=seeds, world=worlds)
+    for world, people in [] if quick else PEOPLE.items():
+        made += each(
+            f"people/{world}/{{seed}}", measure, {"ideal": False, "world": world, "people": people}, seed=seeds
+        )
+    some = range(1 if quick else ROBOT_SEEDS)
+    robots = {name: {"lidar": lidar} for name, lidar in LIDARS.items()} | BODIES
+    for name, robot in [] if quick else robots.items():
+        own = {"ideal": False, "world": ROBOT_WORLD, "robot": robot}
+        made += each(f"robot/{name.replace('/', ' a ')}/{{seed}}", measure, own, seed=some)
+    return made + each("team/{world}/{seed}", measure_team, seed=teams, world=PLAIN)
+
+
+def measure(world: str, seed: int, ideal: bool, people: int = 0, robot: Mapping[str, Any] | None = None) -> Figures:
+    """Figures of one robot's whole run: its map, its path, contacts, CPU time of a step, and how it ended.
+
+    robot: settings of `spec` that differ.
+    """
+    sensing, other = IDEAL if ideal else REAL, dict(robot or {})
+    spec = {**sensing, **other, "lidar": sensing["lidar"] | other.get("lidar", {})}
+    settings = {"world": world, "robots": 1, "seed": seed, "spec": spec, "people": people, "max_time_s": LIMIT_S}
+    run = explore(settings, {})
+    return run.figures() | run.told() | run.path_errors()
+
+
+def measure_team(world: str, seed: int) -> Figures:
+    """Three robots from drawn starts, until all is merged (`alignment.live`)."""
+    found = live.measure(world, seed, until="merged", spec=REAL)
+    return found | {"wall_contacts": most(list(found["robots"].values()), "wall_contacts")}
+
+
+def _worst(
+    name: str,
+    title: str,
+    layouts: list[str],
+    bars: tuple[str, str, str, str] = ("", "", "", ""),
+    judged: Callable[[Row], bool] = lambda row: True,
+) -> Table:
+    """A row a layout, or a robot: the worst of its runs. bars: of recall, precision, corners and paths."""
+    (recall, precision, corner, path), label = bars, "robot" if name == "robot" else "world"
+    heads = columns(
+        f"{label}; runs count; complete >= 1; wall_recall least{recall}: recall; "
+        f"wall_precision least{precision}: precision; corner_rmse_m most{corner}; "
+        f"path_rms_m most{path}; path_max_m most; frame_rms_m most: in own frame; "
+        "odometry_rms_m most; repeated most; wall_contacts most <= 0; t_99 most; ended_at most; step_ms_median most",
+        complete=share(lambda run: run["ended"] == "complete" and run["reason"]),
+    )
+    kind, pattern = name.split("-")[0], "|".join(layouts)
+    return Table(name, title, f"{kind}/(?=(?:{pattern})/){{{label}}}/*", heads, judged=judged, note=NOTE)
+
+
+NOTE = "Worst of the runs. Recall, precision: within 5 cm. Paths: rms after the best rigid fit, and in the own frame."
+EVERYWHERE = [*PLAIN, *SHARED, *HARD, *CLUTTERED]
+TABLES = [
+    _worst("real", "One robot, real sensing", PLAIN + SHARED, (" >= 0.99", " >= 0.99", " <= 0.01", " <= 0.02")),
+    _worst("real-cluttered", "... in furnished layouts, and among steps", CLUTTERED, (" >= 0.95", " >= 0.97", "", "")),
+    _worst("real-corridor", "... in a corridor without a feature", HARD, (" >= 0.95", " >= 0.95", "", "")),
+    _worst("people", "One robot among people, real sensing", [*PEOPLE], (" >= 0.98", " >= 0.99", "", "")),
+    Table(
+        "team",
+        "Three robots, real sensing, starts from the seed",
+        "team/{world}/*",
+        columns(
+            "world; runs count; accepted total; false total <= 0; pairs total; merged total; share >= 0.9; "
+            "wall_recall least >= 0.98: worst recall; wall_precision least: worst precision; wall_contacts most <= 0",
+            share=over("merged", "pairs"),
+        ),
+        total="all",
+        note="Share: of the pairs in contact with overlap >= 30 % and 120 s left, those that are merged by the end.",
+    ),
+    _worst(
+        "robot",
+        f"Any robot, real sensing, {ROBOT_WORLD}",
+        [".*"],
+        (" >= 0.97", "", "", ""),
+        judged=lambda row: row["robot"] != "90 beams",
+    ),
+    _worst("ideal", "One robot, ideal sensing", EVERYWHERE),
+]

@@ -1,0 +1,23 @@
+"""The server from which a run's world and robots are forked. It loads for a second, so it begins first of all."""
+
+import multiprocessing
+import signal
+from multiprocessing import forkserver, resource_tracker
+
+PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely"]
+PRELOAD += ["deploy.processes", "deploy.preload", "__main__"]
+"""What all of them import, with the script that was started, as a fork would import it, too: a robot takes 7 MiB
+instead of 27, and is up after 10 ms of CPU instead of 70 (measured)."""
+
+CONTEXT = multiprocessing.get_context("forkserver")
+
+
+def begin() -> None:
+    """Begin it, where it has not begun; it loads while its caller goes on, and ends with it. Raises OSError."""
+    CONTEXT.set_forkserver_preload(PRELOAD)
+    resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is the launcher's
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

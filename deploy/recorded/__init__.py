@@ -1,0 +1,1 @@
+"""Recorded lidar logs in place of the world."""

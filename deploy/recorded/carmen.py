@@ -1,0 +1,113 @@
+"""CARMEN text logs, plain or gzipped: their FLASER or ROBOTLASER1 lines (carmen.sourceforge.net, "Logger")."""
+
+import gzip
+import math
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from deploy.recorded.lidar_log import LidarLog, Scan, cleaned
+from protocol.arrays import Floats
+from protocol.errors import InputError
+from protocol.geometry import Pose, compose, relative
+from protocol.messages import LidarSpec
+from protocol.settings import MAX_NUMBER
+
+FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
+MAX_BEAMS = 4096  # of a LidarSpec
+MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and poses are 100,000
+MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
+MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
+MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, but two ways of counting poses
+NOISE_M = 0.01  # sd of a range; of the SICK lidars of these logs by their data sheet, and of most others
+SICK_RANGE_M = 80.0  # FLASER lines tell no range: a SICK LMS gives 81.83 m where nothing came back
+NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
+
+
+def read_carmen(file: Path, *, field_of_view_deg: float | None = None, range_max_m: float | None = None) -> LidarLog:
+    """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file.
+
+    field_of_view_deg, range_max_m: of FLASER lines, which do not tell; 180 degrees from right to left, and 80 m.
+    """
+    log: LidarLog | None = None
+    mount: Pose | None = None
+    kind, index = "", -1
+    for words in _lines(file):
+        if words[0] not in (FLASER, ROBOTLASER) or (kind and words[0] != kind):
+            continue
+        index += 1
+        if index == MAX_SCANS:
+            raise InputError(f"{file}: more than {MAX_SCANS} scans; split it")
+        try:
+            lidar, readings, seen_from, robot, time_s = _parsed(words, field_of_view_deg, range_max_m)
+        except (ValueError, IndexError):
+            if log is not None:
+                log.skipped["lines that are cut or hold no numbers"] += 1
+            continue
+        if log is None:
+            log, kind = LidarLog(lidar), words[0]
+        if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
+            if mount is None:
+                mount = relative(robot, seen_from)
+                if math.hypot(mount[0], mount[1]) > MOUNT_M:
+                    mount = (0.0, 0.0, 0.0)
+            robot = compose(robot, mount)
+        else:
+            robot = (math.nan, math.nan, math.nan)
+        log.add(Scan(index, time_s, cleaned(readings, log.lidar), robot))
+    if log is None or not log.scans:
+        raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
+    log.note_gaps()
+    return log
+
+
+def _lines(file: Path) -> Iterator[list[str]]:
+    """Words of each line. Raises InputError."""
+    try:
+        with file.open("rb") as raw:
+            zipped = raw.read(2) == b"\x1f\x8b"
+            raw.seek(0)
+            with gzip.GzipFile(fileobj=raw) if zipped else raw as stream:
+                left = MAX_BYTES
+                while line := stream.readline(MAX_LINE):
+                    left -= len(line)
+                    if left < 0:
+                        raise InputError(f"{file}: more than {MAX_BYTES >> 20} MB of text; split it")
+                    if words := line.decode("ascii", "replace").split():
+                        yield words
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{file}: it cannot be read: {error}") from None
+
+
+def _parsed(
+    words: list[str], view_deg: float | None, range_m: float | None
+) -> tuple[LidarSpec, Floats, Pose, Pose, float]:
+    """Lidar, readings, pose of the lidar, pose of the robot and time of a line. Raises ValueError or IndexError."""
+    flaser = words[0] == FLASER
+    begin = 2 if flaser else 9
+    count = int(words[begin - 1])
+    if not 8 <= count <= MAX_BEAMS:
+        raise ValueError
+    if flaser:
+        view = 180.0 if view_deg is None else view_deg
+        first, step, limit = -0.5 * view, view / (count - count % 2), SICK_RANGE_M
+        after = begin + count
+    else:
+        first, step, limit = math.degrees(float(words[2])), math.degrees(float(words[4])), float(words[5])
+        after = begin + count + 1 + max(int(words[begin + count]), 0)
+    if len(words) < after + 7:
+        raise ValueError
+    readings = np.array(words[begin : begin + count], np.float64)
+    values = [float(word) for word in words[after : after + 6]]
+    lidar = LidarSpec(
+        beams=count,
+        field_of_view_deg=min(step * count, 360.0),
+        first_beam_deg=first,
+        range_min_m=NEAR_M,
+        range_max_m=limit if range_m is None else range_m,
+        noise_m=NOISE_M,
+    )
+    time_s = float(words[after + (6 if flaser else 11)])
+    return lidar, readings, (values[0], values[1], values[2]), (values[3], values[4], values[5]), time_s

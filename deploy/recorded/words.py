@@ -1,0 +1,26 @@
+"""What was made of logs, as a table and sentences on the terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from deploy.terminal import add_row
+
+COLUMNS = ("robot", "log", "scans", "skipped", "path m", "loops", "map B", "step ms", "99 % ms")
+
+
+def print_mapped(summary: Mapping[str, Any]) -> None:
+    """Print the figures of summary.json, and a sentence for all that was skipped or is odd."""
+    table, sentences = Table(*COLUMNS, box=None, pad_edge=False), []
+    for robot, row in summary["robots"].items():
+        skipped = sum(row["skipped"].values())
+        counts = (str(row["scans"]), str(skipped), f"{row['path_m']:.1f}", str(row["loops"]), str(row["map_bytes"]))
+        add_row(table, robot, row["log"], *counts, f"{row['step_ms_median']:.1f}", f"{row['step_ms_99']:.1f}")
+        sentences += [f"{robot}: skipped {count} {reason}" for reason, count in row["skipped"].items()]
+        sentences += [f"{robot}: {note}" for note in row["notes"]]
+    console = Console()
+    console.print(table)
+    for sentence in sentences:
+        console.print(sentence, markup=False, highlight=False)

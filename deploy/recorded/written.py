@@ -1,0 +1,100 @@
+"""The scans of a run as CARMEN text logs, with the true path beside each: for other mapping programs and their judges.
+
+A log has an ODOM line, then a FLASER line where the lidar looks 180 degrees ahead, else a ROBOTLASER1 line, for each
+scan (carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the end of the lidar's turn. Where nothing was
+measured 0 is written, as by the LDS-01, and where nothing came back a range that no lidar of the kind has.
+"""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deploy.bandwidth.books import NoRunError
+from deploy.bandwidth.replay import config_of
+from deploy.recorded.carmen import FLASER, ROBOTLASER, SICK_RANGE_M
+from protocol.arrays import Floats
+from protocol.files import write_whole
+from protocol.geometry import Pose, compose
+from protocol.messages import LidarSpec
+
+BEYOND_M = 1.83
+"""Over the lidar's range, in place of nothing came back; a SICK writes 81.83 (of 80)."""
+MAX_LINE = 100_000
+"""Characters of a line of scans/ID.jsonl: 4096 readings, and three numbers more, are 40,000."""
+
+
+def write_carmen(run: Path, out: Path) -> list[Path]:
+    """Write ID.log and ID.ref.tum of each robot of a run directory into a folder, and return the logs.
+
+    ID.ref.tum holds the lidar's true pose in the world for each scan, `INDEX x y 0 0 0 qz qw`. Raises NoRunError where
+    the directory has no scans or they are damaged, UnwritableError.
+    """
+    lidar, made = config_of(run).spec.lidar, []
+    sources = sorted((run / "scans").glob("*.jsonl"))
+    if not sources:
+        raise NoRunError(f"{run} has no scans: run it with --set scans=true")
+    out.mkdir(parents=True, exist_ok=True)
+    for source in sources:
+        try:
+            scans = list(_scans(source, lidar.beams))
+            track = np.loadtxt(run / "trajectories" / f"{source.stem}.tum", ndmin=2)
+            true = track[[scan["tick"] for scan in scans]].reshape(-1, 8)
+        except (OSError, ValueError, LookupError, TypeError) as error:
+            raise NoRunError(f"{source}: no scans of a run, or damaged: {error}") from None
+        poses = [compose(pose, _mount(lidar)) for pose in _poses(true)]
+        made.append(out / f"{source.stem}.log")
+        write_whole(made[-1], "".join(map(_lines, scans, [lidar] * len(scans))))
+        reference = (
+            f"{index} {x:.6f} {y:.6f} 0 0 0 {math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}\n"
+            for index, (x, y, theta) in enumerate(poses)
+        )
+        write_whole(out / f"{source.stem}.ref.tum", "".join(reference))
+    return made
+
+
+def _scans(source: Path, beams: int) -> Any:
+    """Lines of scans/ID.jsonl. Raises ValueError, LookupError or TypeError."""
+    with source.open(encoding="utf-8") as stream:
+        while line := stream.readline(MAX_LINE):
+            scan = json.loads(line)
+            numbers = [scan["t"], *scan["odometry"], *(reading or 0.0 for reading in scan["ranges"])]
+            if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not all(map(math.isfinite, numbers)):
+                raise ValueError(f"a scan of {beams} finite readings and a pose is wanted at tick {scan['tick']}")
+            yield scan
+
+
+def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
+    """Two lines of a log."""
+    # readers of FLASER lines take an even number of readings to leave out the leftmost one
+    ahead = lidar.field_of_view_deg == 180 and lidar.beams % 2 == 0 and math.isclose(_first(lidar), -math.pi / 2)
+    beyond = (SICK_RANGE_M if ahead else lidar.range_max_m) + BEYOND_M
+    told = [0.0 if reading is None else beyond if reading < 0 else reading for reading in scan["ranges"]]
+    readings = [f"{reading:.4f}".rstrip("0").rstrip(".") for reading in (told[::-1] if lidar.clockwise else told)]
+    robot: Pose = tuple(scan["odometry"])
+    seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, _mount(lidar)), robot))
+    stamp = f"{scan['t']:.3f} wireswarm {scan['t']:.3f}"
+    odometry = f"ODOM {body} 0 0 0 {stamp}\n"
+    if ahead:
+        return f"{odometry}{FLASER} {len(readings)} {' '.join(readings)} {seen_from} {body} {stamp}\n"
+    view = math.radians(lidar.field_of_view_deg)
+    kind = f"0 {_first(lidar):.9f} {view:.9f} {view / lidar.beams:.9f} {lidar.range_max_m:g} {lidar.noise_m:g} 0"
+    rest = f"0 {seen_from} {body} 0 0 0 0 0 {stamp}"
+    return f"{odometry}{ROBOTLASER} {kind} {len(readings)} {' '.join(readings)} {rest}\n"
+
+
+def _first(lidar: LidarSpec) -> float:
+    """Bearing of the rightmost beam from the lidar's own heading, rad: readings are written from right to left."""
+    bearings = lidar.bearings() - math.radians(lidar.mount_yaw_deg)
+    return float(bearings.min())
+
+
+def _mount(lidar: LidarSpec) -> Pose:
+    return lidar.mount_x_m, lidar.mount_y_m, math.radians(lidar.mount_yaw_deg)
+
+
+def _poses(track: Floats) -> list[Pose]:
+    """Rows of a TUM file as poses."""
+    return [(x, y, 2 * math.atan2(z, w)) for x, y, z, w in track[:, [1, 2, 6, 7]].tolist()]

@@ -1,0 +1,56 @@
+"""What the command lines of all programs have in common: signals, and errors as a sentence and an exit status."""
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
+from protocol.status import Status
+from protocol.text import printable
+
+if TYPE_CHECKING:
+    from protocol.inbox import Inbox
+
+MAX_SENTENCE = 600  # characters of an error: longer ones quote what was given
+
+for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")  # small arrays: threads would only wait for each other
+
+
+def say(sentence: str) -> None:
+    """Tell the user on stderr."""
+    print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr)
+
+
+def stop_on_signals(inbox: "Inbox") -> None:
+    """End at the next tick on Ctrl-C or SIGTERM; at once on a second."""
+
+    def handler(number: int, frame: object) -> None:
+        inbox.stop()
+        signal.signal(number, signal.SIG_DFL)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def run(app: Callable[..., Any]) -> None:
+    """Run a Typer app and exit: what a user can act on becomes one sentence and an exit status."""
+    from typer import Abort
+
+    try:
+        sys.exit(app(standalone_mode=False))
+    except (InputError, RefusedError) as error:
+        say(str(error))
+        sys.exit(Status.USAGE)
+    except (LinkError, ProtocolError, OSError) as error:
+        say(str(error))
+        sys.exit(Status.FAILURE)
+    except (Abort, KeyboardInterrupt):
+        sys.exit(Status.INTERRUPTED)
+    except Exception as error:
+        if not hasattr(error, "format_message"):  # Typer has Click's errors, but no public name for all of them
+            raise
+        say(error.format_message() or "which command? `--help` lists them")
+        sys.exit(Status.USAGE)

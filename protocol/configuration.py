@@ -1,0 +1,89 @@
+"""Settings of a program: a YAML file, then the flags, then --set KEY=VALUE; later ones win."""
+
+import re
+import reprlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from protocol.document import parse_document, read_document
+from protocol.errors import InputError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class ConfigError(InputError):
+    """A file, flag or setting that is no configuration; one sentence that names the key."""
+
+
+def load(
+    model: type[Model],
+    file: Path | None = None,
+    flags: Mapping[str, Any] | None = None,
+    sets: Sequence[str] = (),
+    shared: bool = False,
+) -> Model:
+    """Configuration from a YAML file, flags by dotted key (None: not given), and KEY=VALUE settings, in this order.
+
+    shared: the file is that of a whole run, and other programs read (and check) what this model does not have.
+    Raises ConfigError.
+    """
+    tree = _read(file) if file else {}
+    if shared:
+        tree = {key: value for key, value in tree.items() if key in model.model_fields}
+    for key, value in (flags or {}).items():
+        if value is not None:
+            _put(tree, key, value)
+    for setting in sets:
+        key, equals, text = setting.partition("=")
+        if not equals or not key:
+            raise ConfigError(f"--set {setting:.200}: write it as KEY=VALUE, such as starts=random")
+        try:
+            value = parse_document(text)
+        except InputError as error:
+            raise ConfigError(f"--set {key:.200}: {reprlib.repr(text)} is no value: {error}") from None
+        _put(tree, key, value)
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(_sentence(error)) from None
+
+
+def _sentence(error: ValidationError) -> str:
+    """One sentence on the first wrong key of a configuration."""
+    found = error.errors(include_url=False)
+    key = _key(found[0]["loc"])
+    same = [one for one in found if _key(one["loc"]) == key]
+    if same[0]["type"] == "extra_forbidden":
+        return f"{key:.200}: there is no such setting"
+    wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
+    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {reprlib.repr(same[0]['input'])}"
+
+
+def _key(where: tuple[int | str, ...]) -> str:
+    """Dotted key of an error, without pydantic's names of the alternatives among types."""
+    return ".".join(str(part) for part in where if re.fullmatch(r"[a-z0-9_]+", str(part)) and part != "float")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        tree = read_document(file)
+    except InputError as error:
+        raise ConfigError(f"--config {file}: {error}") from None
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"--config {file}: settings are KEY: VALUE, not {type(tree).__name__}")
+    return tree
+
+
+def _put(tree: dict[str, Any], key: str, value: object) -> None:
+    *branches, leaf = key.split(".")
+    for branch in branches:
+        below = tree.setdefault(branch, {})
+        if not isinstance(below, dict):
+            raise ConfigError(f"{key:.200}: {branch:.200} is a value, not a group of settings")
+        tree = below
+    tree[leaf] = value

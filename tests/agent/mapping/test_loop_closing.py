@@ -1,0 +1,84 @@
+"""A robot that drives: a torn map is merged anew from submaps, a whole one is left as the filter has it."""
+
+import numpy as np
+
+from agent.config import AgentConfig
+from agent.mapping.edges import check_records
+from agent.mapping.loop_closing import LoopClosing
+from agent.mapping.particle_filter import WireframeFilter
+from agent.mapping.submap_wireframe import records_of
+from agent.perception.perceive import perceive
+from protocol.arrays import Floats
+from protocol.geometry import Pose, apply, compose, pose_of, relative
+from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
+from protocol.wireframe import Wireframe
+from tests.carried import laps, observations, path_error, ring_corridor
+
+SIDE, WIDTH = 20.0, 2.0
+WALLS = ring_corridor(SIDE, WIDTH)
+SPEC = RobotSpec(lidar=LidarSpec(), odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
+
+
+def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, Floats, list[int]]:
+    """Two laps of a ring; the filter is put 0.8 m aside at one scan. Closings by tick, the filter's path, the true."""
+    way = laps(SIDE, WIDTH, 2.0, step=0.2)
+    mind, loops, path, closed = _filter(), LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view()), [], []
+    for seen in observations(WALLS, way, SPEC.lidar, SPEC.odometry, 1):
+        told = mind.way(seen.poses())
+        scan = perceive(seen.scan(), SPEC, alone=True)
+        mind.update(scan, seen.poses())
+        if seen.tick == lost_at:
+            torn = compose(mind.pose, (0.8, 0.0, 0.0))
+            mind.edges["alive"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
+        if loops.take(scan, pose_of(told[-1]), mind.pose):
+            segments, pose = loops.settled()
+            mind.replace(records_of(segments), pose)
+            closed.append(seen.tick)
+        path.append(mind.pose)
+    return loops, mind, np.array(path), way, closed
+
+
+def _filter() -> WireframeFilter:
+    return WireframeFilter(AgentConfig().filter, SPEC, np.random.SeedSequence(0))
+
+
+def length_of(wireframe: Wireframe) -> float:
+    return float(np.hypot(*(wireframe.segments()[:, 2:] - wireframe.segments()[:, :2]).T).sum())
+
+
+def test_a_map_that_fits_itself_is_left_alone() -> None:
+    loops, mind, path, way, closed = driven(None)
+    assert loops.submaps.loops >= 5 and not closed
+    assert path_error(path, way) < 0.1
+    assert length_of(mind.wireframe()) < 1.02 * length_of(Wireframe()) + 1.02 * float(
+        np.hypot(*(WALLS[:, 2:] - WALLS[:, :2]).T).sum()
+    )
+
+
+def test_a_torn_map_is_made_whole_by_the_loop_that_shows_it() -> None:
+    _, mind, path, way, closed = driven(len(laps(SIDE, WIDTH, 0.4, step=0.2)))
+    half = len(way) // 2
+    assert closed and closed[0] > half
+    true = float(np.hypot(*(WALLS[:, 2:] - WALLS[:, :2]).T).sum())
+    assert 0.95 * true < length_of(mind.wireframe()) < 1.05 * true
+    assert path_error(path[closed[-1] :], way[closed[-1] :]) < 0.15
+
+
+def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    start: Pose = (3.0, -2.0, 1.0)
+    way, before = laps(SIDE, WIDTH, 0.25, step=0.2), None
+    for seen in observations(WALLS, way, SPEC.lidar, OdometrySpec(), 1):
+        by = relative(before or seen.odometry, seen.odometry)
+        before = seen.odometry
+        loops.take(perceive(seen.scan(), SPEC, alone=True), by, compose(start, seen.odometry))
+    segments, pose = loops.settled()
+    records = records_of(segments)
+    check_records(records)
+    mind = _filter()
+    mind.replace(records, pose)
+    wireframe = mind.wireframe()
+    wireframe.check()
+    true = apply((0.0, 0.0, 0.0), np.array([compose(start, relative(pose_of(way[0]), pose_of(way[-1])))[:2]]))
+    assert np.hypot(*(np.array(pose[:2]) - true[0])) < 0.3
+    assert length_of(wireframe) > 20.0

@@ -1,0 +1,155 @@
+"""The chain of submaps: loops close, the error is spread, no wall stands twice, and what is alike is no loop."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from agent.config import AgentConfig
+from agent.mapping.loops import Submap, find
+from agent.mapping.pose_graph import Edges, covariances_from, relaxed
+from agent.mapping.segments import SEGMENT, moved, samples_along, united
+from agent.mapping.submap_wireframe import wireframe_of
+from agent.passenger import Passenger
+from protocol.arrays import Floats, Records
+from protocol.geometry import apply, compose, relative
+from protocol.messages import RobotSpec
+from tests.carried import DRIFT, HALF_TURN, laps, observations, path_error, ring_corridor
+
+SIDE, WIDTH = 18.0, 2.2
+
+
+@cache
+def carried(seed: int, count: float = 2.0) -> tuple[Passenger, Floats, Floats]:
+    """A mind after some laps of a ring, the true way, and the one by odometry."""
+    way = laps(SIDE, WIDTH, count)
+    seen = observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, seed)
+    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    for observation in seen:
+        mind.step(observation)
+    mind.finish()
+    return mind, way, np.array([observation.odometry for observation in seen])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_ring_closes_and_the_error_is_spread_over_the_way(seed: int) -> None:
+    mind, way, odometry = carried(seed)
+    assert path_error(odometry, way) > 0.5
+    assert mind.submaps.loops >= 10
+    assert path_error(mind.path(), way) < 0.08
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_no_wall_stands_twice(seed: int) -> None:
+    mind, _, _ = carried(seed)
+    wireframe = mind.wireframe()
+    wireframe.check()
+    walls = ring_corridor(SIDE, WIDTH)
+    true = float(np.hypot(*(walls[:, 2:] - walls[:, :2]).T).sum())
+    found = float(np.hypot(*(wireframe.segments()[:, 2:] - wireframe.segments()[:, :2]).T).sum())
+    assert 0.9 * true < found < 1.02 * true
+
+
+def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
+    mind, _, _ = carried(0, 0.75)
+    assert mind.submaps.loops == 0
+
+
+def test_the_same_scans_make_the_same_bytes() -> None:
+    way = laps(SIDE, WIDTH, 1.25, step=0.5)
+    paths = []
+    for _ in range(2):
+        mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+        for observation in observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, 3):
+            mind.step(observation)
+        mind.finish()
+        paths.append(mind.path().tobytes() + mind.wireframe().points.tobytes())
+    assert paths[0] == paths[1]
+
+
+def segments(*walls: tuple[float, float, float, float]) -> Records:
+    """Segments that three scans have seen."""
+    out = np.zeros(len(walls), SEGMENT)
+    ends = np.array(walls)
+    size = np.hypot(*(ends[:, 2:] - ends[:, :2]).T)
+    out["x"], out["y"] = (0.5 * (ends[:, :2] + ends[:, 2:])).T
+    out["ux"], out["uy"] = ((ends[:, 2:] - ends[:, :2]) / size[:, None]).T
+    out["low"], out["high"], out["hits"], out["seen"] = -0.5 * size, 0.5 * size, size, 3.0
+    out["xx"], out["yy"] = size**3 / 12 * out["ux"] ** 2, size**3 / 12 * out["uy"] ** 2
+    out["xy"] = size**3 / 12 * out["ux"] * out["uy"]
+    return out
+
+
+def place(walls: Records) -> Submap:
+    return Submap(walls, samples_along(walls), np.array(((1.0, 1.0, 0.0), (4.0, 1.0, 0.0))), 12.0, math.pi)
+
+
+ROOM = segments((0, 0, 6, 0), (6, 0, 6, 2), (6, 2, 3, 2), (3, 2, 3, 3), (3, 3, 0, 3), (0, 3, 0, 0))
+CORRIDOR, STRETCH = segments((-5, 0, 10, 0), (10, 2, -5, 2)), segments((0, 0, 5, 0), (5, 2, 0, 2))
+PRIOR, WINDOW = np.diag((1.0, 1.0, 10.0)), np.array((3.0, 3.0, 0.3))
+
+
+def test_a_room_seen_again_is_found_metres_off() -> None:
+    off = np.array((0.9, -0.7, 0.15))
+    found = find(place(ROOM), place(moved(ROOM, off)), np.zeros(3), WINDOW, PRIOR)
+    assert found is not None and found.accepted
+    assert np.abs(found.pose - off).max() < 0.03
+
+
+def test_a_corridor_without_ends_is_no_place() -> None:
+    found = find(place(STRETCH), place(CORRIDOR), np.zeros(3), WINDOW, PRIOR)
+    assert found is not None and not found.accepted and found.rival > 0.85
+
+
+def test_a_room_of_another_shape_is_no_loop() -> None:
+    other = segments((0, 0, 2, 0), (2, 0, 2, 5), (2, 5, 0, 5), (0, 5, 0, 0))
+    found = find(place(ROOM), place(other), np.zeros(3), WINDOW, PRIOR)
+    assert found is None or not found.accepted
+
+
+def test_a_graph_spreads_the_error_and_resists_one_wrong_loop() -> None:
+    angles = np.linspace(0, 2 * math.pi, 12, endpoint=False)
+    true = np.column_stack((10 * np.cos(angles), 10 * np.sin(angles), angles))
+    start = true[0].copy()
+
+    def between(a: int, b: int) -> Floats:
+        return np.array(relative(tuple(true[a]), tuple(true[b])))
+
+    ends = [(k, k + 1) for k in range(11)] + [(0, 11), (1, 11), (0, 10), (3, 9)]
+    measured = [between(a, b) + (np.array((0.05, 0.0, 0.01)) if b == a + 1 else 0.0) for a, b in ends]
+    measured[-1] = measured[-1] + np.array((3.0, 2.0, 0.5))  # wrong
+    way, loop = np.diag((1 / 0.06**2, 1 / 0.06**2, 1 / 0.02**2)), np.diag((1 / 0.03**2, 1 / 0.03**2, 1 / 0.01**2))
+    edges = Edges(
+        np.array(ends), np.array(measured), np.array([way] * 11 + [loop] * 4), np.array([False] * 11 + [True] * 4)
+    )
+    poses = [tuple(start)]
+    for k in range(11):
+        poses.append(compose(poses[-1], tuple(measured[k])))
+    before = np.array(poses)
+    after = relaxed(before, edges)
+    assert np.hypot(*(before - true)[:, :2].T).max() > 1.0
+    assert np.hypot(*(after - true)[:, :2].T).max() < 0.25
+    assert np.array_equal(after[0], before[0])
+    known = covariances_from(0, after, edges)
+    assert np.trace(known[11]) < np.trace(known[5]), "a node with a loop is surer than one far along the way"
+
+
+def test_segments_of_several_maps_are_united_once() -> None:
+    turned = moved(ROOM, np.array((0.02, -0.02, 0.01)))
+    walls = united([ROOM, turned, ROOM])
+    assert len(walls) == len(ROOM)
+    assert (walls["seen"] == 9.0).all()
+
+
+def test_a_wireframe_of_segments_has_corners_where_ends_meet() -> None:
+    wireframe = wireframe_of(ROOM)
+    wireframe.check()
+    assert len(wireframe.points) == len(wireframe.edges) == 6
+    assert (wireframe.labels == 0).all()
+
+
+def test_a_wireframe_leaves_out_the_short_and_what_one_look_showed() -> None:
+    walls = segments((0, 0, 6, 0), (1, 1, 1.1, 1), (2, 1, 4, 1))
+    walls["seen"][2] = 1.0
+    assert np.allclose(apply(np.zeros(3), wireframe_of(walls).points), [[0, 0], [6, 0]])

@@ -1,0 +1,71 @@
+"""Wheels that are wrong all the time are found out by the scans that correct the pose."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agent.mapping.wheels import Wheels, moves_of
+from protocol.geometry import Pose, compose, relative
+from protocol.messages import OdometrySpec
+from world.odometry import Odometry
+
+SPEC = OdometrySpec(noisy=True)
+STEPS = 5
+PLACE_SD, HEADING_SD = 0.003, math.radians(0.15)  # of a pose that a scan has corrected
+
+
+def drive(ticks: int) -> list[np.ndarray]:
+    """The true way of each tick, (STEPS, 3): bends to both sides at full speed."""
+    ways, pose = [], (0.0, 0.0, 0.0)
+    for tick in range(ticks):
+        turn, way = math.sin(0.1 * tick), []
+        for _ in range(STEPS):
+            angle, length = turn * 0.2 / STEPS, 0.22 * 0.2 / STEPS
+            pose = compose(pose, (length * math.cos(angle / 2), length * math.sin(angle / 2), angle))
+            way.append(pose)
+        ways.append(np.array(way))
+    return ways
+
+
+def learned(seed: int, ticks: int) -> tuple[Wheels, Odometry, float]:
+    """Wheels after a drive, those of the world, and by how far the last 10 m of dead reckoning end off the truth."""
+    rng = np.random.default_rng(seed)
+    real, wheels, poses, stamp = Odometry(np.zeros(3), SPEC, rng), Wheels(SPEC, 1), np.zeros((1, 3)), np.zeros(3)
+    corrected = np.diag((PLACE_SD**2, PLACE_SD**2, HEADING_SD**2))[None]
+    blind: Pose = (0.0, 0.0, 0.0)
+    ways = drive(ticks)
+    from_tick = ticks - round(10 / 0.044)
+    for tick, way in enumerate(ways):
+        told = real.update(way)
+        moves, stamp = moves_of(np.vstack((stamp, told))), told[-1]
+        if tick >= from_tick:
+            x, y, theta = wheels.way(moves, 0)[-1]
+            blind = compose(blind, (x, y, theta))
+        wheels.move(poses, moves)
+        before = poses.copy()
+        poses[0] = way[-1] + rng.normal(0, (PLACE_SD, PLACE_SD, HEADING_SD))
+        wheels.learn(poses - before, corrected)
+    x, y, _ = relative(tuple(ways[from_tick - 1][-1].tolist()), tuple(ways[-1][-1].tolist()))
+    return wheels, real, math.hypot(x - blind[0], y - blind[1])
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_constants_are_found_within_their_deviations(seed: int) -> None:
+    wheels, real, _ = learned(seed, 1000)
+    off = wheels.constants[0] - (real._size, real._bend, real._axle)
+    sd = np.sqrt(wheels.covariances[0].diagonal()[3:])
+    assert (np.abs(off) < 4 * sd).all()
+    assert sd[1] < 0.2 * SPEC.wheel_sd * math.sqrt(2) / SPEC.axle_m
+
+
+def test_dead_reckoning_is_better_by_known_wheels_than_by_none() -> None:
+    known = [learned(seed, 1000)[2] for seed in range(4)]
+    unknown = [learned(seed, round(10 / 0.044))[2] for seed in range(4)]
+    assert np.mean(known) < 0.7 * np.mean(unknown)
+
+
+def test_wheels_as_they_should_be_change_nothing() -> None:
+    wheels, told = Wheels(SPEC, 1), np.vstack((np.zeros((1, 3)), drive(3)[2] - drive(3)[1][-1]))
+    assert np.allclose(wheels.way(moves_of(told), 0), told, atol=1e-12)
+    assert wheels.covariances[0, :3, :3].sum() == 0.0

@@ -1,0 +1,27 @@
+"""A robot that cannot map says so before it drives."""
+
+import pytest
+
+from agent.limits import doubts
+from protocol.messages import LidarSpec, RobotSpec
+
+
+@pytest.mark.parametrize(
+    "lidar", [{}, {"turning": True}, {"beams": 180}, {"beams": 90, "field_of_view_deg": 180.0}, {"range_max_m": 25.0}]
+)
+def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
+    assert doubts(RobotSpec(lidar=LidarSpec(**lidar))) == []
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        (RobotSpec(lidar=LidarSpec(field_of_view_deg=90.0, beams=90)), "looks at 90 degrees"),
+        (RobotSpec(lidar=LidarSpec(beams=90)), "90 beams a turn"),
+        (RobotSpec(lidar=LidarSpec(range_min_m=4.0)), "measures nothing"),
+        (RobotSpec(max_turn_rps=15.0, lidar=LidarSpec(turning=True)), "172 degrees during one scan"),
+    ],
+)
+def test_what_cannot_work_is_said(spec: RobotSpec, said: str) -> None:
+    (sentence,) = doubts(spec)
+    assert said in sentence

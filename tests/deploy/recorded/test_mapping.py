@@ -1,0 +1,73 @@
+"""`wireswarm map`: logs in place of the world, to the run directory."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deploy.report.rundir import read_run
+from protocol.arrays import Floats
+from tests.carried import DRIFT, HALF_TURN, laps, observations, path_error, ring_corridor
+
+LOGS = Path("/work/shared/logs")
+SCORER = Path("/work/shared/score/score_log.py")
+
+
+def record(file: Path, seed: int) -> Floats:
+    """Write the CARMEN log of a drive through a ring; returns its true way."""
+    way = laps(18.0, 2.2, 1.25, step=0.5)
+    with file.open("w") as lines:
+        for seen in observations(ring_corridor(18.0, 2.2), way, HALF_TURN, DRIFT, seed):
+            ranges = " ".join(f"{r:.2f}" if np.isfinite(r) else "81.83" for r in seen.scan())
+            pose = " ".join(f"{value:.4f}" for value in seen.odometry)
+            lines.write(f"FLASER 180 {ranges} {pose} {pose} {seen.tick} host {seen.tick}\n")
+    return way
+
+
+def wireswarm(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "wireswarm", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=110)
+
+
+def test_two_logs_become_a_run_directory(tmp_path: Path) -> None:
+    ways = [record(tmp_path / f"{seed}.log", seed) for seed in (1, 2)]
+    with (tmp_path / "1.log").open("a") as file:
+        file.write("FLASER 180 1 2\n")
+    out = tmp_path / "out"
+    done = wireswarm("map", tmp_path / "1.log", tmp_path / "2.log", "--out", out)
+    assert done.returncode == 0, done.stderr
+    assert "r1: skipped 1 lines that are cut" in done.stdout and str(out / "report.html") in done.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    for robot, way in zip(("r1", "r2"), ways, strict=True):
+        rows = np.loadtxt(out / "estimate" / f"{robot}.tum")
+        assert rows.shape == (len(way), 8) and np.array_equal(rows[:, 0], np.arange(len(way)))
+        assert np.allclose(np.hypot(rows[:, 6], rows[:, 7]), 1, atol=1e-5)
+        assert path_error(rows[:, 1:3], way) < 0.12
+        figures = summary["robots"][robot]
+        assert figures["scans"] == len(way) and figures["loops"] > 0 and 50 < figures["map_bytes"] < 1000
+    run = read_run(out)
+    assert run.robots == ["r1", "r2"] and not run.notes
+    assert json.loads((out / "manifest.json").read_text())["ended"] == "complete"
+
+
+@pytest.mark.parametrize("arguments", [["no.log"], [], ["some.log", "--field-of-view", "0"]])
+def test_what_cannot_be_mapped_leaves_nothing_behind(tmp_path: Path, arguments: list[str]) -> None:
+    (tmp_path / "some.log").write_text("FLASER 3 1 2 3\n")
+    files = [str(tmp_path / word) if word.endswith(".log") else word for word in arguments]
+    done = wireswarm("map", *files, "--out", tmp_path / "out")
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(not LOGS.exists(), reason="recorded logs lie beside the project only")
+def test_a_recorded_log_is_mapped_as_well_as_by_grid_slam(tmp_path: Path) -> None:
+    log, out = LOGS / "intel-drift.log.gz", tmp_path / "out"
+    assert wireswarm("map", log, "--out", out, "--quiet").returncode == 0
+    score = [sys.executable, str(SCORER), str(log), str(LOGS / "intel-drift.ref.tum"), str(out)]
+    found = json.loads(subprocess.run(score, check=True, capture_output=True, text=True, timeout=110).stdout)
+    assert found["ate_m"] < 0.12, "iris_lama's, /work/shared/facts/real.md"
+    assert found["explained"] > 0.85 and found["supported"] > 0.9
+    assert json.loads((out / "summary.json").read_text())["robots"]["r1"]["map_bytes"] < 8000

@@ -1,0 +1,80 @@
+"""Runs as CARMEN logs: what a lidar measured comes back, line by line."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agent.config import AgentConfig
+from deploy import inprocess
+from deploy.bandwidth.books import NoRunError
+from deploy.bench.cases import ROOT
+from deploy.recorded.carmen import read_carmen
+from deploy.recorded.written import write_carmen
+from protocol.geometry import compose
+from tests.scripted import Wanderer
+from tests.tiny import tiny_config
+
+TURTLEBOT = {"turning": True, "dropout": 0.05, "range_max_m": 2.0}
+SICK = {"beams": 180, "field_of_view_deg": 180.0, "first_beam_deg": 89.0, "clockwise": True, "mount_x_m": 0.05}
+
+
+def run(folder: Path, lidar: dict[str, object]) -> Path:
+    spec = {"lidar": lidar, "odometry": {"noisy": True}}
+    config = tiny_config(folder, until=4.0, robots=2, scans=True, spec=spec)
+    inprocess.run(config, AgentConfig(), folder / "run", make_mind=Wanderer)  # type: ignore[arg-type]
+    return folder / "run"
+
+
+@pytest.mark.parametrize(("lidar", "kind"), [(TURTLEBOT, "ROBOTLASER1"), (SICK, "FLASER")])
+def test_what_was_measured_comes_back(tmp_path: Path, lidar: dict[str, object], kind: str) -> None:
+    out = run(tmp_path, lidar)
+    logs = write_carmen(out, tmp_path / "logs")
+    assert [log.name for log in logs] == ["r1.log", "r2.log"]
+    kept = [json.loads(line) for line in (out / "scans" / "r1.jsonl").read_text().splitlines()]
+    assert len(kept) == 20 and {line.split()[0] for line in logs[0].read_text().splitlines()} == {"ODOM", kind}
+    log = read_carmen(logs[0])
+    assert len(log.scans) == 20
+    mount = (float(lidar.get("mount_x_m", 0.0)), 0.0, 0.0)  # type: ignore[arg-type]
+    for scan, line in zip(log.scans, kept, strict=True):
+        readings = np.array([math.nan if one is None else math.inf if one < 0 else one for one in line["ranges"]])
+        readings = readings[::-1] if lidar.get("clockwise") else readings
+        np.testing.assert_allclose(scan.ranges, readings, atol=1e-4)
+        assert scan.odometry == pytest.approx(compose(tuple(line["odometry"]), mount), abs=1e-5)
+        assert scan.time_s == pytest.approx(line["t"])
+    assert np.degrees(log.lidar.bearings())[0] == pytest.approx(0 if kind == "ROBOTLASER1" else -90, abs=1e-5)
+    assert np.ptp(np.degrees(log.lidar.bearings())) == pytest.approx(359 if kind == "ROBOTLASER1" else 179, abs=1e-5)
+
+
+def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:
+    scorer = ROOT.parent / "shared" / "score" / "score_log.py"
+    if not scorer.exists():
+        pytest.skip("no scorer beside the repository")
+    out = run(tmp_path, SICK | {"first_beam_deg": -90.0, "clockwise": False, "mount_x_m": 0.0})
+    (log, _), folder = write_carmen(out, tmp_path / "logs"), tmp_path / "judged"
+    (folder / "estimate").mkdir(parents=True)
+    (folder / "maps").mkdir()
+    reference = log.with_name("r1.ref.tum")
+    (folder / "estimate" / "r1.tum").write_bytes(reference.read_bytes())
+    walls = json.loads((out / "maps" / "r1.json").read_text())
+    (folder / "maps" / "r1.json").write_text(json.dumps(walls))
+    words = [sys.executable, str(scorer), str(log), str(reference), str(folder)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
+    judged = json.loads(done.stdout)
+    assert judged["ate_m"] == 0 and judged["scans"] == 20
+
+
+def test_a_run_without_scans_says_what_to_do(tmp_path: Path) -> None:
+    out = run(tmp_path, TURTLEBOT)
+    file = out / "scans" / "r2.jsonl"
+    file.write_text(file.read_text()[:-30])
+    with pytest.raises(NoRunError, match=r"r2.jsonl: no scans of a run, or damaged"):
+        write_carmen(out, tmp_path / "logs")
+    for name in ("r1", "r2"):
+        (out / "scans" / f"{name}.jsonl").unlink()
+    with pytest.raises(NoRunError, match="--set scans=true"):
+        write_carmen(out, tmp_path / "logs")

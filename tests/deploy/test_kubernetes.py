@@ -1,0 +1,150 @@
+"""The kustomize base: valid by the published schemas, and its names, ports, images and arguments agree."""
+
+import copy
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import kubernetes_validate
+import pytest
+import yaml
+from typer.main import get_command
+
+from agent.config import ProcessConfig
+from deploy import cli
+from deploy.config import RunConfig
+from protocol.configuration import load
+
+REPO = Path(__file__).parents[2]
+BASE = REPO / "deploy" / "kubernetes"
+SCHEMAS = "1.37"
+
+KUSTOMIZATION = yaml.safe_load((BASE / "kustomization.yaml").read_text())
+RESOURCES = [one for file in KUSTOMIZATION["resources"] for one in yaml.safe_load_all((BASE / file).read_text())]
+
+
+def the(kind: str, name: str) -> dict[str, Any]:
+    (found,) = (one for one in RESOURCES if (one["kind"], one["metadata"]["name"]) == (kind, name))
+    return found
+
+
+WORLD, AGENTS, SERVICE = the("StatefulSet", "world"), the("Job", "agents"), the("Service", "world")
+PODS = {"world": WORLD["spec"]["template"], "agent": AGENTS["spec"]["template"]}
+
+
+def containers() -> Iterator[dict[str, Any]]:
+    for pod in PODS.values():
+        yield from (*pod["spec"].get("initContainers", []), *pod["spec"]["containers"])
+
+
+@pytest.mark.parametrize("resource", RESOURCES, ids=lambda one: f"{one['kind']}-{one['metadata']['name']}")
+def test_resources_are_valid(resource: dict[str, Any]) -> None:
+    kubernetes_validate.validate(resource, SCHEMAS, strict=True)
+    wrong = copy.deepcopy(resource) | {"spce": {}}
+    with pytest.raises(kubernetes_validate.ValidationError):
+        kubernetes_validate.validate(wrong, SCHEMAS, strict=True)
+
+
+def test_certificates_are_neither_committed_nor_in_an_image() -> None:
+    assert "deploy/kubernetes/certs/" in (REPO / ".gitignore").read_text().splitlines()
+    assert "deploy/kubernetes" in (REPO / ".dockerignore").read_text().splitlines()
+
+
+def test_the_base_holds_each_file_of_its_folder() -> None:
+    assert {file.name for file in BASE.glob("*.yaml")} == {*KUSTOMIZATION["resources"], "kustomization.yaml"}
+
+
+def parsed(command: str, words: list[str]) -> dict[str, Any]:
+    """Options as the command line would take them; an error where it would not."""
+    context = get_command(cli.app).commands[command].make_context(command, words)  # type: ignore[attr-defined]
+    return dict(context.params)
+
+
+def test_arguments_are_those_of_the_command_line_and_agree() -> None:
+    (world,), (agent,) = (pod["spec"]["containers"] for pod in PODS.values())
+    (begins,) = re.findall(r'wireswarm world (.*) "\$@" &', world["command"][2])
+    told = parsed("world", [*begins.split(), "--out=/runs/run", *world["args"]])
+    settings = load(RunConfig, None, {"robots": told["robots"], "world": told["world"]}, told["set_"])
+    joins = parsed("agent", agent["args"])
+    assert joins["certs"] == told["certs"] == Path("/certs")
+    load(ProcessConfig, None, {}, joins["set_"])
+    assert settings.robots == AGENTS["spec"]["completions"] == AGENTS["spec"]["parallelism"]
+    port = SERVICE["spec"]["ports"][0]["port"]
+    assert told["listen"] == f"tls/0.0.0.0:{port}" and joins["connect"] == f"tls/{WORLD['spec']['serviceName']}:{port}"
+    assert world["ports"][0]["containerPort"] == port
+    assert f":{port:04X} 01" in agent["readinessProbe"]["exec"]["command"]
+    identities = {one["name"]: {Path(file).name for file in one["files"]} for one in KUSTOMIZATION["secretGenerator"]}
+    assert identities["robot-identities"] == {
+        "ca.pem", *(f"{robot}.{kind}" for robot in settings.robot_ids for kind in ("pem", "key")),
+    }  # fmt: skip
+    secrets = {
+        volume["secret"]["secretName"]
+        for pod in PODS.values()
+        for volume in pod["spec"]["volumes"]
+        if "secret" in volume
+    }
+    assert secrets == set(identities)
+
+
+def test_who_may_reach_whom() -> None:
+    port = SERVICE["spec"]["ports"][0]["port"]
+    into, out_of = the("NetworkPolicy", "world")["spec"], the("NetworkPolicy", "agent")["spec"]
+    assert into["policyTypes"] == out_of["policyTypes"] == ["Ingress", "Egress"]
+    assert "egress" not in into and "ingress" not in out_of
+    for name, pod in PODS.items():
+        assert pod["metadata"]["labels"] == the("NetworkPolicy", name)["spec"]["podSelector"]["matchLabels"]
+    assert SERVICE["spec"]["selector"] == PODS["world"]["metadata"]["labels"]
+    assert into["ingress"] == [
+        {"from": [{"podSelector": out_of["podSelector"]}], "ports": [{"protocol": "TCP", "port": port}]}
+    ]
+    assert out_of["egress"][0] == {"to": [{"podSelector": into["podSelector"]}], "ports": into["ingress"][0]["ports"]}
+
+
+def test_containers_have_no_rights_and_bounds() -> None:
+    targets = re.findall(r"^FROM .* AS (\S+)$", (REPO / "deploy" / "Dockerfile").read_text(), re.MULTILINE)
+    images = {one["name"] for one in KUSTOMIZATION["images"]}
+    for pod in PODS.values():
+        spec = pod["spec"]
+        assert spec["securityContext"]["runAsNonRoot"] and not spec["automountServiceAccountToken"]
+    for container in containers():
+        assert container["image"] in images and container["image"].removeprefix("wireswarm-") in targets
+        rights = container["securityContext"]
+        assert rights["readOnlyRootFilesystem"] and not rights["allowPrivilegeEscalation"]
+        assert rights["capabilities"] == {"drop": ["ALL"]}
+        assert set(container["resources"]["limits"]) == set(container["resources"]["requests"]) == {"cpu", "memory"}
+
+
+@pytest.mark.parametrize(
+    ("left", "called"),
+    [
+        ([], "world --listen=tls/0.0.0.0:7447 --certs=/certs --out=RUNS/run --robots=3"),
+        (["manifest.json"], "world --listen=tls/0.0.0.0:7447 --certs=/certs --out=RUNS/run --robots=3"),
+        (["manifest.json", "checkpoint.msgpack"], "world --listen=tls/0.0.0.0:7447 --certs=/certs --resume=RUNS/run"),
+        (["manifest.json", "summary.json"], ""),
+    ],
+)
+def test_a_world_begins_goes_on_or_has_ended(left: list[str], called: str, tmp_path: Path) -> None:
+    runs, calls = tmp_path / "runs", tmp_path / "calls"
+    for name in left:
+        (runs / "run").mkdir(parents=True, exist_ok=True)
+        (runs / "run" / name).touch()
+    shell, option, script, name = PODS["world"]["spec"]["containers"][0]["command"]
+    stand_ins = f'wireswarm() {{ echo "$@" > {calls}; }}\nsleep() {{ :; }}\n'
+    command = [shell, option, stand_ins + script.replace("/runs", str(runs)), name, "--robots=3"]
+    subprocess.run(command, timeout=20, check=True)
+    said = calls.read_text().strip() if calls.exists() else ""
+    assert said == called.replace("RUNS", str(runs))
+
+
+def test_a_robot_takes_its_own_identity_only(tmp_path: Path) -> None:
+    (tmp_path / "certs").mkdir()
+    (tmp_path / "identities").mkdir()
+    for name in ("ca.pem", "r1.pem", "r1.key", "r2.pem", "r2.key"):
+        (tmp_path / "identities" / name).touch()
+    shell, option, script = PODS["agent"]["spec"]["initContainers"][0]["command"]
+    for folder in ("identities", "certs"):
+        script = script.replace(f"/{folder}", f"{tmp_path}/{folder}")
+    subprocess.run([shell, option, script], env={"JOB_COMPLETION_INDEX": "1", "PATH": "/bin"}, timeout=20, check=True)
+    assert {file.name for file in (tmp_path / "certs").iterdir()} == {"ca.pem", "r2.pem", "r2.key"}

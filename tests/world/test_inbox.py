@@ -1,0 +1,27 @@
+"""What waits for the world is bounded for each robot."""
+
+import time
+
+from protocol.inbox import Arrival
+from world.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
+
+
+def taken(inbox: WorldInbox) -> list[Arrival]:
+    arrivals = []
+    while (arrival := inbox.take(time.monotonic())) is not None:
+        arrivals.append(arrival)
+    return arrivals
+
+
+def test_a_robot_that_floods_the_world_is_told_once_and_the_others_are_heard() -> None:
+    inbox = WorldInbox()
+    for size, most in ((0, MOST_WAITING), (1 << 20, MOST_BYTES_WAITING >> 20)):
+        for _ in range(2 * most):
+            inbox.put(Arrival("act", "r1", bytes(size)))
+        inbox.put(Arrival("act", "r2"))
+        inbox.stop()
+        *flood, last, other, stop = taken(inbox)
+        assert {arrival.what for arrival in flood} == {"act"} and len(flood) in (most, most - 1)
+        assert (last.what, last.robot, other.robot, stop.what) == (inbox.FLOOD, "r1", "r2", inbox.STOP)
+    inbox.put(Arrival("act", "r1"))  # what was taken counts no more
+    assert [arrival.what for arrival in taken(inbox)] == ["act"]

@@ -1,0 +1,40 @@
+"""Beams as numbers: which of them an interval of bearings holds, and what is nearest on each."""
+
+import math
+
+import numpy as np
+
+from protocol.arrays import Floats, Ints
+from protocol.walls import repeated
+
+_ROUNDING_BEAMS = 1e-9
+"""Intervals are widened by this share of a beam, so that rounding leaves no gap between walls that share a corner."""
+
+
+def beams_within(begin: Floats, sweep: Floats, step: float | Floats, beams: int) -> tuple[Ints, Ints]:
+    """All (row, beam) with the beam's bearing in [begin, begin + sweep]; a pair may come twice.
+
+    begin, sweep: (n,) radians, counted from beam 0, begin in [0, 2 pi). step: between two beams, radians, one for all
+    or (n,). Where all beams make more than a full turn, the same bearing is held by two of them.
+    """
+    low, high, turn = begin / step, (begin + sweep) / step, 2 * math.pi / np.asarray(step)
+    first, last = np.ceil(low - _ROUNDING_BEAMS), np.floor(high + _ROUNDING_BEAMS)
+    counts = np.minimum(last, beams - 1) - first + 1
+    row, nth = repeated(np.maximum(counts, 0).astype(np.intp))
+    beam = first.astype(np.intp)[row] + nth
+    over, again = np.flatnonzero(high >= turn - _ROUNDING_BEAMS), np.flatnonzero(low < beams - turn)
+    for part, by in ((over, -turn), (again, turn)):
+        if len(part):
+            shift = by if by.ndim == 0 else by[part]
+            begins = np.maximum(np.ceil(low[part] + shift - _ROUNDING_BEAMS), 0).astype(np.intp)
+            ends = np.minimum(np.floor(high[part] + shift + _ROUNDING_BEAMS), beams - 1).astype(np.intp)
+            more, nth = repeated(np.maximum(ends - begins + 1, 0))
+            row, beam = np.concatenate([row, part[more]]), np.concatenate([beam, begins[more] + nth])
+    return row, beam
+
+
+def keep_nearest(ray: Ints, found: Floats, what: Ints, nearness: Floats, met: Ints) -> None:
+    """Raise `nearness` to the largest value found on each ray, and note in `met` what stood there."""
+    np.maximum.at(nearness, ray, found)
+    won = found == nearness[ray]
+    met[ray[won]] = what[won]
