@@ -24,6 +24,7 @@ from deploy.logs import Log
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from protocol.configuration import ConfigError
 from protocol.files import remove_parts
+from protocol.inbox import SIGNAL_S
 from protocol.messages import Progress
 from protocol.secrets import new_secrets
 from protocol.status import ENDINGS, Status, of_run
@@ -163,7 +164,7 @@ class Children:
                     deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)
                 logs = {child.log.pipe: child.log for child in self._children if not child.log.pipe.closed}
                 sentinels = [] if self._interrupted else [child.process.sentinel for child in world]
-                for ready in wait([*self._talking, *logs, *sentinels], timeout=None if deadline is None else 0.1):
+                for ready in wait([*self._talking, *logs, *sentinels], timeout=SIGNAL_S):
                     if ready in logs:
                         logs[ready].read()
                     elif ready in self._talking:

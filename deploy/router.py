@@ -26,4 +26,4 @@ def route(listen: str | None, secrets: Path | None, certs: Path | None, inbox: I
     with open_router(listen, credentials, insecure=insecure) as (_, endpoint):
         print(f"listening on {endpoint}", flush=True)
         while not inbox.stopped:
-            inbox.get()
+            inbox.next()

@@ -1,5 +1,6 @@
 """What a process takes from the network: a queue that callbacks and signal handlers fill, and one thread empties."""
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +10,10 @@ from typing import NamedTuple
 import zenoh
 
 from protocol import keys
+
+
+SIGNAL_S = 0.2
+"""After so long a handler of a signal runs: a stop is to take less than 2 s, and five wakes a second cost nothing."""
 
 
 class Arrival(NamedTuple):
@@ -48,8 +53,20 @@ class Inbox(SimpleQueue[Arrival]):
         self.put(Arrival(keys.channel_of(key), keys.robot_of(key), sample.payload.to_bytes()))
 
     def take(self, deadline: float) -> Arrival | None:
-        """The next arrival; None where none comes before time.monotonic() reaches `deadline`."""
-        try:
-            return self.get(timeout=max(0.0, deadline - time.monotonic()))
-        except Empty:
-            return None
+        """The next arrival; None where none comes before time.monotonic() reaches `deadline`.
+
+        It waits in steps: where another thread of the process receives a signal, the one that waits here is not woken.
+        """
+        while True:
+            left = max(0.0, deadline - time.monotonic())
+            try:
+                return self.get(timeout=min(left, SIGNAL_S))
+            except Empty:
+                if left <= SIGNAL_S:
+                    return None
+
+    def next(self) -> Arrival:
+        """The next arrival, waited for without limit."""
+        while (arrival := self.take(math.inf)) is None:
+            pass
+        return arrival

@@ -242,7 +242,7 @@ class Life:
         """
         lockstep = self._entry.welcome.lockstep
         while not inbox.stopped:
-            what, _, payload, _ = inbox.get()
+            what, _, payload, _ = inbox.next()
             match what:
                 case keys.RADIO:
                     self._heard.append(decode(Heard, payload))
