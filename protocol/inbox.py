@@ -11,7 +11,6 @@ import zenoh
 
 from protocol import keys
 
-
 SIGNAL_S = 0.2
 """After so long a handler of a signal runs: a stop is to take less than 2 s, and five wakes a second cost nothing."""
 
