@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from protocol.messages import Progress
     from world.config import WorldConfig
 
-EXTRAS = {"pymunk": "world"} | dict.fromkeys(
+EXTRAS = {"pymunk": "world", "ezdxf": "export"} | dict.fromkeys(
     ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
 )  # what brings a package
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
@@ -398,15 +398,31 @@ def map_(
 
 @app.command()
 def export(
-    run: Annotated[Path, Argument(help="A run directory.", metavar="DIR")],
-    to: Annotated[Literal["carmen"], Option(help="The form; carmen needs a run with --set scans=true.")],
-    out: Annotated[Path | None, Option(help="Folder for the files.", show_default="DIR/carmen")] = None,
+    path: Annotated[Path, Argument(help="A run directory, or a map file of it.", metavar="DIR|MAP")],
+    to: Annotated[
+        Literal["map_server", "geojson", "dxf", "svg", "carmen"],
+        Option(help="The form; carmen needs a run with --set scans=true."),
+    ],
+    frame: Annotated[
+        Literal["own", "world"] | None, Option(help="Frame of a map: its robot's, or the world's.", show_default="own")
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for the files.", show_default="PATH/FORM")] = None,
 ) -> None:
-    """Write what a run measured for other programs: CARMEN logs of the scans, and the true paths beside them."""
+    """Write maps for other programs, or a run's scans as CARMEN logs with the true paths beside them."""
+    from deploy.exchange import FORMS
+    from deploy.exchange.maps import export_maps
     from deploy.recorded.written import write_carmen
+    from protocol.errors import InputError
 
-    for made in write_carmen(run, out or run / to):
-        print(printable(str(made)))
+    folder = out or (path if path.is_dir() else path.parent) / to
+    if to == "carmen":
+        if frame is not None:
+            raise InputError("--frame: scans are in the lidar's frame, leave it out")
+        made = write_carmen(path, folder)
+    else:
+        made = export_maps(path, folder, frame or "own", FORMS[to])
+    for file in made:
+        print(printable(str(file)))
 
 
 @app.command()

@@ -224,6 +224,11 @@ COMMANDS = (
     ["bandwidth"],
     ["bench", "wings"],
     ["bench", "lidar", "--jobs", "0"],
+    ["export", "absent", "--to", "svg"],
+    ["export", "room.yaml", "--to", "dxf"],
+    ["export", ".", "--to", "geojson"],
+    ["export", ".", "--to", "carmen", "--frame", "own"],
+    ["export", "/dev/zero", "--to", "map_server"],
     ["worlds", "--yaml"],
     ["config", "extra"],
 )

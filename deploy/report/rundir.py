@@ -143,6 +143,11 @@ class Run:
         return drawn
 
 
+def parse_map(text: str) -> Map:
+    """The map that a file of a run directory holds. Raises what parsing any text may: see _BROKEN."""
+    return _map(_as_object(text))
+
+
 def mapping(value: Any) -> dict[str, Any]:
     """A value of a file that ought to be a mapping; an empty one where it is none."""
     return value if isinstance(value, dict) else {}
@@ -177,14 +182,14 @@ def read_run(directory: str | Path) -> Run:
     run.manifest = part("manifest.json", _object, {})
     run.summary = part("summary.json", _object, {})
     if run.of_logs:
-        run.maps = each("maps", ".json", lambda file: _map(_object(file)))
+        run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
         run.paths = each("estimate", ".tum", _trajectory)
         run.frames = {robot: np.zeros(3) for robot in run.maps if len(run.maps) == 1}
         return run
     run.bandwidth = part("bandwidth.json", _object, {})
     run.world = part("world.yaml", load, None)
     run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
-    run.maps = each("maps", ".json", lambda file: _map(_object(file)))
+    run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
     paths = each("trajectories", ".tum", _trajectory)
     run.paths = {robot: path for robot, path in paths.items() if len(path)}

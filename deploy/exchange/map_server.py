@@ -1,0 +1,72 @@
+"""A map as the grid of ROS's map_server: a picture (PGM) whose grey says occupied, free or unknown, and its YAML.
+
+ROS 2's nav2_map_server documents both, mode `trinary`: occupied is darker than `occupied_thresh`, free is brighter than
+`free_thresh`. The picture's first row is the highest y; `origin` is the lower left corner of the lower left cell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from deploy.exchange.maps import NamedMap
+from protocol.errors import InputError
+from protocol.walls import directions, lengths, points_along
+
+CELL_M = 0.05
+OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # greys, as map_saver writes them
+OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # of darkness, 0 to 1; UNKNOWN has 0.19608
+MARGIN_CELLS = 4
+MAX_CELLS = 50_000_000  # a square of 350 m
+ASIDE_M = 1e-6  # a wall on the line between two cells belongs to the one that is solid
+SAMPLES = 4  # of a wall, per cell
+
+
+def pgm(named: NamedMap) -> bytes:
+    """The picture, binary PGM."""
+    grid = cells(named)[::-1]
+    height, width = grid.shape
+    return (
+        f"P5\n# unit: m a cell {CELL_M}; frame: {named.frame}\n{width} {height}\n255\n".encode("ascii", "replace")
+        + grid.tobytes()
+    )
+
+
+def description(named: NamedMap) -> str:
+    """The YAML beside it."""
+    (x0, y0), _ = _box(named)
+    return (
+        f"# unit: m, rad; frame: {named.frame}\n"
+        f"image: {named.robot}.pgm\nmode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
+        f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
+    )
+
+
+def cells(named: NamedMap) -> NDArray[np.uint8]:
+    """(ny, nx) greys, row 0 the lowest y: cells that a wall crosses are occupied."""
+    (x0, y0), (nx, ny) = _box(named)
+    grid = np.full((ny, nx), UNKNOWN, np.uint8)
+    x, y = np.meshgrid(x0 + CELL_M * (np.arange(nx) + 0.5), y0 + CELL_M * (np.arange(ny) + 0.5))
+    free = named.free
+    shapely.prepare(free)
+    grid[shapely.contains_xy(free, x, y)] = FREE
+    walls = named.walls
+    points, wall = points_along(walls, np.ceil(lengths(walls) / CELL_M * SAMPLES).astype(np.int64) + 1)
+    along = directions(walls)[wall]
+    column, row = (
+        np.floor((points + ASIDE_M * np.stack([along[:, 1], -along[:, 0]], 1) - (x0, y0)) / CELL_M).astype(int).T
+    )
+    grid[row, column] = OCCUPIED
+    return grid
+
+
+def _box(named: NamedMap) -> tuple[tuple[float, float], tuple[int, int]]:
+    """Lower left corner, a multiple of the cell, and numbers of cells along x and y."""
+    points = np.vstack([named.map.vertices, named.stands, np.zeros((0 if len(named.map.vertices) else 1, 2))])
+    low, high = np.floor(points.min(0) / CELL_M) - MARGIN_CELLS, np.floor(points.max(0) / CELL_M) + MARGIN_CELLS + 1
+    nx, ny = (high - low).astype(int).tolist()
+    if nx * ny > MAX_CELLS:
+        raise InputError(f"the map of {named.robot} is {nx * CELL_M:.0f} m x {ny * CELL_M:.0f} m: too large for a grid")
+    x0, y0 = (low * CELL_M).tolist()
+    return (x0, y0), (nx, ny)

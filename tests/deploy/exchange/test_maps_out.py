@@ -1,0 +1,148 @@
+"""Maps for other programs, read back by readers that are not ours."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from PIL import Image
+
+from deploy.exchange import FORMS, map_server
+from deploy.exchange.maps import NamedMap, export_maps, read_maps
+from protocol.arrays import Floats
+from protocol.errors import InputError
+from tests.deploy.test_report import RING, STARTS, seen, write_run
+
+EVERY = {suffix: form for forms in FORMS.values() for suffix, form in forms.items()}
+ROOM = shapely.Polygon(RING)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose r1 has closed its map, and whose r2 has seen five corners."""
+    folder = write_run(tmp_path_factory.mktemp("runs") / "run")
+    (folder / "maps" / "r2.json").write_text(json.dumps(seen(5, STARTS["r2"])))
+    return folder
+
+
+def named(run: Path) -> dict[str, NamedMap]:
+    return {one.robot: one for one in read_maps(run, "world")}
+
+
+def grid_of(run: Path, robot: str) -> tuple[Floats, Floats, Floats]:
+    """Middles of occupied, free and unknown cells by nav2's rules, (n, 2) each: a reader of the two files alone."""
+    about = yaml.safe_load((run / f"{robot}.yaml").read_text())
+    assert (about["mode"], about["negate"]) == ("trinary", 0)
+    darkness = 1 - np.asarray(Image.open(run / about["image"]))[::-1] / 255
+    kinds = np.where(darkness > about["occupied_thresh"], 2, np.where(darkness < about["free_thresh"], 0, 1))
+    places = [np.argwhere(kinds == kind)[:, ::-1] for kind in (2, 0, 1)]
+    occupied, free, unknown = ((cells + 0.5) * about["resolution"] + about["origin"][:2] for cells in places)
+    return occupied, free, unknown
+
+
+def test_a_grid_by_the_rules_of_nav2(run: Path, tmp_path: Path) -> None:
+    files = export_maps(run, tmp_path / "out", "world", FORMS["map_server"])
+    assert [file.name for file in files] == ["r1.pgm", "r1.yaml", "r2.pgm", "r2.yaml"]
+    occupied, free, _ = grid_of(tmp_path / "out", "r1")
+    half = map_server.CELL_M / 2**0.5 + 1e-6
+    assert shapely.distance(ROOM.exterior, shapely.points(occupied)).max() < half
+    assert shapely.contains_xy(ROOM, *free.T).all()
+    assert len(free) * map_server.CELL_M**2 == pytest.approx(ROOM.area, rel=0.05)
+    along = [ROOM.exterior.interpolate(d).coords[0] for d in np.arange(0, ROOM.length, 0.05)]
+    away = np.hypot(*(np.array(along)[:, None] - occupied).transpose(2, 0, 1)).min(1)
+    assert away.max() < 2 * half
+
+
+def test_an_open_map_is_free_only_where_its_robot_has_looked(run: Path, tmp_path: Path) -> None:
+    export_maps(run, tmp_path, "world", FORMS["map_server"])
+    _, free, unknown = grid_of(tmp_path, "r2")
+    stands = shapely.MultiPoint(named(run)["r2"].stands)
+    assert len(free) > 1000 and len(unknown) > 1000
+    assert shapely.distance(stands, shapely.points(free)).max() < 3.5
+    behind = unknown[(unknown[:, 0] < 2.9) & (unknown[:, 1] < 1.0)]
+    assert len(behind) > 1000  # the other room, hidden by the wall that was seen
+    lone = tmp_path / "lone.json"
+    lone.write_bytes((run / "maps" / "r2.json").read_bytes())
+    export_maps(lone, tmp_path / "alone", "own", FORMS["map_server"])
+    assert not len(grid_of(tmp_path / "alone", "lone")[1])  # whose path is on no record
+
+
+def test_geojson_as_geos_reads_it(run: Path, tmp_path: Path) -> None:
+    export_maps(run, tmp_path, "world", FORMS["geojson"])
+    text = (tmp_path / "r1.geojson").read_text()
+    shapes = list(shapely.from_geojson(text).geoms)
+    walls = [shape for shape in shapes if shape.geom_type == "LineString"]
+    assert len(walls) == 1 and walls[0].is_ring and shapely.is_ccw(walls[0])  # free space on the left
+    assert walls[0].hausdorff_distance(ROOM.exterior) < 1e-3
+    assert sum(len(shape.geoms) for shape in shapes if shape.geom_type == "MultiPoint") == len(RING)
+    head = json.loads(text)
+    assert (head["unit"], head["frame"]) == ("m", "world") and 'UNIT["metre",1]' in head["crs"]["properties"]["name"]
+
+
+def test_dxf_passes_the_audit_of_ezdxf(run: Path, tmp_path: Path) -> None:
+    import ezdxf
+
+    export_maps(run, tmp_path, "world", FORMS["dxf"])
+    drawing = ezdxf.readfile(tmp_path / "r1.dxf")  # type: ignore[attr-defined]
+    assert not drawing.audit().errors and drawing.units == 6  # metres
+    assert dict(drawing.header.custom_vars.properties) == {"frame": "world", "unit": "m"}
+    (wall,) = drawing.modelspace().query("LWPOLYLINE[layer=='walls']")
+    assert wall.closed and shapely.LinearRing(wall.get_points("xy")).hausdorff_distance(ROOM.exterior) < 1e-3
+    partial = ezdxf.readfile(tmp_path / "r2.dxf").modelspace()  # type: ignore[attr-defined]
+    assert not partial.query("LWPOLYLINE")[0].closed
+    assert [len(partial.query(f"POINT[layer=='{kind}']")) for kind in ("nominal", "occlusion", "frontier")] == [3, 1, 1]
+
+
+def test_svg_as_svgelements_reads_it(run: Path, tmp_path: Path) -> None:
+    from svgelements import SVG, Polygon
+
+    export_maps(run, tmp_path, "own", FORMS["svg"])
+    text = (tmp_path / "r1.svg").read_text()
+    assert 'data-frame="own frame of r1"' in text and "Coordinates in metres" in text
+    (drawn,) = [shape for shape in SVG.parse(io.StringIO(text), reify=False).elements() if isinstance(shape, Polygon)]
+    own = np.array([(point.x, point.y) for point in drawn])[: len(RING)]
+    (expected,) = [one.map.vertices for one in read_maps(run, "own") if one.robot == "r1"]
+    assert abs(own - expected).max() < 1e-3
+
+
+def test_the_same_map_gives_the_same_bytes(run: Path, tmp_path: Path) -> None:
+    one, other = (export_maps(run, tmp_path / name, "own", EVERY) for name in ("a", "b"))
+    assert [file.read_bytes() for file in one] == [file.read_bytes() for file in other]
+
+
+def test_one_map_file_is_exported_alone_and_placed_by_its_run(run: Path, tmp_path: Path) -> None:
+    (made,) = export_maps(run / "maps" / "r2.json", tmp_path / "one", "world", FORMS["svg"])
+    (_, both) = export_maps(run, tmp_path / "all", "world", FORMS["svg"])
+    assert made.read_bytes() == both.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("7", "no map"),
+        (
+            '{"vertices": [[0, 0], [1, 0]], "labels": ["nominal", "nominal"], "edges": [[0, 1], [0, 1]]}',
+            "two edges lead",
+        ),
+        ('{"vertices": [[0, 0], [9e5, 0]], "labels": ["nominal", "nominal"], "edges": [[0, 1]]}', "out of bounds"),
+        (
+            '{"vertices": [[0, 0], [9e3, 9e3]], "labels": ["nominal", "nominal"], "edges": [[0, 1]]}',
+            "too large for a grid",
+        ),
+    ],
+)
+def test_what_is_no_map_is_refused_in_a_sentence(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "map.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        export_maps(tmp_path / "map.json", tmp_path / "out", "own", FORMS["map_server"])
+
+
+def test_without_a_run_the_frame_of_the_world_is_not_known(tmp_path: Path) -> None:
+    (tmp_path / "map.json").write_text(json.dumps(seen(8, STARTS["r1"])))
+    with pytest.raises(InputError, match="leave out --frame world"):
+        export_maps(tmp_path / "map.json", tmp_path / "out", "world", EVERY)
+    with pytest.raises(InputError, match="has no maps"):
+        export_maps(tmp_path, tmp_path / "out", "own", EVERY)
