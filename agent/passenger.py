@@ -6,7 +6,7 @@ from agent.mapping.submaps import Submaps
 from agent.mapping.wheels import way_from
 from agent.perception.perceive import Perception
 from protocol.arrays import Floats
-from protocol.geometry import Pose, relative
+from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Wireframe
 
@@ -21,10 +21,16 @@ class Passenger:
         self._odometry: Pose | None = None
 
     def step(self, observation: Observation) -> None:
-        """Take one scan. Its odometry may have any error; the steps between scans may be of any length."""
+        """Take one scan. Its odometry may have any error; the steps between scans may be of any length.
+
+        Its way, where there is one, leads from the begin of the lidar's turn to its end, however long ago the last was.
+        """
         before = observation.odometry if self._odometry is None else self._odometry
         self._odometry = observation.odometry
-        scan = self.perception.see(observation, way_from(before, observation.poses()), self.submaps.pose, Wireframe())
+        poses = observation.poses()
+        begin, since = (pose_of(poses[0]), poses[1:]) if observation.way else (before, poses)
+        start = compose(self.submaps.pose, relative(before, begin))
+        scan = self.perception.see(observation, way_from(begin, since), start, Wireframe())
         self.submaps.take(scan, relative(before, observation.odometry))
 
     def finish(self) -> None:

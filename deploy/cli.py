@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import sys
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from protocol.messages import Progress
     from world.config import WorldConfig
 
-EXTRAS = {"pymunk": "world", "ezdxf": "export"} | dict.fromkeys(
+EXTRAS = {"pymunk": "world", "ezdxf": "export", "rosbags": "bags"} | dict.fromkeys(
     ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
 )  # what brings a package
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
@@ -367,7 +368,12 @@ def bandwidth(
 @app.command("map")
 def map_(
     context: Context,
-    logs: Annotated[list[Path], Argument(help="CARMEN text logs, plain or gzipped.", metavar="LOG...")],
+    logs: Annotated[
+        list[Path],
+        Argument(
+            help="CARMEN text (.gz or not), bags of ROS 1 or 2 (.bag, .mcap, .db3, a folder), runs.", metavar="LOG..."
+        ),
+    ],
     out: Annotated[Path, Option(help="Run directory.", show_default=False)],
     field_of_view_deg: Annotated[
         float | None,
@@ -377,21 +383,33 @@ def map_(
         float | None,
         Option("--range-max", help="Metres from which on nothing came back.", show_default="80", min=0.05, max=100),
     ] = None,
+    scan_topic: Annotated[
+        str | None, Option("--scan-topic", help="Of a bag's LaserScan.", show_default="that with most messages")
+    ] = None,
+    odometry_topic: Annotated[
+        str | None, Option("--odometry-topic", help="Of a bag's Odometry.", show_default="likewise; without any, tf")
+    ] = None,
+    mount: Annotated[
+        tuple[float, float, float] | None,
+        Option(help="Where the lidar is on the robot of a bag's Odometry: m, m, degrees.", show_default="by tf"),
+    ] = None,
     config: ConfigFile = None,
     set_: Set = None,
     quiet: Quiet = False,
 ) -> None:
     """Map recorded lidar logs, each by a mind of its own that is not asked to drive."""
     from deploy.launcher import run_directory
-    from deploy.recorded.carmen import read_carmen
+    from deploy.recorded.lidar_log import Given
     from deploy.recorded.mapping import map_logs
+    from deploy.recorded.reading import read_logs
     from deploy.recorded.words import print_mapped
     from deploy.report import write_report
 
     settings = _settings(context)
+    on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
+    read = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
     with run_directory(out, "", 0) as directory:
-        read = partial(read_carmen, field_of_view_deg=field_of_view_deg, range_max_m=range_max_m)
-        summary = map_logs(logs, read, settings.agent, directory, quiet=quiet)
+        summary = map_logs(read, settings.agent, directory, quiet=quiet)
         print_mapped(summary)
         print(printable(str(write_report(directory))), flush=True)
 
@@ -498,8 +516,9 @@ def main() -> None:
     try:
         command.run(app)
     except ModuleNotFoundError as error:
-        extra = EXTRAS.get((error.name or "").split(".")[0])
+        package = (error.name or "").split(".")[0]
+        extra = EXTRAS.get(package)
         if extra is None:
             raise
-        say(f"this command needs {error.name}: install it with `pip install 'wireswarm[{extra}]'`")
+        say(f"this command needs {package}: install it with `pip install 'wireswarm[{extra}]'`")
         sys.exit(Status.USAGE)

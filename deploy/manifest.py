@@ -20,9 +20,9 @@ def begun(config: WorldConfig, world: World) -> dict[str, Any]:
     return _command() | config_fields | {"start": _now()}
 
 
-def of_logs(config: Config, logs: Sequence[Path]) -> dict[str, Any]:
+def of_logs(config: Config, logs: Sequence[str]) -> dict[str, Any]:
     """The same where recorded logs are mapped. `logs` says to readers of the directory that it has no world."""
-    return _command() | {"config": config.model_dump(mode="json"), "logs": list(map(str, logs)), "start": _now()}
+    return _command() | {"config": config.model_dump(mode="json"), "logs": list(logs), "start": _now()}
 
 
 def _command() -> dict[str, Any]:

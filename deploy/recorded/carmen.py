@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deploy.recorded.lidar_log import LidarLog, Scan, cleaned
+from deploy.recorded.lidar_log import MAX_BEAMS, MAX_SCANS, NOISE_M, Given, LidarLog, Scan, cleaned
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import Pose, compose, relative
@@ -16,21 +16,15 @@ from protocol.messages import LidarSpec
 from protocol.settings import MAX_NUMBER
 
 FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
-MAX_BEAMS = 4096  # of a LidarSpec
 MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and poses are 100,000
-MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
 MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
 MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, but two ways of counting poses
-NOISE_M = 0.01  # sd of a range; of the SICK lidars of these logs by their data sheet, and of most others
 SICK_RANGE_M = 80.0  # FLASER lines tell no range: a SICK LMS gives 81.83 m where nothing came back
 NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
 
 
-def read_carmen(file: Path, *, field_of_view_deg: float | None = None, range_max_m: float | None = None) -> LidarLog:
-    """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file.
-
-    field_of_view_deg, range_max_m: of FLASER lines, which do not tell; 180 degrees from right to left, and 80 m.
-    """
+def read_carmen(file: Path, given: Given) -> LidarLog:
+    """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file."""
     log: LidarLog | None = None
     mount: Pose | None = None
     kind, index = "", -1
@@ -41,13 +35,13 @@ def read_carmen(file: Path, *, field_of_view_deg: float | None = None, range_max
         if index == MAX_SCANS:
             raise InputError(f"{file}: more than {MAX_SCANS} scans; split it")
         try:
-            lidar, readings, seen_from, robot, time_s = _parsed(words, field_of_view_deg, range_max_m)
+            lidar, readings, seen_from, robot, time_s = _parsed(words, given)
         except (ValueError, IndexError):
             if log is not None:
                 log.skipped["lines that are cut or hold no numbers"] += 1
             continue
         if log is None:
-            log, kind = LidarLog(lidar), words[0]
+            log, kind = LidarLog(lidar, str(file)), words[0]
         if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
             if mount is None:
                 mount = relative(robot, seen_from)
@@ -81,9 +75,7 @@ def _lines(file: Path) -> Iterator[list[str]]:
         raise InputError(f"{file}: it cannot be read: {error}") from None
 
 
-def _parsed(
-    words: list[str], view_deg: float | None, range_m: float | None
-) -> tuple[LidarSpec, Floats, Pose, Pose, float]:
+def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Pose, float]:
     """Lidar, readings, pose of the lidar, pose of the robot and time of a line. Raises ValueError or IndexError."""
     flaser = words[0] == FLASER
     begin = 2 if flaser else 9
@@ -91,7 +83,7 @@ def _parsed(
     if not 8 <= count <= MAX_BEAMS:
         raise ValueError
     if flaser:
-        view = 180.0 if view_deg is None else view_deg
+        view = 180.0 if given.field_of_view_deg is None else given.field_of_view_deg
         first, step, limit = -0.5 * view, view / (count - count % 2), SICK_RANGE_M
         after = begin + count
     else:
@@ -106,7 +98,7 @@ def _parsed(
         field_of_view_deg=min(step * count, 360.0),
         first_beam_deg=first,
         range_min_m=NEAR_M,
-        range_max_m=limit if range_m is None else range_m,
+        range_max_m=limit if given.range_max_m is None else given.range_max_m,
         noise_m=NOISE_M,
     )
     time_s = float(words[after + (6 if flaser else 11)])

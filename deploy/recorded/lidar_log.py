@@ -16,6 +16,19 @@ from protocol.settings import MAX_NUMBER
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
+MAX_BEAMS = 4096  # of a LidarSpec
+MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
+NOISE_M = 0.01  # sd of a range; of the SICK lidars of public logs by their data sheet, and of most others
+
+
+class Given(NamedTuple):
+    """What a log may not tell, told by the user."""
+
+    field_of_view_deg: float | None = None  # of FLASER lines: 180 degrees from right to left
+    range_max_m: float | None = None
+    scan_topic: str | None = None  # of bags
+    odometry_topic: str | None = None
+    mount: Pose | None = None  # m, m, rad: the lidar's on the robot
 
 
 class Scan(NamedTuple):
@@ -25,6 +38,7 @@ class Scan(NamedTuple):
     time_s: float
     ranges: Floats  # (beams,) m; inf where nothing came back, NaN where nothing was measured
     odometry: Pose  # of the lidar, by the wheels
+    turn: Floats | None = None  # (k + 1, 3) the same at equal steps from the beginning to the end of the lidar's turn
 
 
 @dataclass
@@ -32,6 +46,7 @@ class LidarLog:
     """All scans of one log that can be used."""
 
     lidar: LidarSpec
+    source: str  # the file, and what in it
     scans: list[Scan] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)  # records that were not used, by reason
     notes: list[str] = field(default_factory=list)  # what else is odd
@@ -46,7 +61,8 @@ class LidarLog:
     def _unusable(self, scan: Scan) -> str | None:
         if len(scan.ranges) != self.lidar.beams:
             return f"scans without {self.lidar.beams} readings, as the first had"
-        if not all(abs(value) <= MAX_NUMBER for value in scan.odometry):  # NaN is not
+        poses = np.array(scan.odometry) if scan.turn is None else scan.turn
+        if not (np.abs(poses) <= MAX_NUMBER).all():  # NaN is not
             return "scans whose odometry is no number"
         if not math.isfinite(scan.time_s) or (self.scans and scan.time_s < self.scans[-1].time_s):
             return "scans whose time jumps back"

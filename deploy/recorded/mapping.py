@@ -15,10 +15,10 @@ from rich.progress import Progress
 from agent.config import AgentConfig
 from agent.passenger import Passenger
 from deploy import manifest
-from deploy.recorded.lidar_log import LidarLog
+from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
 from protocol.files import write_whole
-from protocol.geometry import relative
+from protocol.geometry import Pose, pose_of, relative
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import Observation, RobotSpec
@@ -29,23 +29,20 @@ from world.recorder import map_fields
 TELL_EVERY = 50  # scans from one word of progress to the next
 
 
-def map_logs(
-    files: Sequence[Path], read: Callable[[Path], LidarLog], config: AgentConfig, out: Path, *, quiet: bool = False
-) -> dict[str, Any]:
+def map_logs(logs: Sequence[LidarLog], config: AgentConfig, out: Path, *, quiet: bool = False) -> dict[str, Any]:
     """Map each log by a mind of its own, r1 the first, and write the run directory; returns the fields of summary.json.
 
-    Raises InputError for a log that cannot be read, before anything is mapped, and UnwritableError.
+    Raises UnwritableError.
     """
-    logs = [read(file) for file in files]
-    manifest.begin(out, manifest.of_logs(config, files))
+    manifest.begin(out, manifest.of_logs(config, [log.source for log in logs]))
     robots = {}
     with Progress(console=Console(stderr=True), disable=quiet, transient=True) as bars:
-        for k, (file, log) in enumerate(zip(files, logs, strict=True)):
+        for k, log in enumerate(logs):
             robot = f"r{k + 1}"
-            bar = bars.add_task(printable(f"{robot}: {file.name}"), total=len(log.scans))
+            bar = bars.add_task(printable(f"{robot}: {Path(log.source).name}"), total=len(log.scans))
             mapped = map_log(log, config, partial(_advance, bars, bar))
             write_mapped(out, robot, log, mapped)
-            robots[robot] = {"log": str(file)} | mapped.figures
+            robots[robot] = {"log": log.source} | mapped.figures
     summary = {"robots": robots}
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
     manifest.finish(out, ended="complete", exit_status=0)
@@ -70,8 +67,7 @@ def map_log(log: LidarLog, config: AgentConfig, progress: Callable[[int], None])
     took = np.zeros(len(log.scans))
     for k, scan in enumerate(log.scans):
         begin = time.perf_counter()
-        ranges = scan.ranges.astype("<f4").tobytes()
-        mind.step(Observation(tick=k, ranges=ranges, odometry=relative(origin, scan.odometry)))
+        mind.step(_observation(k, scan, origin))
         took[k] = 1e3 * (time.perf_counter() - begin)
         if k % TELL_EVERY == 0:
             progress(k)
@@ -92,6 +88,15 @@ def map_log(log: LidarLog, config: AgentConfig, progress: Callable[[int], None])
         "step_ms_99": round(float(np.percentile(took, 99)), 3),
     }
     return Mapped(wireframe, path, figures)
+
+
+def _observation(tick: int, scan: Scan, origin: Pose) -> Observation:
+    """A scan as a mind takes it, the odometry from where the log began."""
+    ranges, odometry = scan.ranges.astype("<f4").tobytes(), relative(origin, scan.odometry)
+    if scan.turn is None:
+        return Observation(tick=tick, ranges=ranges, odometry=odometry)
+    way = np.array([*(relative(origin, pose_of(pose)) for pose in scan.turn[:-1]), odometry], "<f8")
+    return Observation(tick=tick, ranges=ranges, odometry=odometry, way=way.tobytes())
 
 
 def write_mapped(out: Path, robot: str, log: LidarLog, mapped: Mapped) -> None:

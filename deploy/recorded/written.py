@@ -5,7 +5,6 @@ scan (carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the en
 measured 0 is written, as by the LDS-01, and where nothing came back a range that no lidar of the kind has.
 """
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import numpy as np
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
 from deploy.recorded.carmen import FLASER, ROBOTLASER, SICK_RANGE_M
+from deploy.recorded.runs import kept_files, kept_scans, mount_of
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.geometry import Pose, compose
@@ -22,8 +22,6 @@ from protocol.messages import LidarSpec
 
 BEYOND_M = 1.83
 """Over the lidar's range, in place of nothing came back; a SICK writes 81.83 (of 80)."""
-MAX_LINE = 100_000
-"""Characters of a line of scans/ID.jsonl: 4096 readings, and three numbers more, are 40,000."""
 
 
 def write_carmen(run: Path, out: Path) -> list[Path]:
@@ -33,18 +31,16 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
     the directory has no scans or they are damaged, UnwritableError.
     """
     lidar, made = config_of(run).spec.lidar, []
-    sources = sorted((run / "scans").glob("*.jsonl"))
-    if not sources:
-        raise NoRunError(f"{run} has no scans: run it with --set scans=true")
+    sources = kept_files(run)
     out.mkdir(parents=True, exist_ok=True)
     for source in sources:
+        scans = list(kept_scans(source, lidar.beams))
         try:
-            scans = list(_scans(source, lidar.beams))
             track = np.loadtxt(run / "trajectories" / f"{source.stem}.tum", ndmin=2)
             true = track[[scan["tick"] for scan in scans]].reshape(-1, 8)
-        except (OSError, ValueError, LookupError, TypeError) as error:
-            raise NoRunError(f"{source}: no scans of a run, or damaged: {error}") from None
-        poses = [compose(pose, _mount(lidar)) for pose in _poses(true)]
+        except (OSError, ValueError, LookupError) as error:
+            raise NoRunError(f"{run}: no true way for each scan of {source.name}: {error}") from None
+        poses = [compose(pose, mount_of(lidar)) for pose in _poses(true)]
         made.append(out / f"{source.stem}.log")
         write_whole(made[-1], "".join(map(_lines, scans, [lidar] * len(scans))))
         reference = (
@@ -55,17 +51,6 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
     return made
 
 
-def _scans(source: Path, beams: int) -> Any:
-    """Lines of scans/ID.jsonl. Raises ValueError, LookupError or TypeError."""
-    with source.open(encoding="utf-8") as stream:
-        while line := stream.readline(MAX_LINE):
-            scan = json.loads(line)
-            numbers = [scan["t"], *scan["odometry"], *(reading or 0.0 for reading in scan["ranges"])]
-            if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not all(map(math.isfinite, numbers)):
-                raise ValueError(f"a scan of {beams} finite readings and a pose is wanted at tick {scan['tick']}")
-            yield scan
-
-
 def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
     """Two lines of a log."""
     # readers of FLASER lines take an even number of readings to leave out the leftmost one
@@ -74,7 +59,7 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
     told = [0.0 if reading is None else beyond if reading < 0 else reading for reading in scan["ranges"]]
     readings = [f"{reading:.4f}".rstrip("0").rstrip(".") for reading in (told[::-1] if lidar.clockwise else told)]
     robot: Pose = tuple(scan["odometry"])
-    seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, _mount(lidar)), robot))
+    seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, mount_of(lidar)), robot))
     stamp = f"{scan['t']:.3f} wireswarm {scan['t']:.3f}"
     odometry = f"ODOM {body} 0 0 0 {stamp}\n"
     if ahead:
@@ -89,10 +74,6 @@ def _first(lidar: LidarSpec) -> float:
     """Bearing of the rightmost beam from the lidar's own heading, rad: readings are written from right to left."""
     bearings = lidar.bearings() - math.radians(lidar.mount_yaw_deg)
     return float(bearings.min())
-
-
-def _mount(lidar: LidarSpec) -> Pose:
-    return lidar.mount_x_m, lidar.mount_y_m, math.radians(lidar.mount_yaw_deg)
 
 
 def _poses(track: Floats) -> list[Pose]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from deploy.recorded.carmen import read_carmen
+from deploy.recorded.lidar_log import Given
 from protocol.errors import InputError
 
 
@@ -30,7 +31,7 @@ def log(tmp_path: Path, *lines: str) -> Path:
 
 
 def test_a_flaser_line_is_a_scan_from_right_to_left(tmp_path: Path) -> None:
-    read = read_carmen(log(tmp_path, *(flaser(k) for k in range(3))))
+    read = read_carmen(log(tmp_path, *(flaser(k) for k in range(3))), Given())
     assert [scan.number for scan in read.scans] == [0, 1, 2]
     assert read.scans[0].odometry == pytest.approx((1.0, 2.0, 0.5))
     assert np.allclose(np.degrees(read.lidar.bearings()), np.arange(-90, 90))
@@ -38,13 +39,13 @@ def test_a_flaser_line_is_a_scan_from_right_to_left(tmp_path: Path) -> None:
 
 
 def test_an_odd_number_of_readings_ends_on_both_sides(tmp_path: Path) -> None:
-    lidar = read_carmen(log(tmp_path, flaser(0, readings=["1"] * 361))).lidar
+    lidar = read_carmen(log(tmp_path, flaser(0, readings=["1"] * 361)), Given()).lidar
     assert np.allclose(np.degrees(lidar.bearings()), np.linspace(-90, 90, 361))
 
 
 def test_a_robotlaser_line_tells_its_lidar(tmp_path: Path) -> None:
     head, end = "ROBOTLASER1 0 -2.0 4.0 0.01 30.0 0.01 0 400", "30 2 7 7 1.1 2 0 1 2 0 .1 0 .3 .2 9 12.5 host 12.5"
-    read = read_carmen(log(tmp_path, f"{head} {'3 ' * 399}{end}"))
+    read = read_carmen(log(tmp_path, f"{head} {'3 ' * 399}{end}"), Given())
     assert read.lidar.range_max_m == 30 and read.lidar.beams == 400
     assert read.lidar.bearings()[[0, 399]] == pytest.approx((-2.0, 1.99))
     assert read.scans[0].time_s == 12.5 and read.scans[0].odometry == pytest.approx((1.1, 2, 0))
@@ -53,7 +54,7 @@ def test_a_robotlaser_line_tells_its_lidar(tmp_path: Path) -> None:
 
 def test_readings_that_are_no_ranges_say_nothing_or_nothing_there(tmp_path: Path) -> None:
     values = ["nan", "0", "-1", "inf", "81.83", "80", "3.5", *["2"] * 173]
-    ranges = read_carmen(log(tmp_path, flaser(0, readings=values))).scans[0].ranges
+    ranges = read_carmen(log(tmp_path, flaser(0, readings=values)), Given()).scans[0].ranges
     assert np.isnan(ranges[:3]).all()
     assert np.isposinf(ranges[3:6]).all()
     assert ranges[6] == 3.5
@@ -67,7 +68,7 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     lines[5] = flaser(5, time=0.5)
     lines[6] = flaser(6, readings=["2"] * 90)
     lines[7] = flaser(7, count=10**12)
-    read = read_carmen(log(tmp_path, *lines))
+    read = read_carmen(log(tmp_path, *lines), Given())
     assert [scan.number for scan in read.scans] == [0, 1, 8, 9]
     assert read.skipped == {
         "lines that are cut or hold no numbers": 3,
@@ -79,7 +80,7 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
 
 def test_gaps_are_told(tmp_path: Path) -> None:
     times = [0.2 * k for k in range(10)] + [0.2 * k + 0.5 for k in range(10, 20)]
-    assert read_carmen(log(tmp_path, *map(flaser, times))).notes == ["1 gaps of 0.7 to 0.7 s between scans"]
+    assert read_carmen(log(tmp_path, *map(flaser, times)), Given()).notes == ["1 gaps of 0.7 to 0.7 s between scans"]
 
 
 def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
@@ -87,7 +88,7 @@ def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
     lines = "\n".join(flaser(k, readings=[f"{r:.6f}" for r in rng.random(180)]) for k in range(50))
     file.write_bytes(gzip.compress(lines.encode())[:-5000])
     with pytest.raises(InputError, match=r"cut\.log\.gz: it cannot be read"):
-        read_carmen(file)
+        read_carmen(file, Given())
 
 
 @pytest.mark.parametrize("content", [b"", b"hello\n", b"\x1f\x8b", b"\x00" * 500_000, b"FLASER\nFLASER x\n"])
@@ -95,11 +96,11 @@ def test_what_is_no_log_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "no.log"
     file.write_bytes(content)
     with pytest.raises(InputError, match=r"no\.log: "):
-        read_carmen(file)
+        read_carmen(file, Given())
     with pytest.raises(InputError, match="cannot be read"):
-        read_carmen(tmp_path / "missing.log")
+        read_carmen(tmp_path / "missing.log", Given())
 
 
 def test_the_lidar_is_where_it_is_mounted_and_not_where_somebody_has_corrected_it_to(tmp_path: Path) -> None:
     lines = flaser(0).replace("1 2 0.5 1 2 0.5", "1.2 2 0 1 2 0"), flaser(1).replace("1 2 0.5 1 2 0.5", "7 7 7 1 3 0")
-    assert read_carmen(log(tmp_path, *lines)).scans[1].odometry == pytest.approx((1.2, 3, 0))
+    assert read_carmen(log(tmp_path, *lines), Given()).scans[1].odometry == pytest.approx((1.2, 3, 0))

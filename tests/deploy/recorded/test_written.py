@@ -4,6 +4,7 @@ import json
 import math
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from deploy import inprocess
 from deploy.bandwidth.books import NoRunError
 from deploy.bench.cases import ROOT
 from deploy.recorded.carmen import read_carmen
+from deploy.recorded.lidar_log import Given
+from deploy.recorded.reading import read_logs
 from deploy.recorded.written import write_carmen
 from protocol.geometry import compose
 from tests.scripted import Wanderer
@@ -37,7 +40,7 @@ def test_what_was_measured_comes_back(tmp_path: Path, lidar: dict[str, object], 
     assert [log.name for log in logs] == ["r1.log", "r2.log"]
     kept = [json.loads(line) for line in (out / "scans" / "r1.jsonl").read_text().splitlines()]
     assert len(kept) == 20 and {line.split()[0] for line in logs[0].read_text().splitlines()} == {"ODOM", kind}
-    log = read_carmen(logs[0])
+    log = read_carmen(logs[0], Given())
     assert len(log.scans) == 20
     mount = (float(lidar.get("mount_x_m", 0.0)), 0.0, 0.0)  # type: ignore[arg-type]
     for scan, line in zip(log.scans, kept, strict=True):
@@ -48,6 +51,21 @@ def test_what_was_measured_comes_back(tmp_path: Path, lidar: dict[str, object], 
         assert scan.time_s == pytest.approx(line["t"])
     assert np.degrees(log.lidar.bearings())[0] == pytest.approx(0 if kind == "ROBOTLASER1" else -90, abs=1e-5)
     assert np.ptp(np.degrees(log.lidar.bearings())) == pytest.approx(359 if kind == "ROBOTLASER1" else 179, abs=1e-5)
+
+
+@pytest.mark.parametrize("lidar", [TURTLEBOT, SICK])
+def test_a_run_is_a_log_for_each_robot(tmp_path: Path, lidar: dict[str, object]) -> None:
+    out = run(tmp_path, lidar)
+    logs = read_logs([out], Given())
+    assert [log.source for log in logs] == [f"{out}, r1", f"{out}, r2"]
+    for log, file in zip(logs, write_carmen(out, tmp_path / "logs"), strict=True):
+        assert log.lidar.mount_x_m == 0 and not log.skipped
+        for scan, written in zip(log.scans, read_carmen(file, Given()).scans, strict=True):
+            readings = scan.ranges[::-1] if lidar.get("clockwise") else scan.ranges
+            np.testing.assert_allclose(readings, written.ranges, atol=1e-4)
+            assert scan.odometry == pytest.approx(written.odometry, abs=1e-5)
+        for before, scan in pairwise(log.scans):
+            assert scan.turn is not None and scan.turn == pytest.approx(np.array((before.odometry, scan.odometry)))
 
 
 def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""Where frames lie in each other over time, as tf tells it (wiki.ros.org/tf, "Overview/Transformations")."""
+
+from array import array
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from protocol.arrays import Floats
+from protocol.errors import InputError
+
+MAX_SAMPLES = 5_000_000  # of all links together, 320 MB: a robot's ten links at 50 Hz for three hours
+LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
+
+
+class Placed(NamedTuple):
+    """Where a frame lies in another one at n moments."""
+
+    poses: Floats  # (n, 3) m, m, rad: its origin and its x axis, seen from above
+    apart_s: Floats  # (n,) from each moment to the nearest one at which all was told
+    upside_down: bool  # whether its z axis points down
+
+
+class _Link:
+    """A frame in its parent frame: one pose for ever, or one now and then."""
+
+    def __init__(self, parent: str, static: bool) -> None:
+        self.parent, self.static = parent, static
+        self.samples = array("d")  # s; m, m, m; quaternion x, y, z, w; one after the other
+
+    def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
+        """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,)."""
+        rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
+        if self.static:
+            turn, place = _rotations(rows[-1:, 4:]), rows[-1:, 1:4]
+            return np.repeat(turn, len(times), 0), np.repeat(place, len(times), 0), np.zeros(len(times))
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
+        after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
+        a, b = rows[after - 1], rows[np.minimum(after, len(rows) - 1)]
+        share = np.clip((times - a[:, 0]) / np.maximum(b[:, 0] - a[:, 0], 1e-9), 0.0, 1.0)[:, None]
+        near = np.where((a[:, 4:] * b[:, 4:]).sum(1, keepdims=True) < 0, -b[:, 4:], b[:, 4:])
+        apart = np.minimum(np.abs(times - a[:, 0]), np.abs(times - b[:, 0]))
+        return (_rotations((1 - share) * a[:, 4:] + share * near), (1 - share) * a[:, 1:4] + share * b[:, 1:4], apart)
+
+
+class Frames:
+    """A tree of frames. Names are told with or without a slash before them."""
+
+    def __init__(self) -> None:
+        self._links: dict[str, _Link] = {}
+        self._count = 0
+
+    def add(self, parent: str, child: str, time_s: float, pose: Sequence[float], *, static: bool = False) -> None:
+        """Learn where a child lies in its parent: x, y, z and a quaternion x, y, z, w. Raises InputError for too many.
+
+        A frame has one parent; what is told of another one is left out.
+        """
+        parent, child = parent.lstrip("/"), child.lstrip("/")
+        link = self._links.setdefault(child, _Link(parent, static))
+        if parent != link.parent:
+            return
+        self._count += 1
+        if self._count > MAX_SAMPLES:
+            raise InputError(f"more than {MAX_SAMPLES} transforms; split it")
+        link.samples.extend((time_s, *pose))
+
+    def hang(self, child: str, parent: str, pose: Sequence[float] = (0, 0, 0, 0, 0, 0, 1)) -> None:
+        """Put a frame into another one for ever, whatever was told of it."""
+        self._links.pop(child.lstrip("/"), None)
+        self.add(parent, child, 0.0, pose, static=True)
+
+    def take(self, others: "Frames") -> None:
+        """Have the links of others in place of the own ones of the same frames."""
+        self._links |= others._links
+
+    def above(self, frame: str) -> Iterator[tuple[str, bool]]:
+        """The frames in which one hangs, nearest first, each with whether all between is fixed for ever."""
+        at, fixed, seen = frame.lstrip("/"), True, set[str]()
+        while at in self._links and at not in seen:
+            seen.add(at)
+            fixed &= self._links[at].static
+            at = self._links[at].parent
+            yield at, fixed
+
+    def placed(self, frame: str, root: str, times: Floats) -> Placed:
+        """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level."""
+        turn, place = np.tile(np.eye(3), (len(times), 1, 1)), np.zeros((len(times), 3))
+        apart, at = np.zeros(len(times)), frame.lstrip("/")
+        while at != root.lstrip("/"):
+            link = self._links[at]
+            by, to, told = link.at(times)
+            turn, place = by @ turn, np.einsum("nij,nj->ni", by, place) + to
+            apart, at = np.maximum(apart, told), link.parent
+        up = float(np.nanmedian(turn[:, 2, 2])) if np.isfinite(turn[:, 2, 2]).any() else 1.0
+        if abs(up) < LEVEL:
+            raise InputError(f"{frame} is not level in {root}, so that its lidar sees no floor plan")
+        headings = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
+        return Placed(np.column_stack((place[:, :2], headings)), apart, up < 0)
+
+
+def _rotations(quaternions: Floats) -> Floats:
+    """(n, 3, 3) of quaternions (n, 4) x, y, z, w of any length; NaN of none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    return np.stack(
+        (
+            np.stack((1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)), -1),
+            np.stack((2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)), -1),
+            np.stack((2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), -1),
+        ),
+        1,
+    )

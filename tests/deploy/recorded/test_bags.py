@@ -1,0 +1,227 @@
+"""Bags of ROS: what is read from each kind, and what is skipped, counted and said."""
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deploy import cli
+from deploy.recorded.bags import ODOMETRY, SCAN
+from deploy.recorded.lidar_log import Given, LidarLog
+from deploy.recorded.reading import read_logs
+from protocol.errors import InputError
+from protocol.geometry import Pose, compose
+from tests.deploy.recorded.bag_files import KINDS, Said, Speaker, write_bag, yawed
+
+NOTHING = Given()
+ROS2 = Speaker("mcap")
+FIVES = np.full(180, 5.0)
+
+
+def pose_at(t: float) -> Pose:
+    """A drive along a bend."""
+    return 0.5 * (t - 100), 0.1 * (t - 100), 0.3 * (t - 100)
+
+
+def drive(speaker: Speaker, count: int = 10, odometry: bool = True) -> list[Said]:
+    """Scans at 5 Hz and odometry at 20 Hz of that drive, from second 100 on."""
+    said = [speaker.scan(100 + 0.2 * k, FIVES + 0.01 * k) for k in range(count)]
+    if odometry:
+        said += [speaker.odometry(99.9 + 0.05 * k, pose_at(99.9 + 0.05 * k)) for k in range(4 * count + 4)]
+    return sorted(said, key=lambda one: one.t)
+
+
+def read(path: Path, given: Given = NOTHING) -> LidarLog:
+    (log,) = read_logs([path], given)
+    return log
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_scans_and_odometry_are_read_from_every_kind(tmp_path: Path, kind: str) -> None:
+    log = read(write_bag(tmp_path, kind, drive(Speaker(kind))))
+    assert [scan.number for scan in log.scans] == list(range(10)) and not log.skipped
+    assert log.notes == ["nothing tells where laser is on base_link: taken as the same (--mount tells it)"]
+    for k, scan in enumerate(log.scans):
+        assert scan.time_s == pytest.approx(100 + 0.2 * k)
+        assert scan.odometry == pytest.approx(pose_at(100 + 0.2 * k), abs=1e-6)
+        assert scan.ranges == pytest.approx(5.0 + 0.01 * k)
+    assert log.lidar.bearings() == pytest.approx(math.pi * (np.arange(180) / 180 - 0.5), abs=1e-6)
+    assert (log.lidar.range_min_m, log.lidar.range_max_m) == pytest.approx((0.1, 10.0))
+    assert not log.lidar.turning and not log.lidar.clockwise
+
+
+@pytest.mark.parametrize("name", ["*.mcap", "*.db3"])
+def test_the_file_in_a_folder_is_read_alone(tmp_path: Path, name: str) -> None:
+    folder = write_bag(tmp_path, "mcap" if name == "*.mcap" else "sqlite3", drive(ROS2))
+    assert len(read(next(folder.glob(name))).scans) == 10
+
+
+@pytest.mark.parametrize("kind", ["rosbag1", "mcap"])
+def test_tf_tells_the_odometry_and_where_the_lidar_is(tmp_path: Path, kind: str) -> None:
+    """A map frame above that of odometry is somebody else's SLAM, and is not asked."""
+    speaker = Speaker(kind)
+    said = drive(speaker, odometry=False)
+    for k in range(44):
+        t = 99.9 + 0.05 * k
+        x, y, theta = pose_at(t)
+        said.append(speaker.transform(t, "odom", "/base_link", (x, y, 0.0), yawed(theta)))
+        said.append(speaker.transform(t, "map", "odom", (7.0, k, 0.0), yawed(0.1 * k)))
+    said.append(speaker.transform(99.0, "base_link", "laser", (0.2, 0.0, 0.5), yawed(math.pi), "/tf_static"))
+    log = read(write_bag(tmp_path, kind, sorted(said, key=lambda one: one.t)))
+    assert len(log.scans) == 10 and not log.notes
+    for scan in log.scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.2, 0.0, math.pi)), abs=1e-4)
+
+
+def test_a_lidar_upside_down_looks_the_other_way_round(tmp_path: Path) -> None:
+    hanging = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (1.0, 0.0, 0.0, 0.0), "/tf_static")
+    lidar = read(write_bag(tmp_path, "mcap", [hanging, *drive(ROS2)])).lidar
+    assert lidar.clockwise and lidar.bearings()[[0, 90]] == pytest.approx((math.pi / 2, 0.0), abs=1e-6)
+
+
+def test_a_lidar_on_its_side_is_refused(tmp_path: Path) -> None:
+    side = ROS2.transform(99.0, "base_link", "laser", (0.0, 0.0, 0.5), (0.5, 0.5, 0.5, 0.5), "/tf_static")
+    with pytest.raises(InputError, match="laser is not level in odom"):
+        read(write_bag(tmp_path, "mcap", [side, *drive(ROS2)]))
+
+
+def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None:
+    said = [*drive(ROS2), ROS2.scan(102.0, FIVES, time_increment=0.1 / 180)]
+    said[0] = ROS2.scan(100.0, FIVES, time_increment=0.1 / 180)  # half a turn in 0.1 s
+    log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
+    assert log.lidar.turning
+    last = log.scans[-1]
+    assert last.time_s == pytest.approx(102.1, abs=1e-3) and last.turn is not None
+    assert last.turn[-1] == pytest.approx(last.odometry)
+    assert last.turn[0] == pytest.approx(pose_at(last.time_s - 0.2), abs=1e-3)
+
+
+def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:
+    other = [ROS2.scan(100.05, np.full(90, 2.0))._replace(topic="/rear")]
+    path = write_bag(tmp_path, "mcap", sorted(drive(ROS2) + other, key=lambda one: one.t))
+    assert "/scan was read, and not /rear" in read(path).notes
+    told = read(path, Given(scan_topic="/rear", odometry_topic="/odom", mount=(0.3, 0.0, 0.5), range_max_m=1.5))
+    (scan,) = told.scans
+    assert np.isposinf(scan.ranges).all() and len(scan.ranges) == 90
+    assert scan.odometry == pytest.approx(compose(pose_at(100.05), (0.3, 0.0, 0.5)), abs=1e-4)
+    assert not told.notes
+    with pytest.raises(InputError, match=r"/front is no topic of .*/LaserScan in it; there is /rear, /scan"):
+        read(path, Given(scan_topic="/front"))
+
+
+def test_a_lidar_with_a_few_beams_more_is_read_at_the_bearings_of_the_first(tmp_path: Path) -> None:
+    """Bearings of a full turn, from 0 on and from -pi on, with 3 beams more."""
+    full = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 180}
+    said = [one for one in drive(ROS2, 2) if one.kind == ODOMETRY] + [ROS2.scan(100.0, FIVES, **full)]
+    away = np.arange(183) / 183 * 2 * math.pi - math.pi
+    shape = {"angle_min": -math.pi, "angle_increment": 2 * math.pi / 183}
+    said.append(ROS2.scan(100.2, 5 + np.sin(away), **shape))
+    log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
+    assert log.scans[1].ranges == pytest.approx(5 + np.sin(log.lidar.bearings()), abs=0.02)
+
+
+def test_readings_that_are_no_ranges(tmp_path: Path) -> None:
+    readings = FIVES.copy()
+    readings[:7] = math.nan, 0.0, math.inf, -math.inf, 10.0, 0.05, -1.0
+    said = [ROS2.scan(100.0, readings), *drive(ROS2)[1:]]
+    ranges = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t))).scans[0].ranges
+    assert np.isnan(ranges[[0, 1, 3, 5, 6]]).all() and np.isposinf(ranges[[2, 4]]).all()
+
+
+def test_what_cannot_be_used_is_counted(tmp_path: Path) -> None:
+    said = [one for one in drive(ROS2, 20) if one.kind == ODOMETRY and abs(one.t - 101.75) > 0.01]
+    said += [ROS2.scan(100 + 0.2 * k, FIVES) for k in range(5)]
+    said += [
+        ROS2.scan(101.0, FIVES, stamp=100.3),
+        Said(101.2, "/scan", SCAN, b"\x00\x01\x00\x00abc"),
+        ROS2.scan(101.4, FIVES[:5]),
+        ROS2.scan(101.6, FIVES, angle_increment=math.nan),
+        ROS2.odometry(101.75, (math.nan, 0.0, 0.0)),
+        ROS2.scan(101.75, FIVES),
+        ROS2.scan(101.9, FIVES),
+        ROS2.scan(102.0, FIVES),
+        ROS2.scan(102.5, FIVES),
+        ROS2.scan(109.0, FIVES),
+    ]
+    log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
+    assert [scan.number for scan in log.scans] == [0, 1, 2, 3, 4, 10, 11, 12]
+    assert log.skipped == {
+        "scans whose time jumps back": 1,
+        "messages that cannot be decoded": 1,
+        "scans of no possible lidar": 2,
+        "scans whose odometry is no number": 1,
+        "scans without odometry within 0.5 s": 1,
+    }
+    assert "2 gaps of 0.5 to 1.1 s between scans" in log.notes
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def emptied(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.parametrize("damage", [cut, emptied])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_broken_bag_is_a_sentence(tmp_path: Path, kind: str, damage: Callable[[Path], None]) -> None:
+    path = write_bag(tmp_path, kind, drive(Speaker(kind), 100))
+    damage(path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml"))
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert str(error.value).startswith(f"{path}: it is no bag, or damaged: ") and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damage_within_a_bag_leaves_the_scans_before_it(tmp_path: Path, kind: str) -> None:
+    """The first byte of a scan behind the middle is that of another message, or of none."""
+    path = write_bag(tmp_path, kind, drive(Speaker(kind), 100))
+    file = path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml")
+    content = bytearray(file.read_bytes())
+    at = content.index(np.full(180, 5.7, np.float32).tobytes())
+    content[at - 60 : at] = bytes(255 - byte for byte in content[at - 60 : at])
+    file.write_bytes(content)
+    log = read(path)
+    assert 70 <= len(log.scans) < 100
+    assert sum(log.skipped.values()) + sum("damaged after" in note for note in log.notes) > 0
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ("it has no topic of sensor_msgs/msg/LaserScan", [one for one in drive(ROS2) if one.kind == ODOMETRY]),
+        ("it has no topic of nav_msgs/msg/Odometry, and no tf that moves 'laser'", drive(ROS2, odometry=False)),
+        ("none of its 1 scans can be used: scans of no possible lidar", [ROS2.scan(100.0, FIVES[:3])]),
+        (
+            "none of its 1 scans can be used: scans without odometry",
+            [ROS2.odometry(10.0, (0.0, 0.0, 0.0)), ROS2.scan(100.0, FIVES)],
+        ),
+    ],
+)
+def test_a_bag_without_what_is_needed_says_what(tmp_path: Path, wanted: str, said: list[Said]) -> None:
+    with pytest.raises(InputError, match=wanted):
+        read(write_bag(tmp_path, "mcap", said))
+
+
+def test_a_missing_file_and_a_folder_without_bag_are_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("{")
+    for path in (tmp_path / "none.bag", tmp_path / "none.mcap", tmp_path):
+        with pytest.raises(InputError, match="no bag, or damaged"):
+            read(path)
+
+
+def test_without_the_extra_a_sentence_tells_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [name for name in sys.modules if name.split(".")[0] == "rosbags" or name == "deploy.recorded.bags"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    monkeypatch.setattr(sys, "argv", ["wireswarm", "map", "some.bag", "--out", str(tmp_path / "out")])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2 and not (tmp_path / "out").exists()
+    assert "needs rosbags: install it with `pip install 'wireswarm[bags]'`" in capsys.readouterr().err
