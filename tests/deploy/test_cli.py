@@ -111,7 +111,7 @@ def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.Monkey
     monkeypatch.delitem(sys.modules, "deploy.live", raising=False)
     status, _, err = wireswarm("run")
     assert status == 2 and err == (
-        "wireswarm: this command needs rich.console: install it with `pip install 'wireswarm[deploy]'`\n"
+        "wireswarm: this command needs rich: install it with `pip install 'wireswarm[deploy]'`\n"
     )
 
 
