@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from protocol.messages import Progress
     from world.config import WorldConfig
 
-EXTRAS = {"pymunk": "world", "ezdxf": "export", "rosbags": "bags"} | dict.fromkeys(
+EXTRAS = {"pymunk": "world", "ezdxf": "export", "defusedxml": "export", "rosbags": "bags"} | dict.fromkeys(
     ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
 )  # what brings a package
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
@@ -441,6 +441,38 @@ def export(
         made = export_maps(path, folder, frame or "own", FORMS[to])
     for file in made:
         print(printable(str(file)))
+
+
+@app.command("import")
+def import_(
+    file: Annotated[
+        Path, Argument(help="A map_server YAML, SDF, picture, HouseExpo JSON, GeoJSON, DXF, or map of ours.")
+    ],
+    out: Annotated[
+        Path, Option(help="World file to write; a picture goes beside it.", metavar="WORLD.yaml", show_default=False)
+    ],
+    width_m: Annotated[
+        float | None, Option("--width", help="Metres that a picture without a YAML is wide.", min=0.1, max=1000)
+    ] = None,
+    height_m: Annotated[
+        float, Option("--height", help="Metres above the ground at which SDF is cut: the lidar's.")
+    ] = 0.182,
+    models: Annotated[
+        list[Path] | None, Option(help="Folder in which SDF's model://NAME is looked for.", metavar="DIR")
+    ] = None,
+    close_m: Annotated[
+        float, Option("--close", help="Close openings of the outer walls up to so many metres wide.", min=0, max=20)
+    ] = 0.0,
+    boundary: Annotated[bool, Option("--boundary", help="Put a wall around a picture, as Stage does.")] = False,
+    as_is: Annotated[bool, Option("--as-is", help="Leave the outlines of pictures as their cells are.")] = False,
+    robots: Annotated[int, Option(help="How many robots must have room to start.", min=1, max=500)] = 3,
+) -> None:
+    """Make a world file from a file of another program."""
+    from deploy.exchange.worlds import Options, import_world
+
+    options = Options(width_m, height_m, tuple(models or ()), close_m, boundary, not as_is, robots)
+    for line in import_world(file, out, options):
+        print(printable(line))
 
 
 @app.command()

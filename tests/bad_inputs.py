@@ -229,6 +229,11 @@ COMMANDS = (
     ["export", ".", "--to", "geojson"],
     ["export", ".", "--to", "carmen", "--frame", "own"],
     ["export", "/dev/zero", "--to", "map_server"],
+    ["import", "absent", "--out", "new.yaml"],
+    ["import", "room.yaml", "--out", "new.yaml"],
+    ["import", "/dev/zero", "--out", "new.yaml"],
+    ["import", "absent.png", "--out", "new.yaml"],
+    ["import", "absent.png", "--width", "nan", "--out", "new.yaml"],
     ["worlds", "--yaml"],
     ["config", "extra"],
 )

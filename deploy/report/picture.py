@@ -18,6 +18,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
+from shapely.geometry.base import BaseGeometry
 
 from deploy.figures import write_figure
 from deploy.report import style
@@ -136,7 +137,13 @@ def draw_single(axes: Axes, run: Run, robot: str) -> None:
 
 def draw_world(axes: Axes, run: Run) -> None:
     """The true solids in grey."""
-    for polygon in polygons_of(run.world.solid) if run.world else ():
+    if run.world:
+        draw_solids(axes, run.world.solid)
+
+
+def draw_solids(axes: Axes, solid: BaseGeometry) -> None:
+    """Solid areas in grey."""
+    for polygon in polygons_of(solid):
         rings = [Outline(np.asarray(ring.coords), closed=True) for ring in (polygon.exterior, *polygon.interiors)]
         outline = Outline.make_compound_path(*rings)
         axes.add_patch(PathPatch(outline, fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1))

@@ -1,0 +1,118 @@
+"""Worlds from outlines: HouseExpo's floor plans, maps of ours, and drawings in GeoJSON, DXF and SVG."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
+
+import numpy as np
+import shapely
+
+from deploy.exchange.shapes import Shapes
+from deploy.report.rundir import parse_map
+from protocol.arrays import Floats
+from protocol.errors import InputError
+from protocol.walls import lengths
+
+THICK_M = 0.1  # of the wall around an outline that has none of its own
+LAYER = "walls"  # of a drawing, where it has one of that name: that alone is taken
+SAGITTA_M = 0.001  # by which a curve's chords may be off
+MAX_POINTS = 100_000
+MAX_M = 1e5  # of a coordinate
+
+
+def read_house_expo(about: Mapping[Any, Any]) -> Shapes:
+    """A floor plan of HouseExpo (JSON): `verts` is the outline of what is free, in metres. Raises InputError."""
+    ring = _points(about.get("verts"), "verts")
+    inside = shapely.Polygon(ring).buffer(0) if len(ring) > 2 else shapely.Polygon()
+    if inside.is_empty:
+        raise InputError("verts: encloses nothing")
+    around = inside.buffer(THICK_M, join_style="mitre")
+    return Shapes([around.difference(inside)])
+
+
+def read_own_map(text: str) -> Shapes:
+    """A robot's map, as in maps/ of a run directory. Raises InputError."""
+    try:
+        drawn = parse_map(text)
+    except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
+        raise InputError(f"no map: {error!s:.100}") from None
+    walls = drawn.vertices[drawn.edges]
+    return Shapes(walls=list(walls[lengths(walls.reshape(-1, 4)) > 0]))
+
+
+def read_geojson(text: str) -> Shapes:
+    """Areas and lines of a GeoJSON file in metres. Raises InputError."""
+    about = json.loads(text)
+    if about.get("unit") != "m" and '"metre"' not in json.dumps(about.get("crs")):
+        raise InputError('it is in degrees; a file in metres has the field "unit": "m"')
+    try:
+        shapes = shapely.get_parts(shapely.from_geojson(text))
+    except (shapely.GEOSException, ValueError, TypeError) as error:
+        raise InputError(f"no GeoJSON: {error!s:.100}") from None
+    areas, walls = [], []
+    for shape in shapely.get_parts(shapes[~shapely.is_missing(shapes)]):
+        _points(shapely.get_coordinates(shape).tolist(), shape.geom_type)
+        if shape.geom_type == "Polygon":
+            areas.append(shape.buffer(0))
+        elif shape.geom_type == "LineString":
+            walls.append(shapely.get_coordinates(shape))
+    return Shapes(areas, walls)
+
+
+def read_dxf(file: Path) -> Shapes:
+    """Lines and curves of a DXF drawing, of the layer `walls` where there is one. Raises InputError."""
+    from ezdxf.enums import InsertUnits
+    from ezdxf.filemanagement import readfile
+    from ezdxf.path import make_path
+    from ezdxf.units import conversion_factor
+
+    shapes = Shapes(walls=(walls := []))
+    try:
+        drawing = readfile(file)
+        scale = conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters) if drawing.units else 1.0
+        entities = list(drawing.modelspace())
+        known = {entity.dxf.layer for entity in entities}
+        for entity in entities:
+            kind = entity.dxftype()
+            if kind in ("POINT", "TEXT", "MTEXT") or (LAYER in known and entity.dxf.layer != LAYER):
+                continue
+            if kind not in ("LINE", "LWPOLYLINE", "POLYLINE", "CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
+                shapes.left_out[f"{kind} on layer {entity.dxf.layer}"] += 1
+                continue
+            flat = [(point.x * scale, point.y * scale) for point in make_path(entity).flattening(SAGITTA_M / scale)]
+            walls.append(_points(flat, kind))
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged drawing, ezdxf raises what its parts raise
+        raise InputError(f"no DXF drawing that can be read: {error!s:.100}") from None
+    if not drawing.units:
+        shapes.left_out["a unit: metres are assumed"] += 1
+    return shapes
+
+
+def read_svg(root: Element) -> Shapes:
+    """A drawing that `wireswarm export --to svg` made. Raises InputError."""
+    if root.get("data-unit") != "m":
+        raise InputError("of SVG, only what `wireswarm export` made is read: others tell no scale")
+    walls = []
+    for element in root.iter():
+        kind = element.tag.rpartition("}")[2]
+        if kind in ("polyline", "polygon"):
+            line = _points([pair.split(",") for pair in element.get("points", "").split()], kind)
+            walls.append(np.vstack([line, line[:1]]) if kind == "polygon" else line)
+    return Shapes(walls=walls)
+
+
+def _points(value: Any, where: str) -> Floats:
+    """(n, 2) points of a file in metres."""
+    try:
+        points = np.array(value, np.float64)
+    except (ValueError, TypeError):
+        points = np.full(1, np.nan)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) > MAX_POINTS or not (np.abs(points) <= MAX_M).all():
+        raise InputError(f"{where}: must be a list of points, two finite numbers each, of at most {MAX_M:g} m")
+    return points

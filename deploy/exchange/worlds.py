@@ -1,0 +1,119 @@
+"""A world file out of a file of another program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from deploy.exchange import drawings, raster, sdf
+from deploy.exchange.shapes import Shapes
+from deploy.figures import write_figure
+from deploy.worlds import size_of
+from protocol.document import parse_document, read_text
+from protocol.errors import InputError
+from protocol.files import write_whole
+from protocol.text import printable
+from world.worldfile import World, WorldFileError, from_document, to_yaml
+
+PICTURES = frozenset({".png", ".pgm", ".pbm", ".bmp", ".gif", ".jpg", ".jpeg", ".tif", ".tiff"})
+BODY_M = raster.BODY_M
+SEED = 0  # by which the starts of the preview are drawn
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a file is to be read."""
+
+    width_m: float | None = None  # of a picture
+    height_m: float = sdf.HEIGHT_M  # of the lidar, for SDF
+    models: tuple[Path, ...] = ()  # folders of SDF models
+    close_m: float = 0.0  # openings of the outer walls up to so wide are closed
+    boundary: bool = False  # a wall around a picture
+    straighten: bool = True
+    robots: int = 3  # that must have room to start
+
+
+def import_world(file: Path, out: Path, options: Options) -> list[str]:
+    """Write a world file and a picture of it, and return what there is to tell, a line each. Raises InputError."""
+    try:
+        shapes = read_shapes(file, options)
+        if options.close_m:
+            shapes = shapes.closed(options.close_m)
+        world = from_document(shapes.document(file.stem, file.name), out.name)
+        starts = world.starts(options.robots, BODY_M, np.random.default_rng(SEED))
+    except WorldFileError as error:
+        raise InputError(f"{file}: {str(error).removeprefix(f'{out.name}: ')}") from None
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    write_whole(out, to_yaml(world.document))
+    picture = out.with_suffix(".png")
+    _draw(world, starts, picture)
+    size = size_of(world)
+    closed = world.region_of(float(starts[0, 0]), float(starts[0, 1]), BODY_M)
+    told = [
+        f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "
+        f"{size.free_m2:.1f} m2 free; {options.robots} robots can start"
+    ]
+    if closed is not None and not closed.within(shapely.box(*world.solid.bounds)):
+        told.append("its walls do not close: robots can leave, which --close 2 mends for doors of 2 m")
+    told += [
+        f"left out: {printable(what)}{f' ({count} times)' if count > 1 else ''}"
+        for what, count in shapes.left_out.items()
+    ]
+    return [*told, str(out), str(picture)]
+
+
+def read_shapes(file: Path, options: Options) -> Shapes:
+    """What a file says, by its suffix and content. Raises InputError without the file's name."""
+    suffix = file.suffix.lower()
+    if suffix in PICTURES:
+        if options.width_m is None:
+            raise InputError("--width: say how many metres the picture is wide, or name its map_server YAML")
+        return raster.read_bitmap(file, options.width_m, options.straighten, options.boundary)
+    text = read_text(file)
+    if suffix == ".dxf":
+        return drawings.read_dxf(file)
+    if text.lstrip("\ufeff \t\r\n").startswith("<"):
+        root = sdf.parse_xml(text)
+        if root.tag == "sdf":
+            return sdf.read_sdf(root, options.height_m, options.models)
+        if root.tag.rpartition("}")[2] == "svg":
+            return drawings.read_svg(root)
+        raise InputError(f"XML with the root <{root.tag:.40}> is not known; SDF and SVG are")
+    return _of_document(parse_document(text), text, file, options)
+
+
+def _of_document(about: Any, text: str, file: Path, options: Options) -> Shapes:
+    match about:
+        case {"image": _}:
+            return raster.read_map_server(about, file.parent, options.straighten)
+        case {"verts": _}:
+            return drawings.read_house_expo(about)
+        case {"type": "FeatureCollection"}:
+            return drawings.read_geojson(text)
+        case {"vertices": _, "edges": _}:
+            return drawings.read_own_map(text)
+    raise InputError("neither map_server, SDF, a picture, HouseExpo, GeoJSON, DXF nor a map of ours")
+
+
+def _draw(world: World, starts: Any, file: Path) -> None:
+    """The solids, and where robots could start."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from deploy.report import style
+    from deploy.report.picture import draw_solids
+
+    figure = Figure(figsize=(8, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    draw_solids(axes, world.solid)
+    axes.plot(*starts[:, :2].T, "o", color=style.colour(0), ms=6)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set(title=f"{printable(world.name)} (dots: possible starts)", xlabel="x (m)", ylabel="y (m)")
+    write_figure(figure, file, dpi=110, facecolor="white", metadata={"Software": None})

@@ -1,0 +1,284 @@
+"""Worlds from files of other programs: what is solid there is solid here, and what cannot be read is said."""
+
+import json
+import math
+import random
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import shapely.affinity
+from PIL import Image, ImageDraw
+
+from deploy import cli
+from deploy.exchange import FORMS
+from deploy.exchange.maps import export_maps
+from deploy.exchange.worlds import Options, import_world
+from protocol.errors import InputError
+from tests.deploy.test_report import RING, write_run
+from world.worldfile import World, load
+
+ROOM = shapely.Polygon(RING)
+AS_DRAWN = Options(robots=1)
+CELL = 0.05
+
+SDF = """<?xml version='1.0'?>
+<sdf version='1.6'><world name='w'>
+<include><uri>model://sun</uri></include><include><uri>model://posts</uri><pose>1 0 0 0 0 0</pose></include>
+<model name='walls'><pose>9 9 9 0 0 0</pose>{walls}</model>
+<model name='sofa'><link name='l'><collision name='c'><geometry><mesh><uri>x.dae</uri></mesh></geometry>
+</collision></link></model>
+<model name='low'><pose>1 1 0 0 0 0</pose><link name='l'><collision name='c'><geometry><box><size>1 1 0.2</size></box>
+</geometry></collision></link></model>
+<model name='ground'><link name='l'><collision name='c'><geometry><plane/></geometry></collision></link></model>
+<model name='r'><plugin/><link name='l'><collision name='c'><geometry><sphere><radius>1</radius></sphere></geometry>
+</collision></link></model>
+<state world_name='w'><model name='walls'><pose frame=''>1 2 0 0 0 0.5</pose></model></state>
+</world></sdf>
+143"""
+WALL = """<link name='{}'><pose>{} {} 0 0 0 {}</pose><collision name='c'><pose>0 0 1.25 0 0 0</pose>
+<geometry><box><size>{} 0.15 2.5</size></box></geometry></collision></link>"""
+POSTS = """<sdf version='1.6'><model name='posts'><pose>5 5 0 0 0 0</pose><model name='inner'><pose>0 1 0 0 0 0</pose>
+<link name='l'><pose>0 0.5 0.5 0 0 0</pose>
+<collision name='up'><geometry><cylinder><radius>0.2</radius><length>1</length></cylinder></geometry></collision>
+<collision name='lying'><pose>0 1 -0.318 0 1.5707963 0</pose>
+<geometry><cylinder><radius>0.1</radius><length>1</length></cylinder></geometry></collision>
+</link></model></model></sdf>"""
+
+
+def sdf() -> str:
+    sides = [(0, -2, 0, 6.15), (0, 2, 0, 6.15), (-3, 0, math.pi / 2, 4), (3, 0, math.pi / 2, 4)]
+    return SDF.format(walls="".join(WALL.format(k, *side) for k, side in enumerate(sides)))
+
+
+def picture(file: Path, draw: Callable[[ImageDraw.ImageDraw], None], size: tuple[int, int] = (200, 160)) -> Path:
+    image = Image.new("L", size, 205)
+    draw(ImageDraw.Draw(image))
+    image.save(file)
+    return file
+
+
+def imported(file: Path, options: Options = AS_DRAWN) -> tuple[World, list[str]]:
+    out = file.with_name("made.yaml")
+    told = import_world(file, out, options)
+    assert out.with_suffix(".png").stat().st_size > 5000
+    return load(out), told
+
+
+def room_of(world: World, x: float, y: float) -> shapely.Polygon:
+    return next(part for part in world.free if part.contains(shapely.Point(x, y)))
+
+
+def test_sdf_is_cut_at_the_height_of_the_lidar(tmp_path: Path) -> None:
+    (tmp_path / "posts").mkdir()
+    (tmp_path / "posts" / "model.sdf").write_text(POSTS)
+    (tmp_path / "hall.sdf").write_text(sdf())
+    world, told = imported(tmp_path / "hall.sdf", Options(models=(tmp_path,)))
+    outer = shapely.affinity.rotate(shapely.box(-3.075, -2.075, 3.075, 2.075), 0.5, origin=(0, 0), use_radians=True)
+    inner = shapely.affinity.rotate(shapely.box(-2.925, -1.925, 2.925, 1.925), 0.5, origin=(0, 0), use_radians=True)
+    walls, up, lying = outer.difference(inner), shapely.Point(1, 1.5).buffer(0.2), shapely.box(0.5, 2.4, 1.5, 2.6)
+    expected = shapely.union_all([shapely.affinity.translate(walls, 1, 2), up, lying])
+    assert world.solid.symmetric_difference(expected).area < 0.01  # the circle has 32 sides
+    left_out = [line.removeprefix("left out: ") for line in told if line.startswith("left out")]
+    assert left_out == ["mesh of model sofa", "model r, which a plugin moves", "<include> model://sun"]
+    assert "3 robots can start" in told[0] and "hall" in told[0]
+
+
+def test_a_map_of_map_server_is_solid_where_it_is_not_free(tmp_path: Path) -> None:
+    def draw(image: ImageDraw.ImageDraw) -> None:
+        image.rectangle((19, 19, 180, 120), fill=0)
+        image.rectangle((20, 20, 179, 119), fill=254)
+        image.rectangle((90, 60, 109, 79), fill=0)
+        image.rectangle((40, 40, 42, 42), fill=205)  # never looked at, and nothing was seen there
+
+    picture(tmp_path / "map.pgm", draw)
+    about = "image: map.pgm\nresolution: 0.05\norigin: [-1, -2, 0.3]\nnegate: 0\nfree_thresh: 0.196"
+    (tmp_path / "map.yaml").write_text(about)
+    world, told = imported(tmp_path / "map.yaml")
+    free = shapely.box(1, 2, 9, 7).difference(shapely.box(4.5, 4, 5.5, 5))
+    free = shapely.affinity.translate(shapely.affinity.rotate(free, 0.3, origin=(0, 0), use_radians=True), -1, -2)
+    assert room_of(world, *free.representative_point().coords[0]).symmetric_difference(free).area < 1e-3
+    assert "39.0 m2 free" in told[0]
+
+
+@pytest.mark.parametrize("degrees", [0, 3, 20, 45])
+def test_walls_of_a_turned_map_are_straightened_along_their_axis(tmp_path: Path, degrees: int) -> None:
+    room = shapely.box(-3, -2, 3, 2).difference(shapely.box(-0.1, -2, 0.1, 0.5))
+    turned = shapely.affinity.rotate(room, degrees, origin=(0, 0))
+    x, y = np.meshgrid(CELL * (np.arange(200) - 99.5), CELL * (79.5 - np.arange(160)))
+    near = shapely.distance(turned.exterior, shapely.points(x, y)) < CELL
+    cells = np.where(shapely.contains_xy(turned, x, y), 254, np.where(near, 0, 205))
+    Image.fromarray(cells.astype(np.uint8)).save(tmp_path / "map.pgm")
+    about = f"image: map.pgm\nresolution: {CELL}\norigin: [-5, -4, 0]\nfree_thresh: 0.196\n"
+    (tmp_path / "map.yaml").write_text(about)
+    raw, _ = imported(tmp_path / "map.yaml", Options(robots=1, straighten=False))
+    world, _ = imported(tmp_path / "map.yaml")
+    before, after = (room_of(one, 1.0, 0.0) for one in (raw, world))
+    assert after.area == pytest.approx(before.area, rel=0.01)
+    assert after.hausdorff_distance(before) < 1.5 * CELL
+    corners = np.asarray(after.exterior.coords)
+    assert len(corners) - 1 <= 12 < len(before.exterior.coords) or degrees == 0
+    runs = np.diff(corners, axis=0)
+    long = runs[np.hypot(*runs.T) > 0.4]
+    off = np.degrees(np.arctan2(long[:, 1], long[:, 0])) - degrees
+    assert abs((off + 45) % 90 - 45).max() < 0.5
+
+
+def test_a_picture_needs_its_width_and_may_have_a_boundary(tmp_path: Path) -> None:
+    def draw(image: ImageDraw.ImageDraw) -> None:
+        image.rectangle((0, 0, 199, 159), fill=255)
+        image.rectangle((50, 40, 149, 119), fill=0)
+
+    file = picture(tmp_path / "block.png", draw)
+    with pytest.raises(InputError, match=r"block.png: --width"):
+        imported(file)
+    world, told = imported(file, Options(width_m=10, robots=1))
+    assert world.solid.symmetric_difference(shapely.box(-2.5, -2, 2.5, 2)).area < 1e-6
+    assert told[1].startswith("its walls do not close")
+    world, told = imported(file, Options(width_m=10, boundary=True))
+    assert room_of(world, -4, 0).area == pytest.approx(10 * 8 - 5 * 4) and len(told) == 3
+
+
+def test_a_floor_plan_of_house_expo_is_what_lies_within_its_outline(tmp_path: Path) -> None:
+    about = {"id": "0a1b", "room_num": 2, "verts": RING.tolist(), "bbox": {"min": [0, 0], "max": [6, 4]}}
+    (tmp_path / "0a1b.json").write_text(json.dumps(about))
+    world, _ = imported(tmp_path / "0a1b.json")
+    assert room_of(world, 1, 1).symmetric_difference(ROOM).area < 1e-3
+
+
+@pytest.mark.parametrize("form", [*FORMS, "map"])
+def test_our_own_exports_come_back(tmp_path: Path, form: str) -> None:
+    run = write_run(tmp_path / "run")
+    if form == "map":
+        files = [run / "maps" / "r1.json"]
+    else:
+        files = [file for file in export_maps(run, tmp_path / "out", "world", FORMS[form]) if "r1" in file.name]
+    world, _ = imported(files[-1])
+    (room,) = [part for part in world.free if part.within(shapely.box(*world.solid.bounds))]
+    if form != "map":  # which is in the robot's own frame
+        cells = CELL * ROOM.length if form == "map_server" else 0.01
+        assert room.symmetric_difference(ROOM).area < cells
+    assert room.area == pytest.approx(ROOM.area, rel=0.06 if form == "map_server" else 1e-3)
+
+
+def test_an_opening_of_the_outer_walls_is_closed(tmp_path: Path) -> None:
+    walls = [[[0, 0], [0, 4], [6, 4], [6, 0], [2.9, 0]], [[2, 0], [0, 0]]]
+    features = [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": line}} for line in walls]
+    (tmp_path / "open.geojson").write_text(json.dumps({"type": "FeatureCollection", "unit": "m", "features": features}))
+    assert "do not close" in imported(tmp_path / "open.geojson")[1][1]
+    world, told = imported(tmp_path / "open.geojson", Options(close_m=1, robots=2))
+    assert len(told) == 3 and room_of(world, 1, 1).area == pytest.approx(24, abs=0.15)
+
+
+BAD = {
+    "a.sdf": sdf().replace("6.15 0.15 2.5", "6.15 x 2.5"),
+    "b.sdf": "<!DOCTYPE x [<!ENTITY a 'aaaa'>]><sdf>&a;</sdf>",
+    "c.sdf": "<sdf>" + "<model name='m'>" * 40 + "</model>" * 40 + "</sdf>",
+    "d.sdf": "<a>" * 100_000,
+    "e.world": "<sdf/>",
+    "f.xml": "<html/>",
+    "g.svg": "<svg xmlns='http://www.w3.org/2000/svg'><polyline points='0,0 1,1'/></svg>",
+    "h.json": '{"verts": [[0, 0], [1, 1]]}',
+    "i.json": '{"verts": [[0, 0], [1, 1e9], [0, 1]]}',
+    "j.geojson": '{"type": "FeatureCollection", "features": []}',
+    "k.geojson": '{"type": "FeatureCollection", "unit": "m", "features": [{"type": "Feature", "geometry": 3}]}',
+    "l.yaml": "image: none.pgm\nresolution: 0.05",
+    "m.yaml": "image: m.yaml\nresolution: 0.05",
+    "n.yaml": "image: m.yaml\nresolution: .nan",
+    "o.yaml": "image: [1]\nresolution: 1",
+    "p.dxf": "0\nSECTION\n2\n",
+    "q.txt": "7",
+    "r.pgm": "P5 4 4 255\n",
+    "s.png": "\x89PNG",
+}
+
+
+def message(file: Path, options: Options) -> str | None:
+    """The sentence by which a file is refused; None where it is taken."""
+    try:
+        import_world(file, file.with_name("out.yaml"), options)
+    except InputError as error:
+        text = str(error)
+        assert text.startswith(f"{file}: ") and 10 < len(text) - len(str(file)) < 500, text
+        return text
+    return None
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_read_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(BAD[name].encode("latin-1"))
+    assert message(tmp_path / name, Options(width_m=5))
+    assert not (tmp_path / "out.yaml").exists()
+
+
+def test_the_command_says_so_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "evil.sdf").write_text("<sdf \x1b[2J>")
+    words = ["wireswarm", "import", str(tmp_path / "evil.sdf"), "--out", str(tmp_path / "out.yaml")]
+    monkeypatch.setattr(sys, "argv", words)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    out, err = capsys.readouterr()
+    assert (end.value.code, out, err.count("\n")) == (2, "", 1) and err[:-1].isprintable()
+
+
+def samples(folder: Path) -> dict[str, Path]:
+    """One good file of each format; of a map_server map both."""
+    run = write_run(folder / "run")
+    made = {file.suffix: file for form in FORMS for file in export_maps(run, folder, "own", FORMS[form])}
+    made[".sdf"] = folder / "hall.sdf"
+    made[".sdf"].write_text(sdf())
+    made[".json"] = folder / "plan.json"
+    made[".json"].write_text(json.dumps({"verts": RING.tolist()}))
+    made[".map"] = run / "maps" / "r1.json"
+    made[".png"] = picture(folder / "map.png", partial(ImageDraw.ImageDraw.rectangle, xy=(20, 20, 90, 90), fill=0))
+    return made
+
+
+def mutated(content: bytes, rng: random.Random) -> bytes:
+    """Some bytes changed, cut out, doubled or the end missing."""
+    data = bytearray(content)
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        at, length = rng.randrange(len(data)), rng.choice((1, 1, 4, 40))
+        match rng.randrange(5):
+            case 0:
+                data[at : at + length] = rng.randbytes(length)
+            case 1:
+                del data[at : at + length]
+            case 2:
+                data[at:at] = data[at : at + length]
+            case 3:
+                data[at : at + 1] = rng.choice((b"9" * 30, b"-", b"nan", b"<", b"[", b"}", b"1e400", b"\x00"))
+            case _:
+                del data[max(at, 1) :]
+        if not data:
+            return b"0"
+    return bytes(data)
+
+
+def check_mutations(folder: Path, count: int) -> None:
+    for kind, good in samples(folder).items():
+        rng, refused, suffix = random.Random(kind), 0, {".map": ".json"}.get(kind, kind)
+        for k in range(count):
+            file = folder / f"bad{suffix}"
+            file.write_bytes(mutated(good.read_bytes(), rng))
+            if kind == ".pgm":
+                file = folder / "bad.yaml"
+                file.write_text(f"image: bad.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n# {k}\n")
+            refused += message(file, Options(width_m=10, robots=1)) is not None
+        assert refused or count < 20, kind
+
+
+def test_mutated_files_are_refused_in_a_sentence_or_read(tmp_path: Path) -> None:
+    check_mutations(tmp_path, 3)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_three_hundred_mutated_files_of_each_format(tmp_path: Path) -> None:
+    check_mutations(tmp_path, 300)
