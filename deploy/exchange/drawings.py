@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -44,13 +45,12 @@ def read_own_map(text: str) -> Shapes:
     return Shapes(walls=list(walls[lengths(walls.reshape(-1, 4)) > 0]))
 
 
-def read_geojson(text: str) -> Shapes:
+def read_geojson(about: Mapping[Any, Any]) -> Shapes:
     """Areas and lines of a GeoJSON file in metres. Raises InputError."""
-    about = json.loads(text)
     if about.get("unit") != "m" and '"metre"' not in json.dumps(about.get("crs")):
         raise InputError('it is in degrees; a file in metres has the field "unit": "m"')
     try:
-        shapes = shapely.get_parts(shapely.from_geojson(text))
+        shapes = shapely.get_parts(shapely.from_geojson(json.dumps(about)))
     except (shapely.GEOSException, ValueError, TypeError) as error:
         raise InputError(f"no GeoJSON: {error!s:.100}") from None
     areas, walls = [], []
@@ -70,6 +70,7 @@ def read_dxf(file: Path) -> Shapes:
     from ezdxf.path import make_path
     from ezdxf.units import conversion_factor
 
+    logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it ignores is no error
     shapes = Shapes(walls=(walls := []))
     try:
         drawing = readfile(file)

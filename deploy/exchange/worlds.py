@@ -94,7 +94,7 @@ def _of_document(about: Any, text: str, file: Path, options: Options) -> Shapes:
         case {"verts": _}:
             return drawings.read_house_expo(about)
         case {"type": "FeatureCollection"}:
-            return drawings.read_geojson(text)
+            return drawings.read_geojson(about)
         case {"vertices": _, "edges": _}:
             return drawings.read_own_map(text)
     raise InputError("neither map_server, SDF, a picture, HouseExpo, GeoJSON, DXF nor a map of ours")

@@ -263,6 +263,7 @@ def mutated(content: bytes, rng: random.Random) -> bytes:
 
 def check_mutations(folder: Path, count: int) -> None:
     for kind, good in samples(folder).items():
+        assert message(good, Options(width_m=10, robots=1)) is None or kind == ".pgm"
         rng, refused, suffix = random.Random(kind), 0, {".map": ".json"}.get(kind, kind)
         for k in range(count):
             file = folder / f"bad{suffix}"
