@@ -34,8 +34,17 @@ EXTRAS = {"pymunk": "world", "ezdxf": "export", "defusedxml": "export", "rosbags
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
 NEVER_KEPT = ("resume", "secrets", "certs")  # options of a world that no file of a run holds
 
-app = Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-bench = Typer(help="Repeatable measurements, as tables and JSON.", no_args_is_help=True)
+app = Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Example: wireswarm run --world office --robots 4",
+)
+bench = Typer(
+    help="Repeatable measurements, as tables and JSON; status 4 where a bar is not met.",
+    no_args_is_help=True,
+    epilog="Example: wireswarm bench lidar --quick",
+)
 app.add_typer(bench, name="bench")
 
 World = Annotated[
@@ -57,6 +66,7 @@ ConfigFile = Annotated[Path | None, Option("--config", help="YAML file with sett
 Set = Annotated[list[str] | None, Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")]
 Quick = Annotated[bool, Option("--quick", help="Small, for tests.")]
 Ideal = Annotated[bool, Option("--ideal", help="The paper's sensing: scans at one instant, exact odometry.")]
+Pairs = Annotated[bool, Option("--pairs", help="Print who met whom, for more than six robots, too.")]
 Quiet = Annotated[bool, Option("--quiet", help="No progress.")]
 Jobs = Annotated[int | None, Option(help="Cases at a time.", show_default="one a core", min=1)]
 Results = Annotated[Path, Option(help="Where figures are kept, so that nothing is measured twice.")]
@@ -72,7 +82,7 @@ def wireswarm(
         raise Exit
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm run --world office --robots 4 --seed 7 --until 300")
 def run(
     context: Context,
     world: World = None,
@@ -89,6 +99,7 @@ def run(
     ideal: Ideal = False,
     config: ConfigFile = None,
     set_: Set = None,
+    pairs: Pairs = False,
     quiet: Quiet = False,
 ) -> None:
     """Run a world and its robots, one process each, and write the run directory."""
@@ -112,14 +123,14 @@ def run(
             raise Exit(result.status)
         if result.status == Status.INTERRUPTED:
             say(f"interrupted; `wireswarm report {directory}` draws what there is")
-            print_summary(directory)
+            print_summary(directory, pairs)
             raise Exit(result.status)
         with on_interrupt(partial(_leave_report, directory)):
-            _draw(directory)
+            _draw(directory, pairs)
         raise Exit(result.status)
 
 
-def _draw(run: Path) -> None:
+def _draw(run: Path, pairs: bool = False) -> None:
     """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
     from deploy.live import print_summary
     from deploy.report import write_report
@@ -136,7 +147,7 @@ def _draw(run: Path) -> None:
             say(str(error))
         except Exception as error:  # the run itself is written and must not be lost with its picture
             say(f"no {what}: {type(error).__name__}: {error}")
-    print_summary(run)
+    print_summary(run, pairs)
     print(printable(str(made.get("report", run))), flush=True)
 
 
@@ -162,7 +173,7 @@ def _measure_bandwidth(run: Path) -> Measurement:
     return measurement
 
 
-@app.command("world")
+@app.command("world", epilog="Example: wireswarm world --robots 2 --listen tls/0.0.0.0:7447 --certs certs")
 def world_(
     context: Context,
     world: World = None,
@@ -276,7 +287,7 @@ def _resumed(context: Context, run: Path) -> RunConfig:
     return config.model_copy(update={"server": server})
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm router --listen tls/0.0.0.0:7447 --certs certs")
 def router(
     listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
     secrets: Annotated[Path | None, Option(help="File of secrets, with a line of the world.")] = None,
@@ -300,7 +311,7 @@ def router(
     route(listen, secrets, certs, inbox, insecure=insecure)
 
 
-@app.command("certs")
+@app.command("certs", epilog="Example: wireswarm certs certs --robots 2 --host 192.168.1.7")
 def certs_(
     folder: Annotated[Path, Argument(help="Folder of certificates.", metavar="DIR")],
     robots: Annotated[str | None, Option(help="How many robots, or their names.", metavar="N|r1,r2")] = None,
@@ -328,7 +339,7 @@ def certs_(
     )
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm finish runs/maze-15-0")
 def finish(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")]) -> None:
     """Bring a run whose world was killed to its end: summary, maps, books and report."""
     from deploy.finish import finish
@@ -339,15 +350,18 @@ def finish(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")])
         print(f"{printable(str(run))} is finished already")
 
 
-@app.command()
-def report(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")]) -> None:
-    """Write the report of a run directory anew."""
+@app.command(epilog="Example: wireswarm report runs/maze-15-0 --pairs")
+def report(run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")], pairs: Pairs = False) -> None:
+    """Write the report of a run directory anew, and print its summary."""
+    from deploy.live import print_summary
     from deploy.report import write_report
 
-    print(printable(str(write_report(run))))
+    made = write_report(run)
+    print_summary(run, pairs)
+    print(printable(str(made)))
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm bandwidth runs/maze-15-0 runs/office-0")
 def bandwidth(
     runs: Annotated[list[Path], Argument(help="Run directories.", metavar="DIR...")],
     as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
@@ -365,7 +379,7 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
-@app.command("map")
+@app.command("map", epilog="Example: wireswarm map intel.log.gz --out runs/intel")
 def map_(
     context: Context,
     logs: Annotated[
@@ -414,7 +428,7 @@ def map_(
         print(printable(str(write_report(directory))), flush=True)
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm export runs/maze-15-0 --to geojson --frame world")
 def export(
     path: Annotated[Path, Argument(help="A run directory, or a map file of it.", metavar="DIR|MAP")],
     to: Annotated[
@@ -443,7 +457,7 @@ def export(
         print(printable(str(file)))
 
 
-@app.command("import")
+@app.command("import", epilog="Example: wireswarm import home.world --out home.yaml --close 2")
 def import_(
     file: Annotated[
         Path, Argument(help="A map_server YAML, SDF, picture, HouseExpo JSON, GeoJSON, DXF, or map of ours.")
@@ -475,7 +489,7 @@ def import_(
         print(printable(line))
 
 
-@app.command()
+@app.command(epilog="Example: wireswarm worlds --json")
 def worlds(as_json: Annotated[bool, Option("--json", help="Print the sizes as JSON.")] = False) -> None:
     """List the bundled worlds: sizes, walls, free area, and a small drawing."""
     from deploy.worlds import to_json, to_text
@@ -483,7 +497,7 @@ def worlds(as_json: Annotated[bool, Option("--json", help="Print the sizes as JS
     print(to_json() if as_json else to_text())
 
 
-@app.command("config")
+@app.command("config", epilog="Example: wireswarm config --yaml")
 def config_(
     as_yaml: Annotated[bool, Option("--yaml", help="Print a file for --config with all defaults.")] = False,
     as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
@@ -511,15 +525,14 @@ def _measure(
     from deploy.bench.benchmark import Benchmark
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # raised, so that cases under way are ended
-    if not Benchmark(str(context.info_name)).run(quick, results, jobs, ideal):
-        raise Exit(Status.FAILURE)
+    raise Exit(Benchmark(str(context.info_name)).run(quick, results, jobs, ideal))
 
 
 for _name, _words in BENCHMARKS.items():
-    bench.command(_name, help=_words)(_measure)
+    bench.command(_name, help=_words, epilog=f"Example: wireswarm bench {_name} --quick")(_measure)
 
 
-app.command()(agent)
+app.command(epilog="Example: wireswarm agent --id r1 --connect tls/HOST:7447 --certs certs")(agent)
 
 
 def _settings(context: Context) -> RunConfig:

@@ -2,7 +2,8 @@
 
 import json
 import time
-from collections.abc import Container, Sequence
+from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 from typing import Any, Self
 
@@ -20,6 +21,7 @@ from protocol.messages import Progress
 from protocol.text import printable
 
 LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
+MAX_ROBOTS = 6  # of a run whose pairs are listed unasked
 CONTACTS = ("wall_contacts", "robot_contacts")
 
 
@@ -76,47 +78,68 @@ def _bars(progress: Progress) -> Table:
     return table
 
 
-def print_summary(out: Path) -> None:
-    """Print the table of a run directory's summary.json to stdout, where there is one."""
+def print_summary(out: Path, pairs: bool = False) -> None:
+    """Print to stdout how a run directory's run ended, and its tables, where there is a summary.json.
+
+    pairs: also who met whom, where there are more than MAX_ROBOTS.
+    """
     try:
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return
     summary = mapping(summary)
     robots = mapping(summary.get("robots"))
+    console = Console()
+    console.print(Text(printable(_result(summary)), style="bold"), soft_wrap=True)
     table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B"])
     for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):
         path = _number(row.get("path_m"), ".1f")
         contacts = _number(sum(count for key in CONTACTS if isinstance(count := row.get(key), int)))
         add_row(table, robot, str(row.get("ended")), *_times(row), path, contacts, _number(row.get("bytes_sent")))
     add_row(table, "team", "", *_times(mapping(summary.get("team"))))
-    console = Console()
     console.print(table)
-    _print_pairs(out, console, robots)
-    factor = summary.get("real_time_factor")
-    if factor is not None:
-        console.print(f"{_number(factor, 'g')} times real time{_late(summary.get('late_ticks'))}", highlight=False)
+    _print_pairs(out, console, robots, pairs or len(robots) <= MAX_ROBOTS)
 
 
-def _print_pairs(out: Path, console: Console, robots: Container[str]) -> None:
-    """Print who of the robots met whom, and what became of their maps."""
+def _result(summary: dict[str, Any]) -> str:
+    """The run in a line: how many robots ended how, what the team saw, and the time it took."""
+    endings = Counter(str(mapping(row).get("ended")) for row in mapping(summary.get("robots")).values())
+    ended = ", ".join(f"{count} {how}" for how, count in endings.most_common())
+    team = mapping(summary.get("team"))
+    pieces = [ended or "no robot", f"the team has seen {_number(team.get('coverage'), '.1%')} of the wall"]
+    if isinstance(team.get("t_99"), int | float):
+        pieces.append(f"99 % after {_number(team['t_99'], '.0f')} s")
+    if (factor := summary.get("real_time_factor")) is not None:
+        pieces.append(f"{_number(factor, '.3g')} times real time{_late(summary.get('late_ticks'))}")
+    return "; ".join(pieces)
+
+
+def _print_pairs(out: Path, console: Console, robots: Container[str], listed: bool) -> None:
+    """Print who of the robots met whom, and what became of their maps: a line each, or how many there are."""
     try:
         pairs = [pair for pair in fates(out) if pair.robot in robots and pair.peer in robots]
     except (OSError, ValueError):
         pairs = []
     if not pairs:
         return
-    rest = ["merged s", "peer's frame x, y, theta", "last"]
-    table = _table(["robot", "peer"], ["contacts", "attempts", "proposed"], rest)
+    if not listed:
+        merged = sum(pair.merged_at is not None for pair in pairs)
+        line = f"{len(pairs)} pairs met, {merged} are merged: wireswarm report {out} --pairs"
+        console.print(Text(printable(line)), soft_wrap=True)
+        return
+    table = _table(["robot", "peer"], ["met", "tried", "proposed", "merged s"])
+    table.add_column("peer's frame", no_wrap=True)
+    table.add_column("last", no_wrap=True, overflow="ellipsis", ratio=1)  # shortened to what is left of the line
+    table.expand = True
     for pair in pairs:
-        frame = "-" if pair.transform is None else ", ".join(_number(value, ".2f") for value in pair.transform)
+        frame = "-" if pair.transform is None else " ".join(_number(value, ".2f") for value in pair.transform)
         counts = (str(pair.contacts), str(pair.attempts), str(pair.proposed))
         add_row(table, pair.robot, pair.peer, *counts, _number(pair.merged_at, ".1f"), frame, pair.last)
     console.print(table)
 
 
-def _table(words: list[str], numbers: list[str], rest: Sequence[str] = ()) -> Table:
-    return Table(*words, *(Column(head, justify="right") for head in numbers), *rest, box=None, pad_edge=False)
+def _table(words: list[str], numbers: list[str]) -> Table:
+    return Table(*words, *(Column(head, justify="right") for head in numbers), box=None, pad_edge=False)
 
 
 def _late(ticks: Any) -> str:

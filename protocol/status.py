@@ -11,6 +11,7 @@ class Status(IntEnum):
     FAILURE = 1  # anything else went wrong
     USAGE = 2  # an option, a file or a setting is wrong, or the world does not let the robot in
     INCOMPLETE = 3  # ended, but a robot died or never completed
+    NOT_MET = 4  # a benchmark has all its figures, and some miss their bars
     INTERRUPTED = 130
 
 

@@ -17,8 +17,9 @@ from deploy.bench.tables import Outcomes, Section
 from deploy.sensing import named
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
+from protocol.status import Status
 
-WIDTH = 150  # characters that the widest table needs; a narrower terminal breaks its lines, but no figure is lost
+WIDTH = 150  # characters of a file or pipe, enough for the widest table; on a terminal, wide tables are divided
 PARTS = {
     "lidar": "lidar",
     "lockstep": "lockstep",
@@ -47,8 +48,8 @@ class Benchmark:
         made = [table.section(figures) for part in self.parts for table in part.TABLES]
         return [section for section in made if section.rows]
 
-    def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> bool:
-        """Measure what is not in `folder` yet and print all tables; whether every case has figures, whatever they say.
+    def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
+        """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
         Cases are kept under folder/NAME and the tables in folder/NAME.json, with -ideal and -quick appended to NAME
         where so. ideal: with the paper's sensing in all runs that do not set it themselves.
@@ -58,14 +59,18 @@ class Benchmark:
             getattr(part, "beforehand", bool)(quick)
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
-        report(stem.name, sensing, self.sections(outcome.figures), outcome.failed, folder / f"{stem.name}.json")
-        return not outcome.failed
+        sections = self.sections(outcome.figures)
+        report(stem.name, sensing, sections, outcome.failed, folder / f"{stem.name}.json")
+        if outcome.failed:
+            return Status.FAILURE
+        return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK
 
 
 def report(name: str, sensing: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
     """Print all tables and write them to `out`, with the machine they were measured on, and pictures beside it."""
     console = Console()
-    console.width = max(console.width, WIDTH)
+    if not console.is_terminal:
+        console.width = max(console.width, WIDTH)
     for section in sections:
         section.print(console)
     for case, reason in failed.items():

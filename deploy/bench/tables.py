@@ -121,6 +121,25 @@ def _text(value: object) -> str:
     return "-" if value is None else str(value)
 
 
+_Printed = tuple[str, list[Text], bool]  # of a column: its head, its cells, and whether they are words
+
+
+def _fitting(columns: Sequence[_Printed], labels: int, width: int) -> list[list[_Printed]]:
+    """The columns in groups of at most `width` characters, where that can be; each begins with the labels."""
+
+    def wide(columns: Sequence[_Printed]) -> int:
+        heads = (max(map(len, [*head.split(), ""])) for head, _, _ in columns)
+        cells = (max(cell.cell_len for cell in texts) for _, texts, _ in columns)
+        return sum(max(pair) + 1 for pair in zip(heads, cells, strict=True)) + 2  # a box has a space at each side
+
+    groups = [[*columns[:labels]]]
+    for column in columns[labels:]:
+        if len(groups[-1]) > labels and wide([*groups[-1], column]) > width:
+            groups.append([*columns[:labels]])
+        groups[-1].append(column)
+    return groups
+
+
 VERDICTS = {None: "", True: "met", False: "not met"}
 
 
@@ -147,24 +166,39 @@ class Section:
         return not any(verdicts) if verdicts else None
 
     def print(self, console: Console) -> None:
-        """The table, each value beside its bar green if met and red with an ! if not."""
+        """The table, each value beside its bar green if met and red with an ! if not.
+
+        Where it is wider than the console, its columns are printed in several tables, each with the rows' labels.
+        """
         title = self.title if self.met is None else f"{self.title}: {VERDICTS[self.met]}"
-        table = Printed(title=title, caption=self.note or None, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        table.title_justify = table.caption_justify = "left"
-        for column in self.table.columns:
-            named = any(isinstance(row.get(column.key), str) for row in self.rows)
-            head = f"{column.head}\n{column.bar}".strip()
-            table.add_column(head, justify="left" if named else "right", no_wrap=named)
-        table.add_column("", no_wrap=True)
+        texts = [self._texts(column) for column in self.table.columns]
+        missed = [self.missed(number) for number in range(len(self.rows))]
+        verdicts = [Text(VERDICTS[None if keys is None else not keys]) for keys in missed]
+        heads = [f"{column.head}\n{column.bar}".strip() for column in self.table.columns]
+        words = [any(isinstance(row.get(column.key), str) for row in self.rows) for column in self.table.columns]
+        labels = words.index(False) if False in words else len(words)
+        printed = [(*part, words[k]) for k, part in enumerate(zip(heads, texts, strict=True))]
+        parts = _fitting([*printed, ("", verdicts, True)], labels, console.width)
+        for number, part in enumerate(parts):
+            last = number == len(parts) - 1
+            caption = (self.note or None) if last else None
+            table = Printed(title=None if number else title, caption=caption, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+            table.title_justify = table.caption_justify = "left"
+            for head, _, named in part:
+                table.add_column(head, justify="left" if named else "right", no_wrap=named)
+            for cells in zip(*(cells for _, cells, _ in part), strict=True):
+                table.add_row(*cells)
+            console.print(table)
+
+    def _texts(self, column: Column) -> list[Text]:
+        """The cells of a column."""
+        cells = []
         for number, row in enumerate(self.rows):
             missed = self.missed(number)
-            cells = []
-            for column in self.table.columns:
-                bad = column.key in (missed or ())
-                style = "red" if bad else "green" if column.bar and missed is not None else ""
-                cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
-            table.add_row(*cells, Text(VERDICTS[None if missed is None else not missed]))
-        console.print(table)
+            bad = column.key in (missed or ())
+            style = "red" if bad else "green" if column.bar and missed is not None else ""
+            cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
+        return cells
 
     def draw(self, path: Path) -> None:
         """The table's picture, if it has one."""

@@ -15,8 +15,6 @@ from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
 import shapely
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import fromstring
 
 from deploy.exchange.shapes import Shapes
 from protocol.arrays import Floats
@@ -46,6 +44,9 @@ class _Reading:
 
 def parse_xml(text: str) -> Element:
     """The root of a text in XML. Raises InputError, also for any document type, by which texts grow or reach files."""
+    from defusedxml import DefusedXmlException
+    from defusedxml.ElementTree import fromstring
+
     try:
         end = text.rfind(SDF_END)  # Gazebo reads files with rubbish behind it, and there are some
         root: Element = fromstring(text[: end + len(SDF_END)] if end >= 0 else text, forbid_dtd=True)

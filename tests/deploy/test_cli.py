@@ -4,11 +4,13 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+from typer.main import get_command
 
 from deploy import cli
 from deploy.config import RunConfig, load
@@ -44,9 +46,37 @@ def test_version_and_help(wireswarm: Command) -> None:
     for command in ("run", "world", "agent", "bench"):
         status, out, _ = wireswarm(command, "--help")
         assert status == 0 and f"wireswarm {command}" in out
+    assert wireswarm("-h")[1] == wireswarm("--help")[1]
     assert wireswarm("fly")[0] == 2
     assert wireswarm("run", "--robots", "many")[0] == 2
     assert wireswarm("agent", "--id", "r1")[0] == 2
+
+
+def examples(group: Any, words: str = "wireswarm") -> Iterator[tuple[str, str]]:
+    """The words of each command, and its example."""
+    yield words, str(group.epilog).removeprefix("Example: ")
+    for name, command in getattr(group, "commands", {}).items():
+        yield from examples(command, f"{words} {name}")
+
+
+@pytest.mark.parametrize(("words", "example"), list(examples(get_command(cli.app))))
+def test_the_help_of_each_command_ends_with_an_example_that_it_takes(words: str, example: str) -> None:
+    assert example.startswith(words)
+    command: Any = get_command(cli.app)
+    _, *rest = example.split()
+    while hasattr(command, "commands"):
+        command, rest = command.commands[rest[0]], rest[1:]
+    command.make_context(words, rest)  # parses the options, and raises where one is wrong
+
+
+def test_shells_complete_commands() -> None:
+    words = {"_WIRESWARM_COMPLETE": "complete_bash", "COMP_WORDS": "wireswarm ex", "COMP_CWORD": "1"}
+    code = "import sys; sys.argv = ['wireswarm']; from deploy.cli import main; main()"
+    asked = {"PYTHONPATH": str(REPO), **words}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=asked, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.split() == ["export"]
 
 
 @pytest.mark.parametrize("command", ["--help", "worlds", "config"])

@@ -3,6 +3,9 @@
 import json
 from pathlib import Path
 
+import pytest
+
+from deploy.live import print_summary
 from deploy.pairs import fates
 
 
@@ -25,3 +28,39 @@ def test_the_fate_of_each_pair_is_its_last_word(tmp_path: Path) -> None:
     assert first.last == "accepted: the evidence decides"
     assert second.last == "contact" and second.merged_at is None
     assert third.merged_at is None and third.transform is None and third.last.startswith("unmerged")
+
+
+def write(run: Path, robots: int) -> None:
+    """A run in which each robot met the one before it and merged its map."""
+    names = [f"r{k + 1}" for k in range(robots)]
+    done = {"reason": "the evidence decides", "transform": [-10.64, -11.99, -2.93]}
+    events = [
+        {"t": 1234.5, "tick": 1, "robot": one, "event": event, "peer": other} | (done if event == "accepted" else {})
+        for one, other in zip(names[1:], names, strict=False)
+        for event in ("contact", "accepted")
+    ]
+    (run / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
+    ended = {"coverage": 1.0, "ended": "complete"}
+    summary = {"robots": dict.fromkeys(names, ended), "team": {"coverage": 1.0, "t_99": 9}}
+    (run / "summary.json").write_text(json.dumps(summary | {"real_time_factor": 18.27}))
+
+
+def test_the_result_comes_first_and_each_pair_is_a_line_of_80_columns(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    write(tmp_path, 6)
+    print_summary(tmp_path)
+    first, *rest = capsys.readouterr().out.splitlines()
+    assert first == "6 complete; the team has seen 100.0% of the wall; 99 % after 9 s; 18.3 times real time"
+    assert len(rest) == 1 + 6 + 1 + 1 + 5 and all(len(line) <= 80 for line in rest)
+    assert rest[-1].split()[:8] == ["r6", "r5", "1", "0", "0", "1234.5", "-10.64", "-11.99"]
+    assert "accepted: " in rest[-1]
+
+
+def test_pairs_of_many_robots_are_listed_when_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, 7)
+    print_summary(tmp_path)
+    assert capsys.readouterr().out.splitlines()[-1].startswith("6 pairs met, 6 are merged: wireswarm report")
+    print_summary(tmp_path, pairs=True)
+    assert capsys.readouterr().out.splitlines()[-1].startswith("r7     r6")

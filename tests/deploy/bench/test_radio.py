@@ -12,6 +12,7 @@ from deploy.bench.benchmark import Benchmark
 from deploy.bench.errors import errors
 from deploy.bench.radio.traffic import FALSE_DEG, FALSE_M, JUDGED, TABLES
 from deploy.bench.tables import Section
+from protocol.status import Status
 
 FRAMES = {"r1": (1.0, 2.0, 0.3), "r2": (4.0, 2.5, -1.0)}
 
@@ -66,7 +67,7 @@ def test_the_median_of_the_seeds_is_judged() -> None:
 
 @pytest.mark.slow
 def test_a_quick_run_has_all_tables(tmp_path: Path) -> None:
-    assert Benchmark("radio").run(True, tmp_path, 1)
+    assert Benchmark("radio").run(True, tmp_path, 1) in (Status.OK, Status.NOT_MET)
     document = json.loads((tmp_path / "radio-quick.json").read_text())
     assert set(document["sections"]) == {"codec", "traffic", "bad", "range", "cost", "wire"}
     assert document["met"]["codec"] and document["met"]["range"] and document["met"]["wire"]

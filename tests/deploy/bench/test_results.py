@@ -1,14 +1,16 @@
 """The declarations of the benchmarks fit the results that are committed, and each other."""
 
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from deploy.bench.benchmark import Benchmark, report
 from deploy.bench.cases import ROOT
-from deploy.bench.tables import Table, columns, grouped, share, total
+from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.cli import BENCHMARKS
 
 
@@ -67,3 +69,18 @@ def test_columns_that_make_no_sense_are_refused() -> None:
     for words in ("", "a b c", "a > 3", "a <= "):
         with pytest.raises(ValueError, match="no column"):
             columns(words)
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_a_table_is_divided_to_fit_a_terminal_and_loses_no_figure(width: int) -> None:
+    heads = columns("world; " + "; ".join(f"figure_{k} <= 12" for k in range(20)))
+    table = Table("wide", "Wide", whole("runs/{world}"), heads)
+    figures = {f"runs/{world}": {f"figure_{k}": k for k in range(20)} for world in ("office", "maze")}
+    stream = io.StringIO()
+    table.section(figures).print(Console(file=stream, width=width))
+    lines = stream.getvalue().splitlines()
+    assert max(len(line.rstrip()) for line in lines) <= width
+    assert lines[0].startswith("Wide: not met")
+    assert (sum("office" in line for line in lines) == 1) == (width == 200)
+    for k in range(13, 20):
+        assert sum(f"{k} !" in line for line in lines) == 2
