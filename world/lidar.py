@@ -19,7 +19,10 @@ from world.way import along
 
 CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
 STRIDE_M = 0.05  # ... and for each multiple of this that a lidar moves in half a scan
-CHUNK = 20  # robots whose scans are cast at once. Larger arrays were slower: their memory is paged in anew each time
+CHUNK = 100  # robots whose scans are cast at once: the fewer, the more calls; the more, the less is in the caches
+_KEPT_BYTES = 1 << 24
+"""glibc gives freed memory back to the system where it is more than twice the largest array freed before. To page it in
+again took half of the time of 30 scans."""
 
 NOTHING, DISC = -1, -2
 """In place of a wall's index: the beam met nothing within range, or disc 0; disc 1 is DISC - 1, and so on."""
@@ -35,9 +38,12 @@ class Lidar:
         `one_sided` promises that free space lies on the left of every wall and every lidar in free space, as in
         `World.segments`: half of the walls, those seen from behind, are never looked at.
         """
+        np.empty(_KEPT_BYTES, np.uint8)  # is freed at once
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
         self.spec, self._one_sided = spec, one_sided
-        self._index = np.flatnonzero(lengths(segments) > _TOUCHING_M)
+        long = lengths(segments)
+        self._index = np.flatnonzero(long > _TOUCHING_M)
+        self._lengths = long[self._index]
         self._ends, self._units = segments[self._index], directions(segments)
         self._order = slice(None, None, -1 if spec.clockwise else 1)
         self._bearings = spec.bearings()[self._order]
@@ -106,27 +112,27 @@ class Lidar:
         if cell not in self._cells:
             middle = (np.array(cell[:2]) + 0.5) * CELL_M
             reach = self.spec.range_max_m + CELL_M * math.sqrt(0.5) + cell[2] * STRIDE_M
-            nearest, _ = _nearest(self._ends[:, :2] - middle, self._ends[:, 2:] - middle)
+            nearest = _nearest(self._ends[:, :2] - middle, self._ends[:, 2:] - middle)
             self._cells[cell] = np.flatnonzero(nearest <= reach)
         return self._cells[cell]
 
-    def _in_reach(self, poses: Floats, half_m: Floats) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats, Floats]:
+    def _in_reach(self, poses: Floats, half_m: Floats) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
         """Walls that lidars may see which stay within half_m (k,) of poses (k, 3).
 
-        Of each: its row, whose it is, start and end (n, 2) in the frame of the pose, least and greatest distance from
-        it, and twice the area of the triangle with it, positive where the pose is on its left.
+        Of each: its row, whose it is, start and end (n, 2) in the frame of the pose, distance from it, and twice
+        the area of the triangle with it, positive where the pose is on its left.
         """
         near = [self._near(x, y, half) for (x, y, _), half in zip(poses.tolist(), half_m.tolist(), strict=True)]
         wall = np.concatenate(near)
         robot = np.repeat(np.arange(len(poses)), [len(rows) for rows in near])
         start, end = _seen_from(poses[robot], self._ends[wall].reshape(-1, 2, 2).swapaxes(0, 1))
-        nearest, farthest = _nearest(start, end)
+        nearest = _nearest(start, end)
         area = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
         half = half_m[robot]
         facing = nearest <= self.spec.range_max_m + half
         if self._one_sided:
-            facing &= area > -_TOUCHING_M - half * np.hypot(*(end - start).T)
-        parts = (wall, robot, start, end, nearest, farthest, area)
+            facing &= area > -_TOUCHING_M - half * self._lengths[wall]
+        parts = (wall, robot, start, end, nearest, area)
         return tuple(part[facing] for part in parts)  # type: ignore[return-value]
 
     def _standing(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
@@ -138,8 +144,9 @@ class Lidar:
             self._discs(poses, discs, own, nearness.reshape(-1), met.reshape(-1))
 
     def _walls(self, poses: Floats, nearness: Floats, met: Ints) -> None:
-        wall, robot, start, end, nearest, farthest, turn = self._in_reach(poses, np.zeros(len(poses)))
+        wall, robot, start, end, nearest, turn = self._in_reach(poses, np.zeros(len(poses)))
         along_wall = end - start
+        farthest = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
         sweep = np.arctan2(turn, (start * end).sum(1))
         first = np.where((sweep >= 0)[:, None], start, end)
         begin = (np.arctan2(first[:, 1], first[:, 0]) - self._bearings[0]) % (2 * math.pi)
@@ -175,8 +182,8 @@ class Lidar:
 
     def _turning(self, ways: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
         scans, nearness, met = Scans(self._turn, ways), nearness.reshape(-1), met.reshape(-1)
-        wall, robot, start, end, nearest, _, area = self._in_reach(scans.origins, scans.half_m)
-        row, ray, found = scans.walls(robot, start, end, nearest, area)
+        wall, robot, start, end, nearest, area = self._in_reach(scans.origins, scans.half_m)
+        row, ray, found = scans.walls(robot, start, end, nearest, area, self._lengths[wall])
         keep_nearest(ray, found, self._index[wall][row], nearness, met)
         if discs.shape[1]:
             disc, ray, found = scans.discs(discs, self.spec.range_max_m, _own(ways[-1], discs[-1]))
@@ -202,10 +209,9 @@ def _seen_from(poses: Floats, points: Floats) -> Floats:
     return np.stack([cos * dx + sin * dy, cos * dy - sin * dx], -1)
 
 
-def _nearest(start: Floats, end: Floats) -> tuple[Floats, Floats]:
-    """Nearest and farthest distance of segments from the origin."""
+def _nearest(start: Floats, end: Floats) -> Floats:
+    """Distances of segments from the origin."""
     along = end - start
     share = np.clip(-(start * along).sum(1) / (along * along).sum(1), 0.0, 1.0)
     foot = start + share[:, None] * along
-    farthest = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
-    return np.hypot(foot[:, 0], foot[:, 1]), farthest
+    return np.asarray(np.hypot(foot[:, 0], foot[:, 1]))

@@ -5,7 +5,10 @@ That is exact for robots, which pymunk moves at one velocity and one turn rate i
 
 import numpy as np
 
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Complexes, Floats, Ints
+
+Steps = tuple[Ints, Ints, Floats]
+"""Of each of some moments: the values before and after it (n,), and the share of the way between them (n,)."""
 
 
 def along(way: Floats, moments: Floats) -> Floats:
@@ -13,19 +16,20 @@ def along(way: Floats, moments: Floats) -> Floats:
 
     Moments are shares of the period from 0 to 1. Returns (n, ...). Of one value only, all is that value.
     """
-    step, after, share = _steps(len(way), moments)
+    before, after, share = steps(len(way), moments)
     share = share.reshape(-1, *[1] * (way.ndim - 1))
-    return np.asarray(way[step] * (1 - share) + way[after] * share, np.float64)
+    return np.asarray(way[before] * (1 - share) + way[after] * share, np.float64)
 
 
-def between(way: Floats, moments: Floats, column: Ints) -> Floats:
-    """The same of one column (n,) of `way` (s, m) at each moment (n,)."""
-    step, after, share = _steps(len(way), moments)
-    return np.asarray(way[step, column] * (1 - share) + way[after, column] * share, np.float64)
+def between(way: Complexes, steps: Steps, column: Ints, moment: Ints) -> Complexes:
+    """The same of one column (n,) of `way` (s, m) each, at one (n,) of the moments that `steps` are of."""
+    before, after, share = steps
+    begin, end = (way.take(step.take(moment) * way.shape[1] + column) for step in (before, after))
+    return np.asarray(begin + share.take(moment) * (end - begin))
 
 
-def _steps(steps: int, moments: Floats) -> tuple[Ints, Ints, Floats]:
-    """Of each moment: the values before and after it, and the share of the way between them."""
-    at = moments * (steps - 1)
-    before = np.minimum(at.astype(np.intp), max(steps - 2, 0))
-    return before, np.minimum(before + 1, steps - 1), at - before
+def steps(count: int, moments: Floats) -> Steps:
+    """Where moments (n,) are among so many values."""
+    at = moments * (count - 1)
+    before = np.minimum(at.astype(np.intp), max(count - 2, 0))
+    return before, np.minimum(before + 1, count - 1), at - before

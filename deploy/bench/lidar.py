@@ -1,5 +1,6 @@
 """`wireswarm bench lidar`: how many rays a second a lidar casts in each bundled world, at once and while it turns."""
 
+import statistics
 import time
 from itertools import product
 
@@ -16,35 +17,37 @@ from world.worldfile import bundled, load
 
 def cases(quick: bool) -> list[Case]:
     """Every bundled world with some numbers of robots, alone each: their figures are times."""
-    worlds, robots = (bundled()[:2], (1, 3)) if quick else (bundled(), (1, 3, 10))
+    worlds, robots = (bundled()[:2], (1, 3)) if quick else (bundled(), (1, 3, 10, 30))
     fixed = {"places": 5 if quick else 20, "seconds": 0.2 if quick else 1.0}
     return each("lidar/{world}/{robots}", measure, fixed, alone=True, world=worlds, robots=robots)
 
 
 def measure(world: str, robots: int, places: int, seconds: float) -> Figures:
-    """Rays cast in `seconds` of CPU time, in turn from `places` sets of the robots' ways, by both lidars by turns."""
+    """Rays cast in `seconds` of CPU time, in turn from `places` sets of the robots' ways, by both lidars by turns.
+
+    Times are medians of the rounds, because other processes disturb some.
+    """
     place, radius_m, rng = load(world), RobotSpec().radius_m, np.random.default_rng(0)
     ways = [_driven(place.starts(robots, radius_m, rng, drawn=True), rng) for _ in range(places)]
     bodies = [np.concatenate([way[..., :2], np.full((*way.shape[:2], 1), radius_m)], 2) for way in ways]
     lidars = {turning: Lidar(place.segments, LidarSpec(turning=turning), one_sided=True) for turning in (False, True)}
     for lidar, (way, discs) in product(lidars.values(), zip(ways, bodies, strict=True)):  # fills caches
         lidar.trace(way, discs)
-    took, casts = dict.fromkeys(lidars, 0.0), 0
-    while min(took.values()) < seconds:
+    took: dict[bool, list[float]] = {turning: [] for turning in lidars}
+    while sum(took[False]) < seconds:
         for turning, lidar in lidars.items():
             began = time.process_time()  # a machine that others use, too, says nothing by the clock
             for way, discs in zip(ways, bodies, strict=True):
                 lidar.trace(way, discs)
-            took[turning] += time.process_time() - began
-        casts += places
-    scans = casts * robots
+            took[turning].append(time.process_time() - began)
+    at_once_s, turning_s = (statistics.median(took[turning]) / places / robots for turning in (False, True))
     return {
         "walls": len(place.segments),
         "robots": robots,
-        "rays_per_s": round(scans * LidarSpec().beams / took[False]),
-        "us_per_scan": round(1e6 * took[False] / scans, 1),
-        "turning_us": round(1e6 * took[True] / scans, 1),
-        "turning_share": round(took[True] / took[False], 3),
+        "rays_per_s": round(LidarSpec().beams / at_once_s),
+        "us_per_scan": round(1e6 * at_once_s, 1),
+        "turning_us": round(1e6 * turning_s, 1),
+        "turning_share": round(statistics.median(np.divide(took[True], took[False])), 3),
     }
 
 
