@@ -3,12 +3,16 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from agent.robot import Robot, Step
 from deploy.bench.alignment import live
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
 from deploy.bench.layouts import present
-from deploy.bench.tables import Row, Table, columns, most, over, share
+from deploy.bench.rings import false_loops, measure_ring
+from deploy.bench.tables import Outcomes, Row, Table, columns, most, over, runs_of, share
 from deploy.sensing import IDEAL, REAL
+from protocol.geometry import pose_of
+from protocol.messages import Observation
 
 PLAIN = ["maze-15", "office", "apartment", "symmetric", "hall"]
 SHARED = ["drlnav_stage7", "tb3_dqn_stage4", "gbeltramo_building"]
@@ -29,6 +33,9 @@ BODIES: dict[str, dict[str, Any]] = {
     **{f"{speed_mps} m/s": {"max_speed_mps": speed_mps} for speed_mps in (0.1, 0.5, 1.0)},
 }
 """Robots that differ from the default in one thing each."""
+RING_SEEDS, RING_M = 10, 60.0
+ODOMETRY = {"as given": 1.0, "twice as bad": 2.0}
+FALSE_SEEDS = 25  # of `symmetric` and of a ring of four equal sides: 50 runs
 TEAM_SEEDS = 20  # runs of each bundled world: 100 in all
 LIMIT_S = 4000.0  # simulated seconds after which a run counts as not finished: twice what the largest layout takes
 
@@ -48,7 +55,20 @@ def cases(quick: bool) -> list[Case]:
     for name, robot in [] if quick else robots.items():
         own = {"ideal": False, "world": ROBOT_WORLD, "robot": robot}
         made += each(f"robot/{name.replace('/', ' a ')}/{{seed}}", measure, own, seed=some)
+    made += _rings(quick)
     return made + each("team/{world}/{seed}", measure_team, seed=teams, world=PLAIN)
+
+
+def _rings(quick: bool) -> list[Case]:
+    """A robot that is carried around; and where places are alike, carried and driving."""
+    made = []
+    for name, worse in ODOMETRY.items():
+        ring = {"side_m": 12.0 if quick else RING_M, "laps_driven": 2.0, "niches": True, "worse": worse}
+        made += each(f"ring/{name}/{{seed}}", measure_ring, ring, seed=range(1 if quick else RING_SEEDS))
+    alike, seeds = {"side_m": 20.0, "laps_driven": 2.0, "niches": False, "worse": 2.0}, range(FALSE_SEEDS)
+    made += each("alike/ring/{seed}", measure_ring, alike, seed=() if quick else seeds)
+    symmetric = {"ideal": False, "world": "symmetric"}
+    return made + each("alike/symmetric/{seed}", measure, symmetric, seed=() if quick else seeds[SEEDS:])
 
 
 def measure(world: str, seed: int, ideal: bool, people: int = 0, robot: Mapping[str, Any] | None = None) -> Figures:
@@ -59,8 +79,18 @@ def measure(world: str, seed: int, ideal: bool, people: int = 0, robot: Mapping[
     sensing, other = IDEAL if ideal else REAL, dict(robot or {})
     spec = {**sensing, **other, "lidar": sensing["lidar"] | other.get("lidar", {})}
     settings = {"world": world, "robots": 1, "seed": seed, "spec": spec, "people": people, "max_time_s": LIMIT_S}
-    run = explore(settings, {})
-    return run.figures() | run.told() | run.path_errors()
+    begun: list[int] = []  # ticks at which the robot began each of its submaps
+
+    def watch(robot: Robot, observation: Observation, _: Step) -> None:
+        if robot.loops:
+            begun.extend([observation.tick] * (len(robot.loops.submaps.poses) - len(begun)))
+
+    run = explore(settings, {}, watch)
+    found = run.figures() | run.told() | run.path_errors()
+    if closing := run.robots["r1"].loops:
+        places = [pose_of(run.tracks.true[tick][0]) for tick in begun]
+        found |= {"loops": closing.submaps.loops, "false_loops": false_loops(closing.submaps, places)}
+    return found
 
 
 def measure_team(world: str, seed: int) -> Figures:
@@ -89,6 +119,18 @@ def _worst(
     return Table(name, title, f"{kind}/(?=(?:{pattern})/){{{label}}}/*", heads, judged=judged, note=NOTE)
 
 
+def _alike(figures: Outcomes) -> list[Row]:
+    """A row for the ring of equal sides, and one for `symmetric`, whose runs of other tables count, too."""
+    rows: list[Row] = []
+    for where, patterns in {"ring": ["alike/ring/*"], "symmetric": ["real/symmetric/*", "alike/symmetric/*"]}.items():
+        runs = [run for pattern in patterns for run in runs_of(figures, pattern)]
+        wrong = [run["false_loops"] for run in runs]
+        if runs:
+            row = {"loops": sum(run["loops"] for run in runs), "false_loops": sum(wrong)}
+            rows.append({"where": where, "runs": len(runs), **row, "runs_false": sum(map(bool, wrong))})
+    return rows
+
+
 NOTE = "Worst of the runs. Recall, precision: within 5 cm. Paths: rms after the best rigid fit, and in the own frame."
 EVERYWHERE = [*PLAIN, *SHARED, *HARD, *CLUTTERED]
 TABLES = [
@@ -96,6 +138,24 @@ TABLES = [
     _worst("real-cluttered", "... in furnished layouts, and among steps", CLUTTERED, (" >= 0.95", " >= 0.97", "", "")),
     _worst("real-corridor", "... in a corridor without a feature", HARD, (" >= 0.95", " >= 0.95", "", "")),
     _worst("people", "One robot among people, real sensing", [*PEOPLE], (" >= 0.98", " >= 0.99", "", "")),
+    Table(
+        "ring",
+        f"Two laps of a ring of corridors, {RING_M:g} m a side, carried, real sensing",
+        "ring/{odometry}/*",
+        columns(
+            "odometry; runs count; closed >= 1; false_loops total <= 0: false loops; wall_share most <= 1.05: walls "
+            "mapped over true; path_rms_m most <= 0.15; path_max_m most; end_off_m most: end off m; "
+            "wall_recall least; wall_precision least; loops least; settled most",
+            closed=share(lambda run: run["closed"]),
+        ),
+        note="Closed: by loops of which none is false, and at the end the robot knows within 1 m where it is.",
+    ),
+    Table(
+        "alike",
+        "Loops where places are alike, real sensing",
+        _alike,
+        "where; runs; loops; false_loops <= 0: false loops; runs_false <= 0: runs with one",
+    ),
     Table(
         "team",
         "Three robots, real sensing, starts from the seed",

@@ -8,11 +8,12 @@ from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submap_wireframe import records_of
 from agent.perception.perceive import perceive
+from deploy.bench.rings import laps
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Wireframe
-from tests.carried import laps, observations, path_error, ring_corridor
+from tests.carried import observations, path_error, ring_corridor
 
 SIDE, WIDTH = 20.0, 2.0
 WALLS = ring_corridor(SIDE, WIDTH)

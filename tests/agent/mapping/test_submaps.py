@@ -12,10 +12,11 @@ from agent.mapping.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.segments import SEGMENT, moved, samples_along, united
 from agent.mapping.submap_wireframe import wireframe_of
 from agent.passenger import Passenger
+from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply, compose, relative
 from protocol.messages import RobotSpec
-from tests.carried import DRIFT, HALF_TURN, laps, observations, path_error, ring_corridor
+from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
 
 SIDE, WIDTH = 18.0, 2.2
 

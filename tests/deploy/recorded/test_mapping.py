@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deploy.bench.rings import laps
 from deploy.report.rundir import read_run
 from protocol.arrays import Floats
-from tests.carried import DRIFT, HALF_TURN, laps, observations, path_error, ring_corridor
+from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
 
 LOGS = Path("/work/shared/logs")
 SCORER = Path("/work/shared/score/score_log.py")
