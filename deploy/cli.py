@@ -407,23 +407,33 @@ def map_(
         tuple[float, float, float] | None,
         Option(help="Where the lidar is on the robot of a bag's Odometry: m, m, degrees.", show_default="by tf"),
     ] = None,
+    reference: Annotated[
+        list[Path] | None,
+        Option(help="The lidar's true poses by number of scan, TUM; one a log. They gate the radio and nothing else."),
+    ] = None,
+    split: Annotated[int, Option(help="Cut each log into so many robots, which drive at once.", min=1, max=100)] = 1,
+    range_m: Annotated[
+        float, Option("--range", help="Radio range in metres, where references say who is where.", min=0.01)
+    ] = 4.0,
     config: ConfigFile = None,
     set_: Set = None,
     quiet: Quiet = False,
 ) -> None:
-    """Map recorded lidar logs, each by a mind of its own that is not asked to drive."""
+    """Map recorded lidar logs, each by a mind of its own that is not asked to drive. Several are a team."""
     from deploy.launcher import run_directory
     from deploy.recorded.lidar_log import Given
     from deploy.recorded.mapping import map_logs
     from deploy.recorded.reading import read_logs
+    from deploy.recorded.team import cut, refer
     from deploy.recorded.words import print_mapped
     from deploy.report import write_report
 
     settings = _settings(context)
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
-    read = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
+    team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
+    refer(team, reference or [])
     with run_directory(out, "", 0) as directory:
-        summary = map_logs(read, settings.agent, directory, quiet=quiet)
+        summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
         print_mapped(summary)
         print(printable(str(write_report(directory))), flush=True)
 

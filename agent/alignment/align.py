@@ -43,7 +43,7 @@ Method = Callable[[PreparedMap, PreparedMap, AlignmentConfig, np.random.Generato
 
 def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Alignment:
     """The best transform by pairs of like corners, if it is good enough and no other is nearly as good."""
-    found = ranked(mine, theirs, config.drawing, rng)
+    found = ranked(mine, theirs, config, rng)
     if not len(found.transforms):
         return Alignment(None, "unlike")
     rival = 0.0

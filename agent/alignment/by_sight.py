@@ -15,7 +15,7 @@ import numpy as np
 
 from agent.alignment.agreement import agreement
 from agent.alignment.align import Alignment, pose_of
-from agent.alignment.candidates import COARSE_M, CONFLICT_WEIGHT, DISTINCT_M, DISTINCT_RAD, refine
+from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.corner_scan import CornerScan
@@ -95,7 +95,7 @@ def align_by_sight(
         if apart(t, found.transform, found.middle, COARSE_M, DISTINCT_RAD):
             continue
         agreed, conflict = agreement(mine.walls, theirs.walls, t)
-        score = agreed - CONFLICT_WEIGHT * conflict
+        score = agreed - config.conflict_weight * conflict
         reason = "sighted"
         if inliers < least_corners or agreed < config.min_score_m:
             reason = "weak"

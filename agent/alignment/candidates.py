@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.agreement import agreement
+from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, like_walls, likeness
 from agent.alignment.prepared import PreparedMap
 from agent.geometry.transform import apart, fit, move
@@ -26,9 +27,6 @@ DISTINCT_RAD = math.radians(10.0)  # the same for their turn
 COARSE_M = 0.25  # corners this near are the same in the first round of refinement (measured)
 FINE_M = 0.12  # the same in the later rounds (measured)
 GATES_M = (COARSE_M, FINE_M, FINE_M)
-CONFLICT_WEIGHT = 20.0
-"""Metres of agreement that a metre of conflict outweighs. Measured: 90 % of right transforms have less than 0.3 m of
-conflict, and the best one is right in 94, 98, 100, 100 % at weights 2, 5, 10, 20."""
 
 
 class Candidates(NamedTuple):
@@ -42,13 +40,13 @@ class Candidates(NamedTuple):
     scores: Floats  # (c,) agreement less weighted conflict, metres
 
 
-def ranked(mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.Generator) -> Candidates:
+def ranked(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng: np.random.Generator) -> Candidates:
     """Transforms from pairs of like corners, refined, with walls held against each other. rng: only if drawn."""
-    first = like_transforms(mine.corners, theirs.corners, drawing, rng)
+    first = like_transforms(mine.corners, theirs.corners, config.drawing, rng)
     refined = refine(first, mine.corners, theirs.corners)
     transforms, inliers, residuals = refined.transforms[:MAX_SCORED], refined.inliers[:MAX_SCORED], refined.residuals
     agreed, conflict = np.array([agreement(mine.walls, theirs.walls, t) for t in transforms]).reshape(-1, 2).T
-    scores = agreed - CONFLICT_WEIGHT * conflict
+    scores = agreed - config.conflict_weight * conflict
     order = np.lexsort((-inliers, -scores))
     return Candidates(
         transforms[order], inliers[order], residuals[order], agreed[order], conflict[order], scores[order]

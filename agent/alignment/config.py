@@ -23,6 +23,9 @@ class AlignmentConfig(Config):
     """Corners of both maps that must match."""
     min_score_m: NotNegative = 4.0
     """Metres of wall that must agree, less the weighted metres in conflict."""
+    conflict_weight: Positive = 20.0
+    """Metres of agreement that a metre of conflict outweighs. Measured: 90 % of right transforms have less than 0.3 m
+    of conflict, and the best one is right in 94, 98, 100, 100 % at weights 2, 5, 10, 20."""
     max_conflict: Positive = 0.15
     """Metres in conflict per metre of wall that agrees, at most."""
     margin: Annotated[float, Field(ge=0, lt=1)] = 0.45

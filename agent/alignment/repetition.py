@@ -21,8 +21,8 @@ from protocol.arrays import Bools, Floats
 
 MAX_PATTERNS = 16  # patterns looked at, those with most corners (40 find the same rivals and take twice the time)
 RIVAL_CONFLICT_WEIGHT = 3.0
-"""As CONFLICT_WEIGHT, for rivals. It is less, as a rival stands for others farther on, which the maps do not reach.
-Measured on 1,612 pairs: 0.5 to 3 all hold the bars, 20 leaves 30 % of `symmetric` wrong."""
+"""As AlignmentConfig.conflict_weight, for rivals. It is less, as a rival stands for others farther on, which the maps
+do not reach. Measured on 1,612 pairs: 0.5 to 3 all hold the bars, 20 leaves 30 % of `symmetric` wrong."""
 
 
 def patterns(one: Corners, drawing: str, rng: np.random.Generator) -> Floats:

@@ -168,7 +168,7 @@ class Team:
         for peer in self.peers.values():
             if peer.log.take_map(tick, most_walls):
                 self._say("attempt", peer.log, f"a map of more than {most_walls} walls waits", None, {})
-        if tick % self._ticks(LOOK_S) == 0:
+        if self.config.verification.ground and tick % self._ticks(LOOK_S) == 0:
             for peer in self.peers.values():
                 self._look(peer, here, scan)
 

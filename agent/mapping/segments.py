@@ -10,12 +10,14 @@ import numpy as np
 
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
+from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
 
 SAMPLE_M = 0.2  # distance of the samples of a piece: points, not beams, so that density does not count
 MERGE_M = 0.08  # a piece this near to a segment's line is of that segment: a cupboard's face keeps apart from its wall
 MERGE_COSINE = math.cos(math.radians(8.0))  # and turned against it by no more
 MERGE_GAP_M = 0.25  # two on one line are one across such a gap, as in a scan (`corner_scan.BRIDGE_M`)
+SURE = 100.0  # scans that a received wall's likelihood stands for, at most
 PASSES = 4  # as merged segments grow, they meet others; after four passes 1 in 100 still does
 
 SEGMENT = np.dtype(
@@ -49,6 +51,13 @@ def segments_of(pieces: Records) -> Records:
     out["xx"] = along_line * out["ux"] ** 2 + across * out["uy"] ** 2
     out["yy"] = along_line * out["uy"] ** 2 + across * out["ux"] ** 2
     out["xy"] = (along_line - across) * out["ux"] * out["uy"]
+    return out
+
+
+def segments_in(layer: Layer) -> Records:
+    """Segments (k,) of a received map, each as if one scan had shown it, and known as well as its owner says."""
+    out = segments_of(layer.pieces)
+    out["seen"] = layer.likelihood / np.maximum(1.0 - layer.likelihood, 1.0 / SURE)
     return out
 
 

@@ -6,15 +6,18 @@ the pose graph settles, and one map is merged from their walls.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from agent.corner_scan import CornerScan
+from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
+from agent.mapping.layers import Layer
 from agent.mapping.loops import Submap, find, look_again
-from agent.mapping.matching import costs_around, poses_around, refine
+from agent.mapping.matching import costs_around, nearest_wall, poses_around, refine
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.segments import SEGMENT, merge, moved, samples_along, segments_of, united
+from agent.mapping.segments import SEGMENT, merge, moved, samples_along, segments_in, segments_of, united
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 
@@ -31,6 +34,7 @@ SKIPPED = 2  # submaps before a finished one hold it by the way already and are 
 CONFIRMED = 2.0  # scans that must have shown a wall of a loop's samples: what one scan shows may be a leg
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
+LAID_M = 0.3  # a received wall so near beside an own one is the same: transforms between buildings' maps err as much
 TRUST = 0.25  # weight of a match's information: samples are not independent
 
 
@@ -207,7 +211,26 @@ class Submaps:
         middle: Floats = apply(self.poses[k], self.finished[k].views[:, :2].mean(0, keepdims=True))[0]
         return middle
 
-    def walls(self) -> Records:
-        """(n,) of SEGMENT: the walls of all submaps as one map, by the poses that are known now."""
+    def walls(self, layers: Sequence[Layer] = ()) -> Records:
+        """(n,) of SEGMENT: the walls of all submaps as one map, by the poses that are known now.
+
+        Of layers, maps of others in the own frame, those walls are added that do not lie beside own ones.
+        """
         parts = [place.walls for place in self.finished] + [self._walls[: self._count]]
-        return united([moved(walls, pose) for walls, pose in zip(parts, self.poses, strict=True)])
+        walls = united([moved(part, pose) for part, pose in zip(parts, self.poses, strict=True)])
+        for layer in layers:
+            walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
+        return walls
+
+
+@kernel
+def _new_to(walls: Records, others: Records) -> Records:
+    """Those of the segments (k,) of others, in the frame of the walls, that lie beside none for half their length."""
+    new = np.zeros(len(others), np.bool_)
+    for k in range(len(others)):
+        samples, on = samples_along(others[k : k + 1]), 0
+        for j in range(len(samples)):
+            x, y, ux, uy = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
+            on += nearest_wall(walls, x, y, ux, uy, LAID_M)[0] >= 0
+        new[k] = 2 * on < len(samples)
+    return others[new]

@@ -50,6 +50,28 @@ class LidarLog:
     scans: list[Scan] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)  # records that were not used, by reason
     notes: list[str] = field(default_factory=list)  # what else is odd
+    reference: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, by scans' numbers: where it was
+
+    def part(self, begin: int, end: int, name: str) -> "LidarLog":
+        """Scans from one to before another, as a log of its own. What was skipped and noted is told with the first."""
+        first = begin == 0
+        return LidarLog(
+            self.lidar,
+            f"{self.source}, {name}",
+            self.scans[begin:end],
+            self.skipped if first else Counter(),
+            self.notes if first else [],
+            self.reference,
+        )
+
+    def places(self) -> Floats:
+        """(scans, 2) where each scan was by the reference, or between scans that it names; NaN where it names none."""
+        known = self.reference
+        named = [(scan.time_s, *known[scan.number]) for scan in self.scans if scan.number in known]
+        if not named:
+            return np.full((len(self.scans), 2), np.nan)
+        times, (t, x, y) = [scan.time_s for scan in self.scans], np.array(named).T
+        return np.column_stack((np.interp(times, t, x), np.interp(times, t, y)))
 
     def add(self, scan: Scan) -> None:
         """Take a scan, or count why it cannot be used."""

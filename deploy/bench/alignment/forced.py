@@ -115,7 +115,7 @@ class ForcedRun:
             config = robot.config.alignment
             one, two = prepare(robot.own, config), prepare(theirs, config)
             if one is not None and two is not None:
-                for found in ranked(one, two, config.drawing, self.rng).transforms:
+                for found in ranked(one, two, config, self.rng).transforms:
                     if not right(*errors(found, mine, their_frame, theirs.points.mean(0))):
                         return pose_of(found)
         # a turn about where the peer was at the contact, which stays within range
