@@ -434,7 +434,7 @@ def map_(
     refer(team, reference or [])
     with run_directory(out, "", 0) as directory:
         summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
-        print_mapped(summary)
+        print_mapped(directory, summary)
         print(printable(str(write_report(directory))), flush=True)
 
 

@@ -98,7 +98,7 @@ def print_summary(out: Path, pairs: bool = False) -> None:
         add_row(table, robot, str(row.get("ended")), *_times(row), path, contacts, _number(row.get("bytes_sent")))
     add_row(table, "team", "", *_times(mapping(summary.get("team"))))
     console.print(table)
-    _print_pairs(out, console, robots, pairs or len(robots) <= MAX_ROBOTS)
+    print_pairs(out, console, robots, pairs or len(robots) <= MAX_ROBOTS)
 
 
 def _result(summary: dict[str, Any]) -> str:
@@ -114,7 +114,7 @@ def _result(summary: dict[str, Any]) -> str:
     return "; ".join(pieces)
 
 
-def _print_pairs(out: Path, console: Console, robots: Container[str], listed: bool) -> None:
+def print_pairs(out: Path, console: Console, robots: Container[str], listed: bool) -> None:
     """Print who of the robots met whom, and what became of their maps: a line each, or how many there are."""
     try:
         pairs = [pair for pair in fates(out) if pair.robot in robots and pair.peer in robots]

@@ -49,7 +49,11 @@ def map_logs(
     if len(players) > 1:
         events = sorted((event for player in players for event in player.events), key=lambda event: event["tick"])
         write_whole(out / "events.jsonl", "".join(json.dumps(event, allow_nan=False) + "\n" for event in events))
-    summary = {"robots": {player.name: _figures(player, config, len(players) > 1) for player in players}}
+    summary: dict[str, Any] = {
+        "robots": {player.name: _figures(player, config, len(players) > 1) for player in players}
+    }
+    if len(players) > 1:
+        summary["heard"] = "all" if players[0].mind.team.spec.radio_range_m is None else "in range"
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
     manifest.finish(out, ended="complete", exit_status=0)
     return summary
