@@ -12,7 +12,7 @@ from contextlib import nullcontext, suppress
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Context, Exit, Option, Typer
 
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 EXTRAS = {"pymunk": "world", "ezdxf": "export", "defusedxml": "export", "rosbags": "bags"} | dict.fromkeys(
     ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
-)  # what brings a package
+)
+EXTRAS |= dict.fromkeys(("dask", "distributed", "pyarrow"), "sweep")  # what brings a package
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
 NEVER_KEPT = ("resume", "secrets", "certs")  # options of a world that no file of a run holds
 
@@ -516,6 +517,29 @@ def config_(
     from deploy.settings import to_json, to_text, to_yaml
 
     print(to_json() if as_json else to_yaml() if as_yaml else to_text())
+
+
+@app.command(epilog="Example: wireswarm sweep sweep.yaml --out results/range")
+def sweep(
+    file: Annotated[Path, Argument(help="Worlds, settings and seeds to run.", metavar="FILE.yaml")],
+    out: Annotated[Path, Option(help="Folder of the results; what is there is not run again.", show_default=False)],
+    workers: Annotated[
+        int | None, Option(help="Processes on this machine.", show_default="one a core", min=1, max=1000)
+    ] = None,
+    scheduler: Annotated[
+        str | None, Option(help="A Dask cluster instead, such as tls://HOST:8786.", metavar="ADDRESS")
+    ] = None,
+    certs: Annotated[Path | None, Option(help="Folder of `wireswarm certs` for the cluster.", metavar="DIR")] = None,
+    retry_failed: Annotated[bool, Option("--retry-failed", help="Run those again that failed.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make many runs, each in one process, and keep the figures of each in a Parquet file."""
+    from deploy.sweep.command import sweep
+
+    options: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "certs": certs}
+    runs, failed, place = sweep(file, out, retry_failed=retry_failed, quiet=quiet, **options)
+    print(f"{runs} runs, {failed} of them failed; {printable(str(place))}", flush=True)
+    raise Exit(Status.INCOMPLETE if failed else Status.OK)
 
 
 BENCHMARKS = {

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from agent.config import AgentConfig
-from agent.robot import Robot
+from agent.robot import Robot, Step
 from agent.shell.checkpoint import Keeps, due
 from agent.shell.mind import MakeMind, Mind
 from agent.state import State
@@ -23,10 +23,12 @@ def run(
     out: Path | None,
     progress: Callable[[Episode], None] | None = None,
     make_mind: MakeMind | None = None,
+    watch: Callable[[str, Step], None] | None = None,
 ) -> dict[str, Any]:
     """Run to the end and return the fields of summary.json; `out` is the run directory, None to write nothing.
 
-    `progress` is called after every tick. What a mind raises ends the run as interrupted and is raised.
+    `progress` is called after every tick, `watch` before with every robot and its step. What a mind raises ends the run
+    as interrupted and is raised.
     """
     begin = time.perf_counter()
     episode = Episode(config, out)
@@ -51,6 +53,9 @@ def run(
                         mind.restore(kept[robot])
             tick = episode.tick
             steps = {robot: minds[robot].step(seen, heard) for robot, (heard, seen) in episode.inputs().items()}
+            if watch is not None:
+                for robot, step in steps.items():
+                    watch(robot, step)
             episode.advance({robot: Outputs(step.sends, step.action, step.map) for robot, step in steps.items()})
             if config.faults and due(tick, config.spec.lidar.rate_hz):
                 kept = {robot: mind.state() for robot, mind in minds.items() if isinstance(mind, Keeps)}

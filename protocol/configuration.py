@@ -35,7 +35,7 @@ def load(
         tree = {key: value for key, value in tree.items() if key in model.model_fields}
     for key, value in (flags or {}).items():
         if value is not None:
-            _put(tree, key, value)
+            put(tree, key, value)
     for setting in sets:
         key, equals, text = setting.partition("=")
         if not equals or not key:
@@ -44,7 +44,12 @@ def load(
             value = parse_document(text)
         except InputError as error:
             raise ConfigError(f"--set {key:.200}: {reprlib.repr(text)} is no value: {error}") from None
-        _put(tree, key, value)
+        put(tree, key, value)
+    return validated(model, tree)
+
+
+def validated(model: type[Model], tree: Mapping[str, Any]) -> Model:
+    """Configuration from the fields of a file. Raises ConfigError."""
     try:
         return model.model_validate(tree)
     except ValidationError as error:
@@ -79,7 +84,8 @@ def _read(file: Path) -> dict[str, Any]:
     return tree
 
 
-def _put(tree: dict[str, Any], key: str, value: object) -> None:
+def put(tree: dict[str, Any], key: str, value: object) -> None:
+    """Set a value in the fields of a file, by its dotted key. Raises ConfigError where it lies below a value."""
     *branches, leaf = key.split(".")
     for branch in branches:
         below = tree.setdefault(branch, {})

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from functools import cache
 from inspect import getsourcefile
 from itertools import product
 from pathlib import Path
@@ -23,11 +22,9 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from deploy.revision import sources
 from deploy.sensing import IDEAL_BENCHMARK
 from protocol.files import write_whole
-
-ROOT = Path(__file__).parents[2]
-PACKAGES = ("agent", "world", "protocol")  # the sources that every figure depends on
 
 Figures = dict[str, Any]  # what a case measured: JSON values
 
@@ -48,7 +45,7 @@ class Case:
         """Hash of all that decides the figures: sources of the minds and the world, the measure's, arguments."""
         own = getsourcefile(self.measure)
         assert own is not None
-        words = [_sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
+        words = [sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
         words += ["ideal"] if self.ideal else []
         return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
 
@@ -73,18 +70,6 @@ class Outcome(NamedTuple):
 
     figures: dict[str, Figures]
     failed: dict[str, str]  # why a case has no figures
-
-
-@cache
-def _sources(ignored: str) -> str:
-    """Hash of the packages and their worlds, as they are when first asked, without what `Case.ignores`."""
-    digest = hashlib.sha256()
-    for package in PACKAGES:
-        for source in sorted((ROOT / package).rglob("*")):
-            name = source.relative_to(ROOT).as_posix()
-            if source.suffix in (".py", ".yaml") and not (ignored and name.startswith(ignored)):
-                digest.update(name.encode() + b"\0" + source.read_bytes())
-    return digest.hexdigest()
 
 
 def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, quiet: bool = False) -> Outcome:

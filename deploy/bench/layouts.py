@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
 
-from deploy.bench.cases import ROOT
+from deploy.revision import ROOT
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.messages import RobotSpec

@@ -9,9 +9,9 @@ import pytest
 from rich.console import Console
 
 from deploy.bench.benchmark import Benchmark, report
-from deploy.bench.cases import ROOT
 from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.cli import BENCHMARKS
+from deploy.revision import ROOT
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)

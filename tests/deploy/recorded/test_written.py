@@ -13,11 +13,11 @@ import pytest
 from agent.config import AgentConfig
 from deploy import inprocess
 from deploy.bandwidth.books import NoRunError
-from deploy.bench.cases import ROOT
 from deploy.recorded.carmen import read_carmen
 from deploy.recorded.lidar_log import Given
 from deploy.recorded.reading import read_logs
 from deploy.recorded.written import write_carmen
+from deploy.revision import ROOT
 from protocol.geometry import compose
 from tests.scripted import Wanderer
 from tests.tiny import tiny_config

@@ -1,0 +1,40 @@
+"""Which sources results come from."""
+
+import hashlib
+import subprocess
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("agent", "world", "protocol")  # the sources that every figure depends on
+
+
+@cache
+def sources(ignored: str = "") -> str:
+    """Hash of PACKAGES and their worlds, as they are when first asked, without files whose path begins with `ignored`.
+
+    Empty: with all files.
+    """
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for source in sorted((ROOT / package).rglob("*")):
+            name = source.relative_to(ROOT).as_posix()
+            if source.suffix in (".py", ".yaml") and not (ignored and name.startswith(ignored)):
+                digest.update(name.encode() + b"\0" + source.read_bytes())
+    return digest.hexdigest()
+
+
+def revision() -> str:
+    """The commit of a checkout whose PACKAGES are as committed, else commit or version with a hash of the sources."""
+    base = version("wireswarm")
+    if (ROOT / ".git").exists():
+        base = _git("rev-parse", "--short=12", "HEAD")
+        if not _git("status", "--porcelain", "--", *PACKAGES):
+            return base
+    return f"{base}-{sources()[:12]}"
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(ROOT), *arguments]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()

@@ -1,0 +1,57 @@
+"""`wireswarm sweep`: plan, leave out what is there, run the rest, keep each result."""
+
+import os
+from pathlib import Path
+
+import psutil
+
+from deploy.interrupts import on_interrupt
+from deploy.revision import revision
+from deploy.sweep.measure import Row
+from deploy.sweep.plan import read_jobs
+from deploy.sweep.progress import SweepProgress
+from deploy.sweep.store import Store
+from protocol.status import Status
+
+
+def sweep(
+    file: Path,
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    certs: Path | None = None,
+    retry_failed: bool = False,
+    quiet: bool = False,
+) -> tuple[int, int, Path]:
+    """Run what `out` lacks; returns how many results it has of the file's runs, how many of them failed, and where.
+
+    Raises ConfigError, WorldFileError, InputError, LinkError and OSError.
+    """
+    jobs = read_jobs(file)
+    store = Store(out, revision())
+    kept = store.kept() - (store.failed() if retry_failed else set())
+    if left := [job for job in jobs if job.key not in kept]:
+        from deploy.sweep.engine import cluster, local_workers, run_all
+
+        with SweepProgress(len(left), quiet) as progress, on_interrupt(lambda: _leave(progress)):
+            if len(left) < len(jobs):
+                progress.say(f"{len(jobs) - len(left)} of {len(jobs)} results are in {store.place}")
+            ours = local_workers(min(workers or os.cpu_count() or 1, len(left)))
+
+            def keep(row: Row) -> None:
+                store.keep(row)
+                progress.arrived(row)
+
+            with cluster(scheduler, certs) if scheduler else ours as (address, security):
+                run_all(left, address, security, keep, progress.say)
+    return len(jobs), len(store.failed() & {job.key for job in jobs}), store.place
+
+
+def _leave(progress: SweepProgress) -> None:
+    """End at once, with the workers: what has arrived is kept, and a run under way is made again."""
+    progress.__exit__()
+    progress.say("interrupted; the same command goes on from here")
+    for child in psutil.Process().children(recursive=True):
+        child.kill()
+    os._exit(Status.INTERRUPTED)

@@ -1,0 +1,121 @@
+"""The runs of a sweep on Dask: worker processes on this machine, or those of a cluster.
+
+What a run gives is kept as soon as it arrives, and runs that are kept are not asked for, so nothing that dies costs
+more than the runs in hand. Dask gives those of a dead worker to another one. Where the scheduler dies, its clients lose
+sight of their runs, and ask for those that are missing when it is there again.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import dask
+from distributed import Client, KilledWorker, LocalCluster, Security, as_completed
+
+from deploy.revision import sources
+from deploy.sweep.measure import FAILED, OtherSourcesError, Row, described, measure
+from deploy.sweep.plan import Job
+from protocol.errors import InputError, LinkError
+
+PATIENCE_S = 300.0
+"""So long a scheduler that is gone, or has no worker, is waited for: a container is up again within a minute or two."""
+CONNECT_S = 5.0
+RETRY_S = 0.5
+SETTINGS = {
+    "distributed.comm.timeouts.connect": CONNECT_S,
+    "distributed.admin.system-monitor.gil.enabled": False,  # asks for the interpreter's lock a thousand times a second
+    "distributed.worker.profile.enabled": False,  # looks at the run's stack a hundred times a second
+}
+
+
+@contextmanager
+def local_workers(workers: int) -> Iterator[tuple[str, Security]]:
+    """Processes of this machine; yields the address of their scheduler, in this process, and what it takes to connect.
+
+    Workers run what they are sent, so the links are encrypted with certificates that nobody else has.
+    """
+    with dask.config.set(SETTINGS), TemporaryDirectory(prefix="wireswarm-") as folder:
+        security = Security.temporary()
+        with LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            security=security,
+            memory_limit=0,  # a run takes what it takes; a limit would kill it
+            local_directory=folder,
+            silence_logs=logging.CRITICAL,
+        ) as cluster:
+            yield cluster.scheduler_address, security
+
+
+@contextmanager
+def cluster(address: str, certs: Path | None) -> Iterator[tuple[str, Security | None]]:
+    """Check the address of a cluster's scheduler; the same as local_workers. Raises InputError."""
+    security = None
+    if certs is not None:
+        files = {"tls_ca_file": "ca.pem", "tls_client_cert": "viewer.pem", "tls_client_key": "viewer.key"}
+        for name in files.values():
+            if not (certs / name).is_file():
+                raise InputError(f"--certs {certs}: {name} is missing; `wireswarm certs {certs}` makes it")
+        paths: Any = {part: str(certs / name) for part, name in files.items()}
+        security = Security(require_encryption=True, **paths)
+    local = address.startswith(("tcp://127.", "tcp://localhost:"))
+    if not ((address.startswith("tls://") and security) or (local and security is None)):
+        raise InputError(
+            f"--scheduler {address:.200}: write tls://HOST:8786 with --certs DIR, since whoever reaches a scheduler "
+            "can run programs on its workers; tcp://127.0.0.1:8786 will do for one on this machine"
+        )
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    with dask.config.set(SETTINGS):
+        yield address, security
+
+
+def run_all(
+    jobs: Sequence[Job],
+    address: str,
+    security: Security | None,
+    keep: Callable[[Row], None],
+    say: Callable[[str], None],
+) -> None:
+    """Run all jobs, and hand each row to `keep` when it arrives; `say` is told what is waited for.
+
+    Raises LinkError where the scheduler or its workers stay away, or the workers cannot run the jobs.
+    """
+    left = {job.key: job for job in jobs}
+    since = time.monotonic()
+    while left:
+        try:
+            with Client(address, security=security, timeout=CONNECT_S, set_as_default=False) as client:
+                client.wait_for_workers(1, timeout=PATIENCE_S)
+                for row in _results(client, list(left.values())):
+                    keep(row)
+                    del left[row["key"]]
+                    since = time.monotonic()
+        except (OSError, TimeoutError) as error:
+            if time.monotonic() - since > PATIENCE_S:
+                raise LinkError(f"no scheduler with a worker at {address} for {PATIENCE_S:g} s: {error}") from None
+            say(f"no scheduler at {address}; it is waited for")
+            time.sleep(RETRY_S)
+
+
+def _results(client: Client, jobs: Sequence[Job]) -> Iterator[Row]:
+    """Rows as they come; those whose runs were lost with the scheduler are missing."""
+    by_key = {job.key: job for job in jobs}
+    futures = client.map(measure, jobs, code=sources(), key=list(by_key), retries=0)
+    arriving = as_completed(futures, loop=client.loop)
+    del futures  # a future that is kept pins its result to a worker, and has it computed again where that dies
+    for future in arriving:
+        if future.status == "finished":
+            yield future.result()
+        elif isinstance(error := future.exception() if future.status == "error" else None, KilledWorker):
+            yield described(by_key[future.key], FAILED, f"its worker died {error.allowed_failures + 1} times")
+        elif isinstance(error, OtherSourcesError):
+            raise LinkError(str(error))
+        elif error is not None:
+            raise LinkError(f"the workers cannot run it; have they wireswarm[sweep]? {type(error).__name__}: {error}")
+        future.release()

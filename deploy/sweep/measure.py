@@ -1,0 +1,136 @@
+"""One run of a sweep, and all its figures: what a worker does."""
+
+import json
+import socket
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from agent.robot import Step
+from deploy import inprocess
+from deploy.bench.errors import errors, right
+from deploy.config import RunConfig
+from deploy.metrics import score, truth_of
+from deploy.revision import sources
+from deploy.sweep.plan import Job
+from protocol.geometry import Pose, pose_of
+from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
+from world.episode import Episode
+from world.worldfile import load, to_yaml
+
+Row = dict[str, Any]
+"""Numbers, texts and None by the name of their column."""
+
+OK, FAILED = "ok", "failed"
+"""How it went with a run, in the column `status`; of a failed one, `reason` says why."""
+ALIGNMENT = ("attempt", "proposed", "accepted", "rejected", "unmerged")
+EMPTY = encode_wireframe(Wireframe())
+
+
+class OtherSourcesError(RuntimeError):
+    """The worker's code is not that of the command that asks it for a run."""
+
+
+def measure(job: Job, code: str) -> Row:
+    """Run a job in this process. What the run raises makes a row that says so. Raises OtherSourcesError.
+
+    code: what `deploy.revision.sources` is on the machine that asks.
+    """
+    if sources() != code:
+        raise OtherSourcesError(f"{socket.gethostname()} has another version of wireswarm: install the same there")
+    began, cpu = time.perf_counter(), time.thread_time()
+    try:
+        with TemporaryDirectory(prefix="wireswarm-") as folder:
+            row = described(job, OK) | _figures(job, Path(folder))
+    except Exception as error:
+        row = described(job, FAILED, f"{type(error).__name__}: {error}")
+    took = {"cpu_s": time.thread_time() - cpu, "wall_s": time.perf_counter() - began}
+    return row | {f"machine.{name}": round(value, 3) for name, value in took.items()}
+
+
+def described(job: Job, status: str, reason: str = "") -> Row:
+    """The columns that tell which run a row is of, and how it went."""
+    config = json.dumps(job.config, sort_keys=True)
+    settings = json.dumps(job.settings, sort_keys=True)
+    return {"key": job.key, "status": status, "reason": reason, "settings": settings, "config": config}
+
+
+def _figures(job: Job, folder: Path) -> Row:
+    config, seen = RunConfig.model_validate(job.config), _Seen()
+    if job.world is not None:
+        (folder / "world.yaml").write_text(to_yaml(job.world), encoding="utf-8")
+        config = config.model_copy(update={"world": str(folder / "world.yaml")})
+    summary = inprocess.run(config, config.agent, None, seen.look, watch=seen.watch)
+    episode, robots = seen.episode, summary["robots"]
+    frames = {robot: pose_of(start) for robot, start in zip(episode.robots, episode.starts, strict=True)}
+    machine = {name: summary.pop(name) for name in ("real_time_factor", "late_ticks", "links_lost")}
+    for robot, figures in robots.items():
+        machine[f"step_ms_median.{robot}"] = figures.pop("step_ms_median")
+        truth = truth_of(load(config.world), frames[robot][:2], config.spec.radius_m, config.spec.lidar.range_max_m)
+        figures |= score(decode_wireframe(seen.maps.get(robot, EMPTY)), frames[robot], truth)._asdict()
+    numbers = [name for name, value in robots["r1"].items() if not isinstance(value, str)]
+    tree = {
+        **summary,
+        "mean": {name: _mean([figures[name] for figures in robots.values()]) for name in numbers},
+        "worst": {
+            name: min(figures[name] for figures in robots.values()) for name in ("wall_recall", "wall_precision")
+        },
+        "alignments": seen.alignments(frames),
+        "ended": episode.ended,
+        "ended_s": episode.t,
+        "machine": machine,
+    }
+    return _flat(tree)
+
+
+class _Seen:
+    """A run's episode, and what robots said of their maps in it."""
+
+    episode: Episode
+
+    def __init__(self) -> None:
+        self.maps: dict[str, bytes] = {}
+        """The last one of each robot."""
+        self.counts = dict.fromkeys(ALIGNMENT, 0)
+        self.accepted: list[tuple[str, dict[str, Any]]] = []
+
+    def look(self, episode: Episode) -> None:
+        """Take the episode after a tick."""
+        self.episode = episode
+
+    def watch(self, robot: str, step: Step) -> None:
+        """Take a robot's step."""
+        if step.map is not None:
+            self.maps[robot] = step.map.wireframe
+        for event in step.action.events:
+            if event.event in ALIGNMENT:
+                self.counts[event.event] += 1
+            if event.event == "accepted":
+                self.accepted.append((robot, event.data))
+
+    def alignments(self, frames: Mapping[str, Pose]) -> Row:
+        """How many there were of each kind, and how many of the accepted ones are false (as in the scorer)."""
+        off = [
+            errors(data["transform"], frames[robot], frames[data["peer"]], np.zeros(2)) for robot, data in self.accepted
+        ]
+        return {**self.counts, "false": sum(not right(*one) for one in off)}
+
+
+def _mean(values: list[Any]) -> float | None:
+    """None where a robot has no such figure: the mean of the others would be better than the team."""
+    return None if None in values else float(np.mean(values))
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Row:
+    """Leaves by dotted key; numbers as float, so that a column has one type in all rows."""
+    row: Row = {}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            row |= _flat(value, f"{prefix}{name}.")
+        else:
+            row[prefix + name] = value if isinstance(value, str) or value is None else float(value)
+    return row

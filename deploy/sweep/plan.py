@@ -1,0 +1,150 @@
+"""The file of a sweep, and the runs that it asks for."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from deploy.config import RunConfig
+from protocol.configuration import ConfigError, put, validated
+from protocol.document import read_document
+from protocol.errors import InputError
+from protocol.settings import Config
+from world.worldfile import bundled, load
+
+MAX_RUNS = 1_000_000  # more are a typing error
+PLANNED = ("world", "seed")
+"""Settings with a field of their own."""
+
+Settings = dict[str, Any]
+"""Values by dotted key."""
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class Range(Config):
+    """Numbers to draw from; integers where both ends are."""
+
+    low: float | int
+    """The smallest one."""
+    high: float | int
+    """The largest one."""
+    log: bool = False
+    """Whether their logarithms are drawn evenly, instead of the numbers."""
+
+
+class Drawn(Config):
+    """Settings at random."""
+
+    count: Annotated[int, Field(ge=1, le=MAX_RUNS)]
+    """How many combinations."""
+    seed: Seed = 0
+    """They are drawn from it."""
+    settings: dict[str, Range | list[Any]]
+    """By dotted key: a range, or a list of which one is taken."""
+
+
+class SweepFile(Config):
+    """What a sweep runs: each world with each combination of settings and each seed."""
+
+    worlds: list[str] = Field(["maze-15"], min_length=1)
+    """Names of worlds or world files, the latter seen from the sweep's file."""
+    seeds: Annotated[int, Field(ge=1, le=MAX_RUNS)] | Annotated[list[Seed], Field(min_length=1)] = 1
+    """How many, from 0 on, or which ones."""
+    settings: Settings = Field({})
+    """Of all runs, by dotted key."""
+    grid: dict[str, Annotated[list[Any], Field(min_length=1)]] = Field({})
+    """By dotted key the values of which all combinations are run."""
+    cases: list[Settings] = Field([{}], min_length=1)
+    """Settings of which one after the other is taken, together with each combination of the grid."""
+    drawn: Drawn | None = None
+    """Settings at random, together with each of those."""
+
+
+class Job(NamedTuple):
+    """One run of a sweep."""
+
+    key: str
+    """Hash of all that decides its result, but for the code."""
+    settings: Settings
+    """By dotted key those that the file gives, world and seed included."""
+    config: Mapping[str, Any]
+    """The whole configuration, as JSON values."""
+    world: Any = None
+    """The world file's document; None for a bundled or generated world."""
+
+
+def read_jobs(file: Path) -> list[Job]:
+    """The runs that a file asks for, each once. Raises ConfigError and WorldFileError."""
+    try:
+        fields = read_document(file)
+        if not isinstance(fields, dict):
+            raise ConfigError(f"a sweep is KEY: VALUE, not {type(fields).__name__}")
+        plan = validated(SweepFile, fields)
+        worlds = {name: _world(file.parent, name) for name in plan.worlds}
+        jobs: dict[str, Job] = {}
+        points = list(_points(plan))
+        seeds = range(plan.seeds) if isinstance(plan.seeds, int) else plan.seeds
+        if (runs := len(points) * len(plan.worlds) * len(seeds)) > MAX_RUNS:
+            raise ConfigError(f"{runs} runs; at most {MAX_RUNS} are planned")
+        for point, (name, document), seed in product(points, worlds.items(), seeds):
+            job = _job({**point, "world": name, "seed": seed}, document)
+            jobs.setdefault(job.key, job)
+    except InputError as error:
+        raise type(error)(f"{file}: {error}") from None
+    return list(jobs.values())
+
+
+def _world(folder: Path, name: str) -> Any:
+    """The document of a world's file; None where the name is no file's. Raises WorldFileError."""
+    if name in bundled() or not (file := folder / name).exists():
+        load(name)
+        return None
+    load(file)
+    return read_document(file)
+
+
+def _points(plan: SweepFile) -> Iterator[Settings]:
+    """Combinations of settings."""
+    drawn: Sequence[Settings] = [{}] if plan.drawn is None else list(_drawn(plan.drawn))
+    grid = [dict(zip(plan.grid, values, strict=True)) for values in product(*plan.grid.values())]
+    for some in product(grid, plan.cases, drawn):
+        keys = [key for one in (plan.settings, *some) for key in one]
+        for key in keys:
+            if key in PLANNED:
+                raise ConfigError(f"{key}: name it at the top, as {key}s")
+        if again := {key for one in some for key in one if sum(key in other for other in some) > 1}:
+            raise ConfigError(f"{min(again)}: it stands in more than one of grid, cases and drawn")
+        yield {key: value for one in (plan.settings, *some) for key, value in one.items()}
+
+
+def _drawn(drawn: Drawn) -> Iterator[Settings]:
+    rng = np.random.default_rng(drawn.seed)
+    for _ in range(drawn.count):
+        yield {key: _draw(rng, key, choices) for key, choices in drawn.settings.items()}
+
+
+def _draw(rng: np.random.Generator, key: str, choices: Range | list[Any]) -> Any:
+    if isinstance(choices, list):
+        return choices[rng.integers(len(choices))]
+    low, high = choices.low, choices.high
+    if not low <= high or (choices.log and low <= 0):
+        raise ConfigError(f"drawn.settings.{key}: from low to high, and above 0 where log is set")
+    whole = isinstance(low, int) and isinstance(high, int)
+    if whole and not choices.log:
+        return int(rng.integers(int(low), int(high), endpoint=True))
+    value = float(np.exp(rng.uniform(np.log(low), np.log(high))) if choices.log else rng.uniform(low, high))
+    return min(max(round(value), low), high) if whole else value
+
+
+def _job(settings: Settings, document: Any) -> Job:
+    tree: dict[str, Any] = {}
+    for key, value in settings.items():
+        put(tree, key, value)
+    config = validated(RunConfig, tree).model_dump(mode="json")
+    text = json.dumps([config, document], sort_keys=True)
+    return Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings, config, document)

@@ -1,0 +1,81 @@
+"""The file of a sweep: what it asks for, and what is refused."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from deploy.revision import ROOT
+from deploy.sweep.plan import read_jobs
+from protocol.errors import InputError
+from tests.deploy.sweep.sweeps import write_sweep
+
+
+def test_worlds_settings_and_seeds_combine(tmp_path: Path) -> None:
+    text = """
+worlds: [maze-15, tiny.yaml]
+seeds: [3, 7]
+settings: {until: 5}
+grid: {robots: [1, 2], radio.range_m: [2, null]}
+cases: [{}, {people: 1}]
+"""
+    jobs = read_jobs(write_sweep(tmp_path, text))
+    assert len(jobs) == len({job.key for job in jobs}) == 2 * 2 * 2 * 2 * 2
+    assert {job.config["seed"] for job in jobs} == {3, 7} and {job.config["until"] for job in jobs} == {5}
+    assert {job.config["radio"]["range_m"] for job in jobs} == {2, None}
+    assert sum(job.config["people"] for job in jobs) == 16
+    assert {(job.config["world"], job.world is None) for job in jobs} == {("maze-15", True), ("tiny.yaml", False)}
+
+
+def test_drawn_settings_are_the_same_each_time_and_within_their_ranges(tmp_path: Path) -> None:
+    text = """
+drawn:
+  count: 20
+  settings:
+    robots: {low: 1, high: 3}
+    radio.range_m: {low: 0.5, high: 50.0, log: true}
+    starts: [file, random]
+"""
+    jobs = read_jobs(write_sweep(tmp_path, text))
+    assert jobs == read_jobs(tmp_path / "sweep.yaml") and len(jobs) == 20
+    assert {job.config["robots"] for job in jobs} == {1, 2, 3}
+    assert {job.config["starts"] for job in jobs} == {"file", "random"}
+    ranges = sorted(job.config["radio"]["range_m"] for job in jobs)
+    assert 0.5 <= ranges[0] < 5 < ranges[-1] <= 50
+
+
+def test_the_key_follows_from_the_configuration_and_the_content_of_the_world(tmp_path: Path) -> None:
+    (first,) = read_jobs(write_sweep(tmp_path, "worlds: [tiny.yaml]"))
+    (same,) = read_jobs(write_sweep(tmp_path, "worlds: [tiny.yaml]\nsettings: {radio.range_m: 4.0}"))
+    (other,) = read_jobs(write_sweep(tmp_path, "worlds: [tiny.yaml]\nsettings: {radio.range_m: 4.5}"))
+    world = tmp_path / "tiny.yaml"
+    world.write_text(world.read_text().replace("0.5, 0.6", "0.5, 0.5"))
+    (moved,) = read_jobs(tmp_path / "sweep.yaml")
+    assert first.key == same.key and len({first.key, other.key, moved.key}) == 3
+
+
+def test_the_file_in_the_docs_is_a_sweep(tmp_path: Path) -> None:
+    (text,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/experiments.md").read_text(), re.S)
+    jobs = read_jobs(write_sweep(tmp_path, text.replace("my-world", "tiny")))
+    assert len(jobs) == 3 * 10 * 6 * 2 * 5
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("grod: {}", "grod: there is no such setting"),
+        ("settings: {radio.rnge_m: 1}", "radio.rnge_m: there is no such setting"),
+        ("grid: {robots: []}", "grid.robots: list should have at least 1 item"),
+        ("grid: {seed: [1]}", "seed: name it at the top, as seeds"),
+        ("grid: {robots: [1]}\ncases: [{robots: 2}]", "robots: it stands in more than one"),
+        ("worlds: [nowhere]", "nowhere: neither a file nor a bundled world"),
+        ("seeds: -1", "seeds: "),
+        ("drawn: {count: 1, settings: {robots: {low: 3, high: 1}}}", "drawn.settings.robots: from low to high"),
+        ("[1]", "a sweep is KEY: VALUE"),
+    ],
+)
+def test_a_wrong_file_is_refused_by_a_sentence_with_its_name(tmp_path: Path, text: str, sentence: str) -> None:
+    file = write_sweep(tmp_path, text)
+    with pytest.raises(InputError) as error:
+        read_jobs(file)
+    assert str(error.value).startswith(f"{file}: ") and sentence in str(error.value)
