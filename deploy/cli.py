@@ -115,7 +115,7 @@ def run(
     settings = _settings(context)
     for doubt in doubts(settings.spec):
         say(f"a complete map is not to be expected: {doubt}")
-    with run_directory(out, settings.world, settings.seed) as directory:
+    with run_directory(out, settings.world, settings.seed) as directory, on_interrupt(partial(_leave, directory)):
         with Display(settings.world, str(settings.radio), quiet) as display:
             result = launch(settings, directory, show=display.show)
         for error in result.errors:
@@ -126,8 +126,7 @@ def run(
             say(f"interrupted; `wireswarm report {directory}` draws what there is")
             print_summary(directory, pairs)
             raise Exit(result.status)
-        with on_interrupt(partial(_leave_report, directory)):
-            _draw(directory, pairs)
+        _draw(directory, pairs)
         raise Exit(result.status)
 
 
@@ -152,14 +151,19 @@ def _draw(run: Path, pairs: bool = False) -> None:
     print(printable(str(made.get("report", run))), flush=True)
 
 
-def _leave_report(run: Path) -> None:
-    """End at once, in the midst of drawing: a finished run needs nothing more, and libraries drop what is raised."""
-    from deploy import manifest
+def _leave(run: Path) -> None:
+    """End at once, also in the midst of drawing: libraries drop what is raised, and a run that ended needs no more."""
+    from deploy import forks, manifest
 
     why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
-    with suppress(OSError):
-        manifest.finish(run, exit_status=Status.INTERRUPTED, errors=[why])
-    say(why)
+    try:
+        manifest.interrupt(run, why)
+    except OSError:  # nothing was run yet
+        with suppress(OSError):
+            run.rmdir()
+    else:
+        say(why)
+    forks.kill()
     os._exit(Status.INTERRUPTED)
 
 
@@ -269,7 +273,7 @@ def world_(
         manifest.finish(directory, ended=ended, exit_status=status)
     print(f"ended: {ended}; {printable(str(directory))}", flush=True)
     if status != Status.INTERRUPTED:
-        with on_interrupt(partial(_leave_report, directory)):
+        with on_interrupt(partial(_leave, directory)):
             _draw(directory)
     raise Exit(status)
 

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import signal
+from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker
 
 PRELOAD = ["numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely"]
@@ -21,3 +22,12 @@ def begin() -> None:
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def kill() -> None:
+    """Kill all children of this process, with the server, in which a start of one may wait, and theirs."""
+    import psutil
+
+    for process in psutil.Process().children(recursive=True):
+        with suppress(psutil.NoSuchProcess):
+            process.kill()

@@ -13,8 +13,6 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-import psutil
-
 from deploy import capacity, forks, manifest
 from deploy.config import RunConfig
 from deploy.faults import schedule
@@ -93,10 +91,10 @@ def launch(
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
-    Ctrl-C or SIGTERM ends the run; a second one kills it. A run that cannot begin, because an option or a file is
-    wrong, leaves nothing in it. Raises WorldFileError for a world that cannot be loaded, and ConfigError for
-    more robots than this machine has room for, before anything is started; UnwritableError where the run directory
-    cannot be written.
+    Ctrl-C or SIGTERM ends the run; a second one kills it; when it has ended, both are the caller's again. A run that
+    cannot begin, because an option or a file is wrong, leaves nothing in it. Raises WorldFileError for a world that
+    cannot be loaded, and ConfigError for more robots than this machine has room for, before anything is started;
+    UnwritableError where the run directory cannot be written.
     """
     capacity.check(config.robots)
     children = Children(config, out, show, make_mind)
@@ -104,23 +102,24 @@ def launch(
         begun = manifest.begun(config, load(config.world))
         out.mkdir(parents=True, exist_ok=True)
         manifest.begin(out, begun)
-        status, ended, errors = children.follow()
-        if status != Status.INTERRUPTED and (out / NAME).exists():
-            try:
-                finish(out)  # the world was killed, or failed
-            except (CheckpointError, OSError) as error:
-                errors += [] if str(error) in errors else [str(error)]
-        if status == Status.INTERRUPTED and ended != "interrupted":
-            errors.append("interrupted while the run ended")
+        children.follow()
+    status, ended, errors = children.result()
+    if status != Status.INTERRUPTED and (out / NAME).exists():
         try:
-            remove_parts(out)
-            if status == Status.USAGE:
-                manifest.withdraw(out)
-            else:
-                manifest.finish(out, ended=ended, exit_status=status, **({"errors": errors} if errors else {}))
-        except OSError as error:
+            finish(out)  # the world was killed, or failed
+        except (CheckpointError, OSError) as error:
             errors += [] if str(error) in errors else [str(error)]
-            status = status or Status.FAILURE
+    if status == Status.INTERRUPTED and ended != "interrupted":
+        errors.append("interrupted while the run ended")
+    try:
+        remove_parts(out)
+        if status == Status.USAGE:
+            manifest.withdraw(out)
+        else:
+            manifest.finish(out, ended=ended, exit_status=status, **({"errors": errors} if errors else {}))
+    except OSError as error:
+        errors += [] if str(error) in errors else [str(error)]
+        status = status or Status.FAILURE
     return Result(status, ended, errors)
 
 
@@ -145,7 +144,7 @@ class Children:
         self._gone: set[str] = set()  # robots that do not come back
         self._endpoint = ""
 
-    def follow(self) -> Result:
+    def follow(self) -> None:
         """Start the world, its robots when it listens, and listen to all until they have ended; kill those that do not.
 
         A child's end of its pipe closes when it ends. The server that they are forked from tells a sentinel how they
@@ -174,14 +173,15 @@ class Children:
             self._kill(self._talking.values())
         finally:
             self._leave()
+
+    def result(self) -> Result:
+        """How the run went, once it has ended."""
         return Result(self._status(), self._ended or ("interrupted" if self._interrupted else "failed"), self._errors)
 
     def interrupt(self) -> None:
         """End the run: in order where the world listens, else at once, as a second call does."""
         if self._interrupted or not self._listening:
-            for process in psutil.Process().children(recursive=True):  # with the server, in which a start may wait
-                with suppress(psutil.NoSuchProcess):
-                    process.kill()
+            forks.kill()
             self._kill(self._talking.values())
         self._interrupted = True
         for world in self._world():  # it tells its robots; those not there yet are told at its end
@@ -212,7 +212,7 @@ class Children:
             child.process.join(max(0.0, deadline - time.monotonic()))
             if child.process.is_alive():
                 child.process.kill()
-                child.process.join()
+                child.process.join(LEAVE_S)
             child.log.read()
             child.log.pipe.close()
 

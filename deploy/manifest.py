@@ -10,6 +10,7 @@ from typing import Any
 
 from protocol.files import write_whole
 from protocol.settings import Config
+from protocol.status import Status
 from world.config import WorldConfig
 from world.worldfile import World
 
@@ -37,13 +38,22 @@ def begin(out: Path, fields: dict[str, Any]) -> None:
 
 def finish(out: Path, **more: Any) -> None:
     """Add to it what is known now that the run has ended. Raises UnwritableError, OSError where there is none."""
-    fields = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
-    _write(out, fields | {"end": _now()} | more)
+    _write(out, _read(out) | {"end": _now()} | more)
+
+
+def interrupt(out: Path, why: str) -> None:
+    """Say that somebody stopped the command, after the run or before it had an end. Raises as `finish` does."""
+    finish(out, ended=_read(out)["ended"] or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
 
 
 def withdraw(out: Path) -> None:
     """Remove it, where the run could not begin."""
     (out / "manifest.json").unlink(missing_ok=True)
+
+
+def _read(out: Path) -> dict[str, Any]:
+    fields: dict[str, Any] = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    return fields
 
 
 def _write(out: Path, fields: dict[str, Any]) -> None:

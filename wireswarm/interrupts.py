@@ -1,19 +1,26 @@
-"""Ctrl-C and SIGTERM while the command is imported, and in commands that need no better: end at once without a word."""
+"""Ctrl-C and SIGTERM before and after a command's work, and in commands that need no better."""
 
 import os
 import signal
 from contextlib import suppress
 from pathlib import Path
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = 130
 """Exit status."""
 
 
 def leave_at_once() -> None:
-    """Handle both from now on, unless Ctrl-C is ignored already, as in a process that the command has started."""
+    """End at each, without a word, from now on; unless Ctrl-C is ignored, as in a process that the command started."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in SIGNALS:
             signal.signal(number, lambda number, frame: _leave())
+
+
+def ignore() -> None:
+    """From now on: all is done and told, and Python takes some tenths of a second to end."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _leave() -> None:

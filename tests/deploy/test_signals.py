@@ -1,6 +1,5 @@
 """Ctrl-C, SIGTERM and kill -9 in every phase of `wireswarm run`: it ends soon, says so, and leaves nothing running."""
 
-import json
 import os
 import signal
 import subprocess
@@ -13,52 +12,9 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.tiny import ROOM
+from tests.disturbed import BEGUN_S, REPO, Command, handles
 
-REPO = Path(__file__).parents[2]
-BEGUN_S = 100.0  # bound of waits for a phase to begin, on a machine that is busy with others
-AS_TERMINAL = ("env", "--default-signal=INT")  # a shell's job in the background, and what it starts, ignores Ctrl-C
 ENDED_S = 5.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # 5 s of a machine that is not
-
-
-class Command:
-    """A run that is to be disturbed."""
-
-    def __init__(self, folder: Path, *options: str) -> None:
-        (folder / "tiny.yaml").write_text(ROOM)
-        self.out = folder / "out"
-        self.popen = subprocess.Popen(
-            [*AS_TERMINAL, sys.executable, "-m", "wireswarm", "run", "--world", "tiny.yaml", "--out", "out", *options],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(REPO)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        self.processes: list[psutil.Process] = []
-
-    def wait_for(self, file: str) -> None:
-        """Wait until the run directory has a file, and note all processes."""
-        end = time.monotonic() + BEGUN_S
-        while not (self.out / file).exists():
-            assert self.popen.poll() is None and time.monotonic() < end, f"there is no {file}"
-            time.sleep(0.002)
-        self.note()
-
-    def note(self) -> None:
-        launcher = psutil.Process(self.popen.pid)
-        self.processes = [launcher, *launcher.children(recursive=True)]
-
-    def ended(self) -> tuple[int, str]:
-        """Status and errors, after the bar for a disturbed run."""
-        errors = self.popen.communicate(timeout=ENDED_S)[1]
-        assert not psutil.wait_procs(self.processes, timeout=ENDED_S)[1]
-        return self.popen.returncode, errors
-
-    def manifest(self) -> dict[str, Any]:
-        fields: dict[str, Any] = json.loads((self.out / "manifest.json").read_text())
-        return fields
 
 
 @pytest.fixture
@@ -71,30 +27,20 @@ def command(tmp_path: Path) -> Iterator[Any]:
 
     yield start
     for one in started:
-        for process in one.processes:
-            if process.is_running():
-                process.kill()
-        one.popen.kill()
-        one.popen.communicate()
+        one.end()
 
 
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-
-
-def handles_sigterm(pid: int) -> bool:
-    """Whether a process has begun to handle signals itself, as Python alone does not."""
-    caught = next(line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigCgt"))
-    return bool(int(caught.split()[1], 16) >> signal.SIGTERM - 1 & 1)
 
 
 @SIGNALS
 def test_a_command_that_is_still_being_imported_leaves_without_a_word(command: Any, number: signal.Signals) -> None:
     run = command()
     end = time.monotonic() + BEGUN_S
-    while not handles_sigterm(run.popen.pid):
+    while not handles(run.popen.pid, signal.SIGTERM):
         assert time.monotonic() < end
     run.popen.send_signal(number)
-    assert run.ended() == (130, "")
+    assert run.ended(ENDED_S) == (130, "")
     assert not run.out.exists()
 
 
@@ -120,7 +66,7 @@ def test_a_signal_in_the_first_second_is_no_traceback(command: Any, number: sign
     run = command()
     time.sleep(after_s)
     run.popen.send_signal(number)
-    status, errors = run.ended()
+    status, errors = run.ended(ENDED_S)
     assert status == 130 and "Traceback" not in errors
     assert not run.out.exists() or run.manifest()["ended"] == "interrupted"
 
@@ -142,7 +88,7 @@ def test_a_signal_ends_a_run_in_any_phase(command: Any, phase: str, number: sign
     run = command("--until", "10")
     run.wait_for(phase)
     (os.killpg if group else os.kill)(run.popen.pid, number)
-    status, errors = run.ended()
+    status, errors = run.ended(ENDED_S)
     manifest = run.manifest()
     assert status == manifest["exit_status"] == 130
     assert "interrupted" in errors and "Traceback" not in errors
@@ -165,7 +111,7 @@ def test_a_second_signal_kills_what_the_first_does_not_end(command: Any) -> None
     with pytest.raises(subprocess.TimeoutExpired):
         run.popen.wait(0.5)
     run.popen.send_signal(signal.SIGINT)
-    assert run.ended()[0] == 130
+    assert run.ended(ENDED_S)[0] == 130
     assert run.manifest()["ended"] == "interrupted"
 
 
@@ -192,14 +138,14 @@ def test_without_launcher_or_server_of_forks_a_run_ends_as_interrupted(command: 
         while not (run.out / phase).stat().st_size:
             time.sleep(0.01)
         run.note()
-    server = [p for p in run.processes[1:] if "forkserver" in " ".join(p.cmdline()) and p.ppid() == run.popen.pid]
+    server = run.server()
     if victim == "launcher":
         run.popen.kill()
     elif server:
-        server[0].kill()
+        server.kill()
     else:
         pytest.skip("the server had not started")
-    status, errors = run.ended()
+    status, errors = run.ended(ENDED_S)
     manifest = run.manifest()
     assert "Traceback" not in errors
     if victim == "server":
