@@ -546,6 +546,51 @@ def sweep(
     raise Exit(Status.INCOMPLETE if failed else Status.OK)
 
 
+Measures = Annotated[
+    list[str] | None,
+    Option("--measure", help="A column of the results, such as team.t_90.", show_default="the usual ones"),
+]
+
+
+@app.command(epilog="Example: wireswarm table results/range --measure team.t_90 --against radio.range_m=4")
+def table(
+    folder: Annotated[Path, Argument(help="Folder of results.", metavar="DIR")],
+    measures: Measures = None,
+    against: Annotated[
+        str | None, Option(help="Compare with the runs of this setting, seed by seed.", metavar="KEY=VALUE")
+    ] = None,
+    out: Annotated[Path | None, Option(help="Folder for the tables as CSV, LaTeX and plots.")] = None,
+) -> None:
+    """Print medians of a sweep's runs, with intervals that hold them with 95 %."""
+    from deploy.sweep import tables
+
+    rows, _ = tables.select(str(folder))
+    wanted = measures or tables.MEASURES
+    sheets = [tables.medians(rows, wanted)]
+    if against is not None:
+        sheets.append(tables.against(rows, against, wanted))
+    tables.show(sheets, out)
+
+
+@app.command(epilog="Example: wireswarm compare results/range:radio.range_m=8 results/range:radio.range_m=4")
+def compare(
+    first: Annotated[str, Argument(help="Folder of results, maybe only those with some settings.", metavar="A")],
+    second: Annotated[str, Argument(help="The same, such as of another commit.", metavar="B")],
+    measures: Measures = None,
+    out: Annotated[Path | None, Option(help="Folder for the table as CSV, LaTeX and a plot.")] = None,
+) -> None:
+    """Compare runs of the same seeds, A less B, with the probability that A is better.
+
+    A and B are DIR or DIR:KEY=VALUE,KEY=VALUE.
+    """
+    from deploy.sweep import tables
+
+    mine, keys = tables.select(first)
+    theirs, others = tables.select(second)
+    besides = ["revision", *keys, *others]
+    tables.show([tables.compared(mine, theirs, besides, measures or tables.MEASURES)], out)
+
+
 BENCHMARKS = {
     "lidar": "Rays a second in the bundled worlds.",
     "lockstep": "Ticks a second over Zenoh with robots that do not think.",

@@ -1,0 +1,222 @@
+"""Results of sweeps as tables: medians of each group of runs, and differences between runs of the same seed."""
+
+import csv
+import io
+import json
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from deploy.figures import write_figure
+from deploy.sweep.measure import OK, Row
+from deploy.sweep.statistics import Estimate, difference, median, value_of
+from deploy.sweep.store import read_rows
+from deploy.terminal import add_row
+from protocol.document import parse_document
+from protocol.errors import InputError
+from protocol.files import write_whole
+
+MEASURES = (
+    "team.coverage", "team.t_90", "team.t_99", "mean.path_m", "worst.wall_recall", "worst.wall_precision",
+    "mean.bytes_sent",
+)  # fmt: skip
+"""Without --measure."""
+
+WIDTH = 200  # characters that a line with all of them needs; a narrower terminal breaks it, but no figure is lost
+
+Point = tuple[tuple[str, str], ...]
+"""Settings and their values as JSON, in the order of their names."""
+
+
+class Sheet(NamedTuple):
+    """A table: lines of texts, counts and figures (None: there is none) under heads."""
+
+    title: str
+    heads: list[str]
+    lines: list[list[str | int | Estimate | None]]
+
+
+def select(what: str) -> tuple[list[Row], list[str]]:
+    """Rows of FOLDER, or FOLDER:KEY=VALUE,KEY=VALUE, and these keys. Raises InputError."""
+    folder, colon, wishes = what.partition(":")
+    if not Path(folder).is_dir():
+        raise InputError(f"{folder:.200}: no folder of a sweep's results")
+    wanted = dict(_wish(wish) for wish in wishes.split(",")) if colon else {}
+    rows = [row for row in read_rows(Path(folder)) if wanted.items() <= dict(_point(row)).items()]
+    if not rows:
+        raise InputError(f"{what:.200}: no results")
+    return rows, list(wanted)
+
+
+def _wish(text: str) -> tuple[str, str]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise InputError(f"{text:.200}: write KEY=VALUE, such as radio.range_m=4")
+    return key, value if key == "revision" else json.dumps(parse_document(value))
+
+
+def _point(row: Row) -> Point:
+    """What a run was made with, the revision included."""
+    settings = {key: json.dumps(value, sort_keys=True) for key, value in json.loads(row["settings"]).items()}
+    return tuple(sorted({**settings, "revision": row["revision"]}.items()))
+
+
+def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
+    """Medians over the seeds of runs that are alike in all else. Raises InputError for a measure that no run has."""
+    groups: defaultdict[Point, list[Row]] = defaultdict(list)
+    for row in rows:
+        groups[_without(_point(row), ["seed"])].append(row)
+    varied = _varied(list(groups))
+    lines: list[list[str | int | Estimate | None]] = []
+    for point, alike in groups.items():
+        failed = sum(row["status"] != OK for row in alike)
+        found = [[value for row in alike if (value := _value(row, name)) is not None] for name in measures]
+        settings = [_plain(dict(point).get(key, "")) for key in varied]
+        lines.append([*settings, len(alike), failed, *map(median, found)])
+    return Sheet("Medians", [*varied, "runs", "failed", *measures], lines)
+
+
+def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str], measures: Sequence[str]) -> Sheet:
+    """Of runs in pairs that are alike in all but the settings `besides`, seeds included: what the first have more.
+
+    Raises InputError where nothing pairs.
+    """
+    others = {_without(_point(row), besides): row for row in second}
+    pairs = [(row, other) for row in first if (other := others.get(_without(_point(row), besides))) is not None]
+    if not pairs:
+        raise InputError("no two of these runs are alike in all else, seeds included")
+    lines: list[list[str | int | Estimate | None]] = []
+    for measure in measures:
+        values = [(_value(row, measure), _value(other, measure)) for row, other in pairs]
+        both = [(a, b) for a, b in values if a is not None and b is not None]
+        found = difference(both, measure)
+        lines.append([measure, len(both), len(pairs) - len(both), *(found or (None, None))])
+    return Sheet("Differences by seed", ["measure", "pairs", "without", "median difference", "P(better)"], lines)
+
+
+def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
+    """The same for each other value of a setting, compared with the runs with KEY=VALUE. Raises InputError."""
+    key, value = _wish(wish)
+    by_value: defaultdict[str, list[Row]] = defaultdict(list)
+    for row in rows:
+        by_value[dict(_point(row)).get(key, "")].append(row)
+    if value not in by_value or len(by_value) < 2:
+        raise InputError(f"--against {wish:.200}: there must be runs with it, and with another value")
+    base, sheets = by_value.pop(value), []
+    for other, those in sorted(by_value.items()):
+        sheet = compared(those, base, [key], measures)
+        sheets.append(sheet._replace(lines=[[_plain(other), *line] for line in sheet.lines]))
+    return Sheet(
+        f"Differences to {wish} by seed", [key, *sheets[0].heads], [line for one in sheets for line in one.lines]
+    )
+
+
+def _value(row: Row, measure: str) -> float | None:
+    try:
+        return value_of(row, measure)
+    except KeyError:
+        known = ", ".join(sorted(name for name, value in row.items() if isinstance(value, float)))
+        raise InputError(f"--measure {measure:.100}: a result has {known:.400}, ...") from None
+
+
+def _without(point: Point, keys: Sequence[str]) -> Point:
+    return tuple(item for item in point if item[0] not in keys)
+
+
+def _varied(points: Sequence[Point]) -> list[str]:
+    """Settings that not all have, or not with one value."""
+    keys = sorted({key for point in points for key, _ in point})
+    return [key for key in keys if len({dict(point).get(key) for point in points}) > 1]
+
+
+def _plain(value: str) -> str:
+    """JSON without the quotes of a text."""
+    return value.strip('"')
+
+
+def words(value: str | int | Estimate | None) -> str:
+    """An entry as text; a figure with its interval, such as 0.95 [0.93, 0.97]."""
+    if isinstance(value, Estimate):
+        return f"{_short(value.value)} [{_short(value.low)}, {_short(value.high)}]"
+    return "-" if value is None else str(value)
+
+
+def _short(value: float) -> str:
+    return f"{value:.4g}".replace("inf", "∞")
+
+
+def to_csv(sheet: Sheet) -> str:
+    """Figures in three columns: NAME, NAME low and NAME high; a time that is never reached is inf."""
+    figures = {at for line in sheet.lines for at, value in enumerate(line) if isinstance(value, Estimate)}
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    spread = [[head, f"{head} low", f"{head} high"] if at in figures else [head] for at, head in enumerate(sheet.heads)]
+    writer.writerow([head for heads in spread for head in heads])
+    for line in sheet.lines:
+        cells: list[str | float] = []
+        for at, value in enumerate(line):
+            if isinstance(value, Estimate):
+                cells += list(value)
+            else:
+                cells += ["", "", ""] if at in figures else [words(value)]
+        writer.writerow(cells)
+    return out.getvalue()
+
+
+def to_latex(sheet: Sheet) -> str:
+    """A tabular for the package booktabs."""
+    lines = [" & ".join(_tex(words(value)) for value in line) + r" \\" for line in [sheet.heads, *sheet.lines]]
+    begin = r"\begin{tabular}{" + "l" * len(sheet.heads) + "}"
+    return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _tex(text: str) -> str:
+    special = {"∞": r"$\infty$", "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+    return "".join(special.get(letter) or (f"\\{letter}" if letter in "_%&#${}" else letter) for letter in text)
+
+
+def draw(sheet: Sheet, file: Path) -> None:
+    """A PNG with a panel for each column of figures: a point and its interval a line. Raises UnwritableError."""
+    from matplotlib.figure import Figure
+
+    columns = [at for at in range(len(sheet.heads)) if any(isinstance(line[at], Estimate) for line in sheet.lines)]
+    if not columns:
+        return
+    first = min(columns)
+    labels = [", ".join(words(value) for value in line[:first] if isinstance(value, str)) for line in sheet.lines]
+    figure = Figure((3 * len(columns) + 2, 0.3 * len(labels) + 1.5), layout="constrained")
+    panels = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
+    for panel, at in zip(panels, columns, strict=True):
+        for row, line in enumerate(sheet.lines):
+            estimate = line[at]
+            if isinstance(estimate, Estimate) and math.isfinite(estimate.value):
+                panel.plot([estimate.low, estimate.high], [row, row], color="C0")
+                panel.plot(estimate.value, row, "o", color="C0")
+        panel.set_title(sheet.heads[at], fontsize=9)
+        panel.grid(axis="x", alpha=0.3)
+    panels[0].set_yticks(range(len(labels)), labels)
+    panels[0].invert_yaxis()
+    write_figure(figure, file, dpi=120)
+
+
+def show(sheets: Sequence[Sheet], out: Path | None) -> None:
+    """Print tables, and write each to out/TITLE as csv, tex and png. Raises UnwritableError."""
+    console = Console()
+    console.width = max(console.width, WIDTH)
+    for sheet in sheets:
+        table = Table(*sheet.heads, title=sheet.title, title_justify="left", box=SIMPLE_HEAD)
+        for line in sheet.lines:
+            add_row(table, *map(words, line))
+        console.print(table)
+        if out is not None:
+            out.mkdir(parents=True, exist_ok=True)
+            stem = out / sheet.title.split(" ")[0].lower()
+            write_whole(stem.with_suffix(".csv"), to_csv(sheet))
+            write_whole(stem.with_suffix(".tex"), to_latex(sheet))
+            draw(sheet, stem.with_suffix(".png"))

@@ -1,0 +1,122 @@
+"""Tables of sweeps: medians with intervals, differences by seed, and their forms as files."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from deploy.sweep.measure import FAILED, OK, Row
+from deploy.sweep.statistics import difference, median
+from deploy.sweep.store import Store
+from deploy.sweep.tables import against, compared, medians, select, show, to_csv, to_latex
+from protocol.errors import InputError
+
+NAMES = ["team.t_90", "mean.path_m"]
+
+
+def row(range_m: float, seed: int, t_90: float | None, path_m: float, status: str = OK) -> Row:
+    settings = {"world": "office", "radio.range_m": range_m, "seed": seed}
+    figures = {"team.t_90": t_90, "mean.path_m": path_m} if status == OK else {}
+    return {"key": f"{range_m}-{seed}", "status": status, "reason": "", "settings": json.dumps(settings), **figures}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Ten seeds of two ranges; the longer one is 10 s faster, but for seed 9, and drives 1 m more."""
+    store = Store(tmp_path, "abc")
+    for seed in range(10):
+        store.keep(row(2, seed, 100.0 + seed, 20.0 + seed))
+        store.keep(row(4, seed, 90.0 + seed if seed < 9 else None, 21.0 + seed))
+    store.keep(row(4, 10, None, 0.0, FAILED))
+    return tmp_path
+
+
+def test_the_interval_of_a_median_holds_it_and_shrinks_with_more_runs() -> None:
+    few, many = median([float(k) for k in range(10)]), median([k / 100 for k in range(1000)])
+    assert few is not None and many is not None
+    assert few.value == 4.5 and few.low < 4.5 < few.high
+    assert many.high - many.low < (few.high - few.low) / 3
+    assert median([7.0]) == (7.0, 7.0, 7.0)
+    assert median([]) is None
+
+
+def test_a_time_that_is_not_reached_is_longer_than_any() -> None:
+    found = median([1.0, 2.0, math.inf, math.inf, math.inf])
+    assert found is not None and found.value == math.inf
+    pairs = [(5.0, math.inf), (math.inf, math.inf), (math.inf, 3.0), (4.0, 5.0)]
+    paired = difference(pairs, "team.t_90")
+    assert paired is not None and paired.better.value == (1 + 0.5 + 0 + 1) / 4
+
+
+def test_better_is_more_or_less_by_the_measure() -> None:
+    pairs = [(2.0, 1.0)] * 5
+    for measure, probability in (("team.coverage", 1), ("mean.wall_rmse_m", 0), ("robots.r1.t_99", 0)):
+        found = difference(pairs, measure)
+        assert found is not None and found.better == (probability,) * 3 and found.median == (1.0,) * 3
+
+
+def test_medians_are_over_the_seeds_of_runs_that_are_alike(folder: Path) -> None:
+    sheet = medians(select(str(folder))[0], NAMES)
+    assert sheet.heads == ["radio.range_m", "runs", "failed", *NAMES]
+    short, long = sorted(sheet.lines, key=lambda line: str(line[0]))
+    assert short[:3] == ["2", 10, 0] and long[:3] == ["4", 11, 1]
+    assert [line[3].value for line in (short, long)] == [104.5, 94.5]  # type: ignore[union-attr]
+
+
+def test_runs_are_compared_by_seed(folder: Path) -> None:
+    first, keys = select(f"{folder}:radio.range_m=4")
+    second, _ = select(f"{folder}:radio.range_m=2")
+    time, path = compared(first, second, keys, NAMES).lines
+    assert time[:3] == ["team.t_90", 10, 0] and path[:3] == ["mean.path_m", 10, 0]
+    assert time[3].value == -10 and time[4].value == 0.9  # type: ignore[union-attr]
+    assert path[3] == (1.0, 1.0, 1.0) and path[4] == (0.0, 0.0, 0.0)
+    sheet = against(select(str(folder))[0], "radio.range_m=2", NAMES)
+    assert sheet.lines == [["4", *time], ["4", *path]]
+
+
+def test_two_commits_are_compared(folder: Path) -> None:
+    Store(folder, "def").keep(row(2, 3, 50.0, 10.0))
+    new, keys = select(f"{folder}:revision=def")
+    old, _ = select(str(folder / "abc"))
+    (time,) = compared(new, old, [*keys, "revision"], ["team.t_90"]).lines
+    assert time[1] == 1 and time[3] == (-53.0, -53.0, -53.0) and time[4] == (1.0, 1.0, 1.0)
+
+
+def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Path) -> None:
+    rows, out = select(str(folder))[0], tmp_path / "tables"
+    show([medians(rows, NAMES), against(rows, "radio.range_m=2", NAMES)], out)
+    assert {file.name for file in out.iterdir()} == {
+        f"{name}.{kind}" for name in ("medians", "differences") for kind in ("csv", "tex", "png")
+    }
+    lines = list(csv.DictReader((out / "medians.csv").read_text().splitlines()))
+    assert {line["radio.range_m"]: float(line["team.t_90"]) for line in lines} == {"2": 104.5, "4": 94.5}
+    assert float(lines[0]["team.t_90 low"]) < float(lines[0]["team.t_90"]) < float(lines[0]["team.t_90 high"])
+    assert r"radio.range\_m & runs" in (out / "medians.tex").read_text()
+
+
+def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
+    store = Store(tmp_path, "abc")
+    store.keep(row(2, 0, None, 0.0, FAILED))
+    sheet = medians(select(str(tmp_path))[0], ["team.t_90"])
+    assert "-" in to_latex(sheet) and "revision" not in to_csv(sheet)
+
+
+@pytest.mark.parametrize(
+    ("what", "sentence"),
+    [("nowhere", "no folder"), ("{}:radio.range_m", "write KEY=VALUE"), ("{}:radio.range_m=7", "no results")],
+)
+def test_what_selects_nothing_is_refused(folder: Path, what: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        select(what.format(folder))
+
+
+def test_an_unknown_measure_and_a_comparison_without_pairs_are_refused(folder: Path) -> None:
+    rows, _ = select(str(folder))
+    with pytest.raises(InputError, match=r"--measure team\.t_91: a result has .*mean\.path_m"):
+        medians(rows, ["team.t_91"])
+    with pytest.raises(InputError, match="no two of these runs"):
+        compared(rows[:1], rows[-1:], [], NAMES)
+    with pytest.raises(InputError, match="another value"):
+        against(rows, "radio.range_m=3", NAMES)
