@@ -162,9 +162,9 @@ def to_csv(sheet: Sheet) -> str:
         cells: list[str | float] = []
         for at, value in enumerate(line):
             if isinstance(value, Estimate):
-                cells += list(value)
+                cells.extend(value)
             else:
-                cells += ["", "", ""] if at in figures else [words(value)]
+                cells.extend(["", "", ""] if at in figures else [words(value)])
         writer.writerow(cells)
     return out.getvalue()
 
