@@ -171,7 +171,8 @@ def to_csv(sheet: Sheet) -> str:
 
 def to_latex(sheet: Sheet) -> str:
     """A tabular for the package booktabs."""
-    lines = [" & ".join(_tex(words(value)) for value in line) + r" \\" for line in [sheet.heads, *sheet.lines]]
+    rows: list[Sequence[str | int | Estimate | None]] = [sheet.heads, *sheet.lines]
+    lines = [" & ".join(_tex(words(value)) for value in row) + r" \\" for row in rows]
     begin = r"\begin{tabular}{" + "l" * len(sheet.heads) + "}"
     return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}", ""])
 
