@@ -32,8 +32,9 @@ WIDTH_M = 2.0
 TURN_RPS = 1.0  # on the spot at corners, about as fast as robots turn while they map
 STAND_S = 3.0  # before it is carried, as robots do before they drive
 ERRORS = ("distance_sd", "heading_sd_deg", "turn_sd", "wheel_sd", "axle_sd")  # of OdometrySpec
-FALSE_M, FALSE_DEG = 1.0, 10.0
-"""A loop that is farther off than either has taken one place for another; a true one may err along a corridor."""
+FALSE_M, FALSE_DEG, FALSE_SIGMAS = 1.0, 10.0, 5.0
+"""A loop that is farther off than either, and than so many of its own deviations, has taken one place for another. By
+those, a loop in a corridor says nothing of how far along it is."""
 
 
 def measure_ring(side_m: float, laps_driven: float, niches: bool, worse: float, seed: int) -> Figures:
@@ -105,10 +106,12 @@ class Mapper:
 def false_loops(submaps: Submaps, begun: list[Pose]) -> int:
     """How many loops took one place for another; begun: where the robot truly was when it began each submap."""
     graph, wrong = submaps.graph(), 0
-    for (a, b), measured, loop in zip(graph.ends.tolist(), graph.measured, graph.loop, strict=True):
-        true = relative(begun[a], begun[b])
-        turned = math.degrees(abs(wrapped(true[2] - float(measured[2]))))
-        wrong += bool(loop) and (math.dist(true[:2], measured[:2]) > FALSE_M or turned > FALSE_DEG)
+    for k in np.flatnonzero(graph.loop).tolist():
+        a, b = graph.ends[k].tolist()
+        off = graph.measured[k] - relative(begun[a], begun[b])
+        off[2] = wrapped(float(off[2]))
+        far = math.hypot(off[0], off[1]) > FALSE_M or math.degrees(abs(off[2])) > FALSE_DEG
+        wrong += far and float(off @ graph.information[k] @ off) > FALSE_SIGMAS**2
     return wrong
 
 

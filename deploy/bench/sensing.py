@@ -7,6 +7,9 @@ from agent.robot import Robot, Step
 from deploy.bench.alignment import live
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import explore
+from deploy.bench.filter.faults import KINDS
+from deploy.bench.filter.runs import BUNDLED
+from deploy.bench.filter.trials import SCOPES, counts_of, gone_percent, measure_faults
 from deploy.bench.layouts import present
 from deploy.bench.rings import false_loops, measure_ring
 from deploy.bench.tables import Outcomes, Row, Table, columns, most, over, runs_of, share
@@ -56,6 +59,9 @@ def cases(quick: bool) -> list[Case]:
         own = {"ideal": False, "world": ROBOT_WORLD, "robot": robot}
         made += each(f"robot/{name.replace('/', ' a ')}/{{seed}}", measure, own, seed=some)
     made += _rings(quick)
+    trials, limit_s = (3, 120.0) if quick else (25, 1200.0)
+    faults = {"trials": trials, "particles": None, "scopes": SCOPES[:1], "limit_s": limit_s, "real": True}
+    made += each("faults/{world}", measure_faults, faults, world=BUNDLED[:1] if quick else BUNDLED)
     return made + each("team/{world}/{seed}", measure_team, seed=teams, world=PLAIN)
 
 
@@ -131,6 +137,13 @@ def _alike(figures: Outcomes) -> list[Row]:
     return rows
 
 
+def _faults(figures: Outcomes) -> list[Row]:
+    """A row for each kind of fault, all worlds together."""
+    runs = runs_of(figures, "faults/*")
+    counts = {kind: counts_of(runs, [kind], SCOPES[0]) for kind in KINDS}
+    return [{"fault": kind, "trials": len(of), "gone": gone_percent(of)} for kind, of in counts.items() if of]
+
+
 NOTE = "Worst of the runs. Recall, precision: within 5 cm. Paths: rms after the best rigid fit, and in the own frame."
 EVERYWHERE = [*PLAIN, *SHARED, *HARD, *CLUTTERED]
 TABLES = [
@@ -155,6 +168,12 @@ TABLES = [
         "Loops where places are alike, real sensing",
         _alike,
         "where; runs; loops; false_loops <= 0: false loops; runs_false <= 0: runs with one",
+    ),
+    Table(
+        "faults",
+        "Discrete faults injected in mid-run, real sensing",
+        _faults,
+        "fault; trials; gone >= 95: gone in 50 scans %",
     ),
     Table(
         "team",

@@ -50,8 +50,8 @@ def measure_ambiguous(seed: int, particles: Sequence[int], limit_s: float) -> Fi
 def _replay(run: ScanRecording, particles: int) -> Figures:
     mind = run.new_filter(particles)
     along: list[Figures] = []
-    for tick, (scan, pose) in enumerate(zip(run.scans, run.poses, strict=True)):
-        mind.update(scan, pose)
+    for tick in range(len(run.scans)):
+        run.show(mind, tick)
         if tick % EVERY_TICKS == EVERY_TICKS - 1:
             along.append(_judge(mind.wireframe(), run.truth))
     end = _judge(mind.wireframe(), run.truth)

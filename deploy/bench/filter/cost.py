@@ -19,9 +19,9 @@ def measure_growth(world: str, particles: int | None, limit_s: float) -> Figures
     run = record(world, 0, limit_s=limit_s)
     mind = run.new_filter(particles)
     times, vertices = np.empty(len(run.scans)), np.empty(len(run.scans), np.int64)
-    for tick, (scan, pose) in enumerate(zip(run.scans, run.poses, strict=True)):
+    for tick in range(len(run.scans)):
         begin = time.perf_counter()
-        mind.update(scan, pose)
+        run.show(mind, tick)
         times[tick] = 1e3 * (time.perf_counter() - begin)
         vertices[tick] = len(mind.wireframe().points)
     times, vertices = times[WARM:], vertices[WARM:]

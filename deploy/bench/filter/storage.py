@@ -28,8 +28,8 @@ def measure_storage(world: str, limit_s: float) -> Figures:
     """Scores of the wireframe and of grids of its sizes in bytes."""
     run = record(world, 0, limit_s=limit_s)
     mind = run.new_filter()
-    for scan, pose in zip(run.scans, run.poses, strict=True):
-        mind.update(scan, pose)
+    for tick in range(len(run.scans)):
+        run.show(mind, tick)
     wireframe = mind.wireframe()
     codec = len(encode_wireframe(wireframe))
     sizes = {"codec": codec, "one particle": round(mind.nbytes / len(mind.edges)), "whole filter": mind.nbytes}

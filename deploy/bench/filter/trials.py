@@ -1,4 +1,4 @@
-"""How soon a filter mends discrete faults: injected in mid-run, then the same scans as before, looped.
+"""How soon a filter mends discrete faults: injected in mid-run, then the same scans as before, there and back.
 
 A scan sees the place of a fault if all of the place is within the lidar's range and in line of sight in the truth, and,
 where it is a wall, not flatter than the scorer's 8 degrees. A fault is gone at the first of ten such scans in a row
@@ -29,9 +29,11 @@ SOON = 300  # scans in which the place must first be seen: one simulated minute,
 DRAWS = 4000  # places drawn for one trial before it is given up
 
 
-def measure_faults(world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float) -> Figures:
-    """Scans until each fault was gone (None: not within WITHIN), by kind and scope."""
-    run = record(world, 0, limit_s=limit_s)
+def measure_faults(
+    world: str, trials: int, particles: int | None, scopes: Sequence[str], limit_s: float, real: bool = False
+) -> Figures:
+    """Scans until each fault was gone (None: not within WITHIN), by kind and scope. real: with real sensing."""
+    run = record(world, 0, limit_s=limit_s, real=real)
     rng = np.random.default_rng(np.random.SeedSequence([0, len(run.scans)]))
     ticks = len(run.scans)
     starts = np.sort(rng.integers(round(0.4 * ticks), ticks, trials))
@@ -42,7 +44,7 @@ def measure_faults(world: str, trials: int, particles: int | None, scopes: Seque
     tick, owed = 0, dict.fromkeys(KINDS, 0)
     for start in starts.tolist():
         while tick <= start:
-            mind.update(run.scans[tick], run.poses[tick])
+            run.show(mind, tick)
             tick += 1
         for kind in KINDS:
             owed[kind] += 1
@@ -61,7 +63,7 @@ def _draw_seen(
     """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
     right = mind.wireframe()
     edges, count = mind.edges[mind.best], int(mind.counts[mind.best])
-    ahead = np.arange(tick, tick + SOON) % len(run.scans)
+    ahead = np.array([run.at(later) for later in range(tick, tick + SOON)])
     for _ in range(DRAWS):
         near = np.array(run.poses[int(rng.choice(ahead))][:2])
         fault = KINDS[kind](edges[:count], run.truth, near, rng)
@@ -110,13 +112,12 @@ def _spoiled(mind: WireframeFilter, fault: Fault, particles: Sequence[int]) -> W
 
 
 def _scans_until_gone(mind: WireframeFilter, fault: Fault, views: Bools, run: ScanRecording, tick: int) -> int | None:
-    """Replay from this tick on, round and round; None if the fault is not gone within WITHIN scans that see it."""
+    """Replay from this tick on, to and fro; None if the fault is not gone within WITHIN scans that see it."""
     seen, since = 0, 0
     while True:
-        k = tick % len(run.scans)
-        mind.update(run.scans[k], run.poses[k])
+        run.show(mind, tick)
         tick += 1
-        if not views[k]:
+        if not views[run.at(tick - 1)]:
             continue
         seen += 1
         if not fault.gone(mind.wireframe()):

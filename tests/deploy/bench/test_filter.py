@@ -30,18 +30,29 @@ def recording() -> ScanRecording:
 
 def test_a_recording_replayed_gives_the_map_and_fits_its_truth(recording: ScanRecording) -> None:
     mind = recording.new_filter()
-    for scan, pose in zip(recording.scans, recording.poses, strict=True):
-        mind.update(scan, pose)
+    for tick in range(len(recording.scans)):
+        recording.show(mind, tick)
     got = score(mind.wireframe(), HERE, recording.truth)
     assert got.wall_precision > 0.95 and got.wall_recall > 0.2  # a minute's worth
     assert got.wall_rmse_m is not None and got.wall_rmse_m < 0.02
 
 
+def test_a_recording_with_real_sensing_is_shown_there_and_back_without_a_jump() -> None:
+    run = record("apartment", 0, limit_s=20.0, real=True)
+    mind, last = run.new_filter(), len(run.scans) - 1
+    assert np.hypot(*(np.array(run.poses)[:, :2] - np.array([way[-1, :2] for way in run.ways])).T).max() > 0.05
+    for tick in range(2 * last + 1):
+        run.show(mind, tick)
+        assert run.at(tick) == min(tick, 2 * last - tick)
+        assert math.dist(mind.pose[:2], run.poses[run.at(tick)][:2]) < 0.05
+    assert run.at(2 * last + 1) == 1
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: ScanRecording, kind: str) -> None:
     mind = recording.new_filter(2)
-    for scan, pose in zip(recording.scans, recording.poses, strict=True):
-        mind.update(scan, pose)
+    for tick in range(len(recording.scans)):
+        recording.show(mind, tick)
     rng = np.random.default_rng(0)
     made = 0
     for _ in range(5000):

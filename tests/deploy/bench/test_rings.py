@@ -39,12 +39,14 @@ def test_one_who_is_carried_sees_the_walls_and_is_told_its_way() -> None:
 def test_a_loop_to_another_place_is_false_and_one_that_errs_a_little_is_not() -> None:
     begun: list[Pose] = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (5.0, 0.2, 0.1)]
     submaps = Submaps(SubmapConfig())
-    for measured, loop, wrong in (
-        ((5.0, 0.2 + 0.9 * FALSE_M, 0.1), True, 0),
-        ((5.0, 0.2 + 1.1 * FALSE_M, 0.1), True, 1),
-        ((5.0, 0.2, 0.1 + math.pi / 2), True, 1),
-        ((9.0, 0.2, 0.1), False, 0),  # what the way measured is no loop
+    sure, along = np.eye(3) * 0.1**-2, np.diag((0.1**-2, 30.0**-2, 0.1**-2))
+    for measured, information, loop, wrong in (
+        ((5.0, 0.2 + 0.9 * FALSE_M, 0.1), sure, True, 0),
+        ((5.0, 0.2 + 1.1 * FALSE_M, 0.1), sure, True, 1),
+        ((5.0, 0.2 + 1.1 * FALSE_M, 0.1), along, True, 0),  # it leaves open how far along a corridor
+        ((5.0, 0.2, 0.1 + math.pi / 2), along, True, 1),
+        ((9.0, 0.2, 0.1), sure, False, 0),  # what the way measured is no loop
     ):
         submaps._ends, submaps._measured = [(0, 2)], [np.array(measured)]
-        submaps._information, submaps._is_loop = [np.eye(3)], [loop]
+        submaps._information, submaps._is_loop = [information], [loop]
         assert false_loops(submaps, begun) == wrong
