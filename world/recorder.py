@@ -125,7 +125,9 @@ class Recorder:
         """One line of snapshots/ID.jsonl."""
         if LEAST_BYTES * len(wireframe.points) > most:
             return None
-        return _line(self._snapshots[robot], {"t": seconds(t), "map": map_fields(robot, wireframe)}, most)
+        heard = np.flatnonzero(~wireframe.own).tolist()
+        line = {"t": seconds(t), "map": map_fields(robot, wireframe), "heard": heard}
+        return _line(self._snapshots[robot], line, most)
 
     def update(
         self, t: float, tick: int, robot: str, told: Sequence[str], wireframe: Wireframe, most: float

@@ -10,8 +10,10 @@ from string import Template
 from typing import Any
 
 from deploy.report import plan, style
-from deploy.report.picture import MAX_SINGLE, curves_svg
+from deploy.report.curves import curves
+from deploy.report.picture import MAX_SINGLE
 from deploy.report.rundir import Run, mapping
+from deploy.report.story import GLYPHS, MEANINGS, told
 from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
 from protocol.files import write_whole
 
@@ -45,7 +47,8 @@ def write_page(run: Run, file: Path) -> None:
         plan=plan.overview(run),
         switches=_switches(run),
         legend=_legend(),
-        curves="" if run.of_logs else "\n".join(curves_svg(run)),
+        story=_story(run),
+        curves="" if run.of_logs else "\n".join(curves(run)),
         sections="\n".join(section(run) for section in (_singles, _robots, _radio, _events, _configuration)),
         frames=_embedded(plan.frames(run)),
     )
@@ -79,18 +82,37 @@ def _switches(run: Run) -> str:
         for k, robot in enumerate(run.robots)
         if robot in run.frames
     ]
-    layers = [f'<label>{box} data-layer="{layer}">{layer}</label>' for layer in ("truth", "corners", "paths")]
+    kinds = ("truth", "corners", "paths", "heard walls", "story")
+    layers = [f'<label>{box} data-layer="{kind.split()[0]}">{kind}</label>' for kind in kinds]
     return "".join(robots + layers)
 
 
 def _legend() -> str:
-    meanings = {
-        '<circle cx="6" cy="6" r="4.5"/>': "nominal: a corner, both walls seen",
-        '<path d="M6 1l5 9H1z"/>': "occlusion: the wall turns away here",
-        '<path d="M2 2h8v8H2z"/>': "frontier: the wall goes on unseen",
+    """What each mark of the map means."""
+    walls = {
+        '<path class="line" d="M0 6h22"/>': "wall that the robot saw itself; where maps agree, side by side",
+        '<path class="line dashed" d="M0 6h22"/>': "wall that it has from others only",
+        '<circle cx="11" cy="6" r="4"/>': "nominal: a corner, both walls seen",
+        '<path d="M11 1l5 9H6z"/>': "occlusion: the wall turns away here",
+        '<path d="M7 2h8v8H7z"/>': "frontier: the wall goes on unseen",
+        '<circle class="line" cx="11" cy="6" r="4.5"/>': "where a robot started; with its name: where it is",
+        '<path class="line dotted" d="M0 6h22"/>': "two robots that hear each other",
+        '<path class="line dashed trial" d="M0 6h22"/>': "a proposal on trial",
     }
-    svg = f'<svg width="12" height="12" fill="{style.FAINT}" aria-hidden="true">'
-    return "".join(f"<span>{svg}{shape}</svg> {meaning}</span>" for shape, meaning in meanings.items())
+    svg = '<svg width="22" height="12" aria-hidden="true">'
+    rows = [f"<li>{svg}{shape}</svg> {escape(meaning)}</li>" for shape, meaning in walls.items()]
+    rows += [f"<li><b>{GLYPHS[event]}</b> {escape(meaning)}</li>" for event, meaning in MEANINGS.items()]
+    return f"<ul>{''.join(rows)}</ul>"
+
+
+def _story(run: Run) -> str:
+    """The events of trust as a list, each a button that leads there."""
+    rows = [
+        f'<li><button data-t="{event["t"]}"><span>{event["t"]:.0f} s</span> <b>{GLYPHS[event["event"]]}</b> '
+        f"{escape(event['text'])}</button></li>"
+        for event in told(run)
+    ]
+    return f'<h2>What robots believed of each other</h2>\n<ol id="story">{"".join(rows)}</ol>' if rows else ""
 
 
 def _singles(run: Run) -> str:

@@ -5,25 +5,25 @@ few strings. A dot is a stroke of zero length with a round cap, a square one wit
 """
 
 import math
-from bisect import bisect
+from bisect import bisect_left
 from html import escape
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from deploy.report import style
 from deploy.report.rundir import Map, Run
-from deploy.report.words import share
+from deploy.report.story import bonds, told
 from protocol.arrays import Floats
 from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import polygons_of
 
 MARGIN_M = 0.3  # room around the world
-MAX_FRAMES = 150  # positions of the slider; of a long run every second or third snapshot is shown
+MAX_FRAMES = 600  # positions of the slider; in a run of 20 minutes, one every two seconds
+MAX_TEXT = 1_200_000  # characters of all maps that the slider shows
 SMALLER = 2.2  # times that the map of one robot is drawn smaller than the overview
-MARKS = ("walls", "nominal", "occlusion", "frontier")  # the paths that make a map
+MARKS = ("walls", "heard", "nominal", "occlusion", "frontier")  # the paths that make a map
 
 
 def overview(run: Run) -> str:
@@ -34,7 +34,9 @@ def overview(run: Run) -> str:
         drawn = _strings(run.maps.get(robot), run.frames[robot], unit, k * stroke * unit)
         flipped += _layer(run, robot, drawn, _trail(run.paths.get(robot)), stroke, _place(run, robot, math.inf))
         upright += _start(run, robot, unit)
-    return _svg(run, flipped, upright, "plan", "All maps over the true world")
+    names = f'<g id="names" font-size="{12 * unit:.3f}"></g>'
+    flipped += '<g id="links"></g>'
+    return _svg(run, flipped, upright + names, "plan", "All maps over the true world")
 
 
 def single(run: Run, robot: str) -> str:
@@ -48,66 +50,80 @@ def single(run: Run, robot: str) -> str:
 
 
 def frames(run: Run) -> dict[str, Any]:
-    """What the slider shows: `times`, `captions`, and per robot `maps`, `trails` and `places`, one for each time.
+    """What the slider shows: `times`, `coverage`, `story` and `bonds`, and per robot `at` and `maps`.
 
-    A map is a list of path strings as in MARKS, or 0 where it has not changed since the time before. A trail is the
-    path driven since the time before.
+    times: seconds of the frames, one a simulated second where the run is not long. at: the robot's places at these
+    times, centimetres, x and y in turn. maps: [number of the frame that shows it first, path strings as in MARKS].
+    coverage: per robot and for the team, thousandths at these times. Maps are thinned out where the page would grow too
+    large.
     """
-    times = sorted({t for robot in run.placed for t, _ in run.snapshots.get(robot, ())})
-    if not times:
+    if not run.paths and not run.snapshots:
         return {}
-    times = times[:: math.ceil(len(times) / MAX_FRAMES)]
-    if run.duration > times[-1]:
-        times.append(run.duration)
+    step = max(1, math.ceil(run.duration / MAX_FRAMES))
+    times = [float(t) for t in range(0, math.ceil(run.duration), step)]
+    times.append(run.duration)
     unit, stroke = _unit(run), style.stroke(len(run.placed))
-    shown = {}
-    for k, robot in enumerate(run.placed):
-        maps, places = _maps_at(run, robot, times, unit, k * stroke * unit), [_place(run, robot, t) for t in times]
-        shown[robot] = {"maps": maps, "trails": _trails_at(run, robot, times), "places": places}
-    return {"times": times, "captions": [_caption(run, t) for t in times], "robots": shown}
+    maps, every = {}, 1
+    while True:
+        for k, robot in enumerate(run.placed):
+            maps[robot] = _maps_at(run, robot, times, unit, k * stroke * unit, every)
+        if (
+            every >= MAX_FRAMES
+            or sum(len(text) for one in maps.values() for _, drawn in one for text in drawn) < MAX_TEXT
+        ):
+            break
+        every *= 2
+    shown = {robot: {"at": _places(run, robot, times), "maps": maps[robot]} for robot in run.placed}
+    covered = {name: _coverage(run, name, times) for name in (*run.robots, TEAM) if name in run.metrics}
+    return {"times": times, "coverage": covered, "story": told(run), "bonds": bonds(run), "robots": shown}
 
 
-def _maps_at(run: Run, robot: str, times: list[float], unit: float, aside: float) -> list[list[str] | int]:
-    snapshots = list(run.snapshots.get(robot, ()))
+def _maps_at(
+    run: Run, robot: str, times: list[float], unit: float, aside: float, every: int
+) -> list[tuple[int, list[str]]]:
+    snapshots = run.snapshots.get(robot, [])[::every]
     if robot in run.maps:
-        snapshots.append((times[-1], run.maps[robot]))
-    made: list[list[str] | int] = []
-    shown: list[str] = []
-    latest = [bisect(snapshots, t, key=lambda snapshot: snapshot[0]) - 1 for t in times]
-    for before, now in pairwise([-2, *latest]):
-        wireframe = snapshots[now][1] if now >= 0 else None
-        drawn = shown if now == before else _strings(wireframe, run.frames[robot], unit, aside)
-        made.append(0 if drawn == shown else drawn)
-        shown = drawn
+        snapshots = [*snapshots, (times[-1], run.maps[robot])]
+    made: list[tuple[int, list[str]]] = []
+    for t, wireframe in snapshots:
+        drawn = _strings(wireframe, run.frames[robot], unit, aside)
+        if not made or drawn != made[-1][1]:
+            made.append((min(bisect_left(times, t), len(times) - 1), drawn))
     return made
 
 
-def _trails_at(run: Run, robot: str, times: list[float]) -> list[str]:
+def _places(run: Run, robot: str, times: list[float]) -> list[int]:
     path = run.paths.get(robot)
     if path is None:
-        return [""] * len(times)
-    cuts = [0, *np.searchsorted(path[:, 0], times, "right").tolist()]
-    return [_trail(path[a:b], "M" if a == 0 else "L") for a, b in pairwise(cuts)]
+        return []
+    rows = np.maximum(np.searchsorted(path[:, 0], times, "right") - 1, 0)
+    return [round(100 * value) for value in path[rows, 1:].reshape(-1).tolist()]
 
 
-def _caption(run: Run, t: float) -> str:
-    covered = {name: run.metrics[name].at("coverage", t) for name in (*run.robots, TEAM) if name in run.metrics}
-    return ", ".join(f"{name} {share(value)}" for name, value in covered.items() if value is not None)
+def _coverage(run: Run, name: str, times: list[float]) -> list[int | None]:
+    values = [run.metrics[name].at("coverage", t) for t in times]
+    return [None if value is None else round(1000 * value) for value in values]
 
 
 def _strings(wireframe: Map | None, frame: Floats | None, unit: float, aside: float = 0.0) -> list[str]:
-    """The four path strings of a map in the frame of the drawing, walls moved aside into the free space."""
+    """The path strings of a map, as in MARKS, in the frame of the drawing, walls moved aside into the free space."""
     if wireframe is None:
         return [""] * len(MARKS)
     moved, r = wireframe.moved(frame).inset(aside), 4.5 * unit
     walls = moved.vertices[moved.edges].reshape(-1, 4)
+    heard = np.isin(np.arange(len(walls)), list(moved.heard))
     dots, triangles, squares = (moved.vertices[moved.labels == label] for label in Label)
     return [
-        "".join(f"M{x1:.3f} {y1:.3f}L{x2:.3f} {y2:.3f}" for x1, y1, x2, y2 in walls),
-        "".join(f"M{x:.3f} {y:.3f}h0" for x, y in dots),
-        "".join(f"M{x:.3f} {y + r:.3f}l{0.87 * r:.3f} {-1.5 * r:.3f}h{-1.74 * r:.3f}z" for x, y in triangles),
-        "".join(f"M{x:.3f} {y:.3f}h0" for x, y in squares),
+        *(_lines(walls[rows]) for rows in (~heard, heard)),
+        "".join(f"M{x:.2f} {y:.2f}h0" for x, y in dots),
+        "".join(f"M{x:.2f} {y + r:.2f}l{0.87 * r:.3f} {-1.5 * r:.3f}h{-1.74 * r:.3f}z" for x, y in triangles),
+        "".join(f"M{x:.2f} {y:.2f}h0" for x, y in squares),
     ]
+
+
+def _lines(walls: Floats) -> str:
+    """Walls (m, 4) as a path string."""
+    return "".join(f"M{x1:.2f} {y1:.2f}L{x2:.2f} {y2:.2f}" for x1, y1, x2, y2 in walls)
 
 
 def _layer(run: Run, robot: str, drawn: list[str], trail: str, width: float, place: str = "") -> str:

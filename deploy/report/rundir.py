@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -42,6 +43,7 @@ class Map:
     vertices: Floats  # (n, 2)
     labels: NDArray[np.uint8]  # (n,) of Label
     edges: NDArray[np.int64]  # (m, 2) vertex indices, free space on the left of the way from the first to the second
+    heard: frozenset[int] = frozenset()  # rows of `edges` that only others saw
 
     def moved(self, frame: Floats | None) -> Map:
         """The map in the frame in which the pose `frame` is given; unchanged where that is None."""
@@ -190,6 +192,9 @@ def read_run(directory: str | Path) -> Run:
     run.world = part("world.yaml", load, None)
     run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
     run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
+    for robot, drawn in run.maps.items():
+        if (path / (name := f"maps/{robot}.own.json")).exists():
+            run.maps[robot] = part(name, partial(_compared, drawn), drawn)
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
     paths = each("trajectories", ".tum", _trajectory)
     run.paths = {robot: path for robot, path in paths.items() if len(path)}
@@ -238,8 +243,19 @@ def _map(value: Mapping[str, Any]) -> Map:
     return Map(points, labels, edges)
 
 
+def _compared(whole: Map, file: Path) -> Map:
+    """The map, knowing which of its walls the same robot's map of its own walls lacks."""
+    own = parse_map(file.read_text("utf-8"))
+    seen = {tuple(wall) for wall in own.vertices[own.edges].reshape(-1, 4).tolist()}
+    walls = whole.vertices[whole.edges].reshape(-1, 4).tolist()
+    return replace(whole, heard=frozenset(row for row, wall in enumerate(walls) if tuple(wall) not in seen))
+
+
 def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
-    return sorted(((float(line["t"]), _map(line["map"])) for line in lines), key=lambda frame: frame[0]) or None
+    heard = (frozenset(map(int, line.get("heard", ()))) for line in lines)  # runs of older versions do not tell it
+    maps = (replace(_map(line["map"]), heard=rows) for line, rows in zip(lines, heard, strict=True))
+    times = (float(line["t"]) for line in lines)
+    return sorted(zip(times, maps, strict=True), key=lambda frame: frame[0]) or None
 
 
 def _events(lines: list[dict[str, Any]], run: Run) -> list[dict[str, Any]]:

@@ -1,0 +1,90 @@
+"""The story of trust in a run: who heard whom, proposed, merged, refused and undid, in sentences."""
+
+from typing import Any
+
+import numpy as np
+
+from deploy.report.rundir import Run, mapping
+from deploy.report.words import number
+
+MAX_BONDS = 5000  # events that begin or end something between two robots
+MAX_TOLD = 600  # events on slider and list: the first ones
+GLYPHS = {
+    "contact": "◌",
+    "proposed": "?",
+    "accepted": "✓",
+    "rejected": "✗",
+    "unmerged": "↶",
+    "complete": "■",
+    "resumed": "▸",
+    "dead": "†",
+    "rejoined": "↻",
+}
+"""Of the events that are told, on the map and under the slider."""
+MEANINGS = {
+    "contact": "hears another robot again",
+    "proposed": "proposes where the other's map lies; a dashed line while it is on trial",
+    "accepted": "believes it and merges the map",
+    "rejected": "refuses it",
+    "unmerged": "takes a merged map out again",
+    "complete": "has nothing left to explore",
+}
+"""What the legend says of the marks."""
+
+
+def told(run: Run) -> list[dict[str, Any]]:
+    """The events of the story in their order: t, robot, peer, event, text, and where the robot was (x, y)."""
+    made: list[dict[str, Any]] = []
+    for event in run.events:
+        if event["event"] not in GLYPHS or len(made) >= MAX_TOLD:
+            continue
+        robot, peer = event["robot"], event.get("peer")
+        one = {"t": round(event["t"], 1), "robot": robot, "event": event["event"], "text": sentence(event)}
+        if isinstance(peer, str):
+            one["peer"] = peer
+        path = run.paths.get(robot)
+        if path is not None:
+            _, x, y = path[max(int(np.searchsorted(path[:, 0], event["t"], "right")) - 1, 0)].tolist()
+            one |= {"x": round(x, 2), "y": round(y, 2)}
+        made.append(one)
+    return made
+
+
+def bonds(run: Run) -> list[dict[str, Any]]:
+    """Between which times pairs hear each other and proposals are on trial: t, robot, peer, event."""
+    kinds = ("contact", "lost", "proposed", "accepted", "rejected")
+    events = (event for event in run.events if event["event"] in kinds and isinstance(event.get("peer"), str))
+    return [{"t": round(e["t"], 1), **{key: e[key] for key in ("robot", "peer", "event")}} for e in events][:MAX_BONDS]
+
+
+def sentence(event: dict[str, Any]) -> str:
+    """What happened, of any event."""
+    robot, peer, reason = event["robot"], event.get("peer", "another"), event.get("reason", "")
+    because = f": {reason}" if reason else ""
+    match event["event"]:
+        case "contact":
+            return f"{robot} hears {peer}"
+        case "proposed":
+            corners = f"; {event['inliers']} corners fit" if "inliers" in event else ""
+            return f"{robot} proposes how {peer}'s map fits{because}{corners}"
+        case "accepted":
+            return f"{robot} merges {peer}'s map, {_evidence(event)}"
+        case "rejected":
+            return f"{robot} refuses {peer}'s map{because}, {_evidence(event)}"
+        case "unmerged":
+            return f"{robot} takes {peer}'s map out{because}"
+        case "complete":
+            return f"{robot} is complete{because}"
+        case what:
+            return f"{robot} {what}{because}"
+
+
+def _evidence(event: dict[str, Any]) -> str:
+    """How much spoke for a proposal, and what."""
+    values = mapping(event.get("evidence")).items()
+    kinds = [f"{kind.replace('_', ' ')} {value:g}" for kind, value in values if _counts(value)]
+    return f"evidence {number(event.get('weight'))} nats" + (f" ({', '.join(kinds)})" if kinds else "")
+
+
+def _counts(value: Any) -> bool:
+    return isinstance(value, int | float) and value != 0
