@@ -233,6 +233,13 @@ class Team:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True
 
+    def conclude(self, tick: int, own: Wireframe) -> None:
+        """Weigh the last maps for all proposals, however little they have grown, as none will come after them."""
+        for peer in list(self.queue):
+            if self.aligner.due(peer.log, own, 0.0) and not off_its_map(peer.log):
+                self.aligner.compare(peer, self.aligner.align(peer.log, own))
+        self._decide(tick, own)
+
     def _align_by_sight(self, peer: Met, own: Wireframe) -> bool:
         """Propose the frame that the sightings of a peer give, if the walls agree; true where walls were compared."""
         log, found = peer.log, self.aligner.align_by_sight(peer.log, own)
@@ -275,6 +282,12 @@ class Team:
 
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
+        self._decide(tick, own)
+        if self.queue:
+            self._set_goal(tick, self.queue[0], pose, arrived)
+
+    def _decide(self, tick: int, own: Wireframe) -> None:
+        """Accept and reject the proposals whose evidence suffices."""
         for peer in list(self.queue):
             verdict = peer.trial.verdict
             if verdict and not self.aligner.walls_fit(peer.log, own, peer.transform):
@@ -284,8 +297,6 @@ class Team:
                 self.merge(peer, tick)
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
-        if self.queue:
-            self._set_goal(tick, self.queue[0], pose, arrived)
 
     def _set_goal(self, tick: int, peer: Proposed, pose: Pose, arrived: bool | None) -> None:
         """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""

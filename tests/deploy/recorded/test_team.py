@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
+from deploy.bench.rings import laps, ring
 from deploy.recorded.lidar_log import LidarLog, Scan
 from deploy.recorded.mapping import map_logs
 from deploy.recorded.team import cut, play, refer
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import apply, pose_of, relative
-from tests.carried import DRIFT, HALF_TURN, laps, observations, outline, ring_corridor
+from tests.carried import DRIFT, HALF_TURN, observations, outline, ring_corridor
 
 SIDE = 14.0
 
@@ -29,13 +30,16 @@ def drive(walls: Floats, way: Floats, seed: int, *, begin_s: float = 0.0, told: 
 
 def ways() -> tuple[Floats, Floats]:
     """One and a half laps through a ring; and one lap, half a side ahead of it."""
-    way = laps(SIDE, 2.2, 1.5, step=0.5)
+    way = laps(SIDE, 2.2, 1.5, 0.5)
     return way, way[len(way) // 12 : len(way) * 3 // 4]
 
 
 def furnished(side: float, seed: int) -> Floats:
     """(n, 4) walls of a ring with cupboards along its outer sides, of other sizes at other places for each seed."""
-    rng, walls = np.random.default_rng(seed), [*ring_corridor(side, 2.2, niches=False)]
+    rng, walls = (
+        np.random.default_rng(seed),
+        [np.array(wall) for part in ring(side, 2.2, niches=False) for wall in outline(*part)],
+    )
     for k in range(4):
         turn = 0.5 * math.pi * k
         middle = np.array((0.5 * side, 0.5 * side))
@@ -43,7 +47,7 @@ def furnished(side: float, seed: int) -> Floats:
             wide, deep = rng.uniform(0.5, 1.3), rng.uniform(0.25, 0.6)
             box = np.array(((low, 0.0), (low, deep), (low + wide, deep), (low + wide, 0.0)))
             corners = apply((0.0, 0.0, turn), box - middle) + middle
-            walls += [np.array(wall) for wall in outline(*map(tuple, corners.tolist()))]
+            walls += outline(*map(tuple, corners.tolist()))
     return np.array(walls)
 
 
@@ -69,6 +73,14 @@ def test_logs_of_one_building_merge_where_they_fit(tmp_path: Path) -> None:
         assert len(merged["edges"]) >= len(own["edges"]) > 10
 
 
+def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
+    """They have grown by too little to be aligned in a drive that goes on."""
+    first, _ = play([log.part(0, 50, "begin") for log in both_ways()], AgentConfig(), 8.0, lambda *_: None)
+    last = first.events[-1]
+    assert (last["event"], last["tick"], last["peer"]) == ("accepted", 49, "r2")
+    assert [peer.log.name for peer in first.mind.team.merged] == ["r2"]
+
+
 def test_nobody_is_heard_from_out_of_range() -> None:
     players = play(both_ways(), AgentConfig(), 0.1, lambda robot, done: None)
     assert all(player.sent_bytes > 0 and player.received_bytes == 0 and not player.events for player in players)
@@ -87,7 +99,7 @@ def test_logs_of_two_buildings_stay_apart(tmp_path: Path) -> None:
 
 
 def test_logs_that_were_recorded_at_once_are_played_so() -> None:
-    walls, way = ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, step=0.5)
+    walls, way = ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, 0.5)
     early, late = drive(walls, way, 1, begin_s=100.0), drive(walls, way, 2, begin_s=110.0)
     later = drive(walls, way, 2, begin_s=100_000.0)
     ticks = [
@@ -98,7 +110,7 @@ def test_logs_that_were_recorded_at_once_are_played_so() -> None:
 
 
 def test_a_log_is_cut_into_robots_that_keep_the_numbers_of_their_scans() -> None:
-    log = drive(ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, step=0.5), 1)
+    log = drive(ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, 0.5), 1)
     log.skipped["lines"] = 3
     parts = cut([log], 3)
     assert [scan.number for part in parts for scan in part.scans] == list(range(len(log.scans)))
@@ -109,7 +121,7 @@ def test_a_log_is_cut_into_robots_that_keep_the_numbers_of_their_scans() -> None
 
 
 def test_places_between_those_that_a_reference_names(tmp_path: Path) -> None:
-    log = drive(ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, step=0.5), 1)
+    log = drive(ring_corridor(SIDE, 2.2), laps(SIDE, 2.2, 0.5, 0.5), 1)
     file = tmp_path / "some.tum"
     file.write_text("10 1 2 0 0 0 0 1\n20 2 2 0 0 0 0 1\n99999 7 7 0 0 0 0 1\n")
     refer([log], [file])
