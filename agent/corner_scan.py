@@ -21,6 +21,9 @@ NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Lab
 NOISE_SIGMAS = 3.5  # standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise
 NOISE_FLOOR_M = 0.003  # least standard deviation of a range: real walls are not flatter, whatever the lidar promises
 BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that there is wall between them
+TELLING_HITS = 1.0
+"""A piece that is worth less than one near hit tells of no end: every sixth that it seems to have is none, and others
+are off by a distance of two beams."""
 
 PIECE = np.dtype(
     [

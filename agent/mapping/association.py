@@ -12,7 +12,7 @@ import numpy as np
 from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.edges import WALL, line_sd, spread, tip_at
+from agent.mapping.edges import WALL, direction_sd, line_sd, related, spread, tip_at
 from protocol.arrays import Floats, Ints, Records
 
 OFFSET_GATE_M = 0.012
@@ -27,8 +27,6 @@ class Gates(NamedTuple):
 
     noise: float  # m, standard deviation of a range
     offset: float  # m, distance of a piece from its wall beside noise
-    pose_sd: float  # m, of the robot's place
-    heading_sd: float  # rad
 
 
 @kernel
@@ -40,9 +38,12 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if e.ux * p.ux + e.uy * p.uy < 0.7:
         return math.inf
-    turn_sd = math.hypot(gates.noise * math.sqrt(1 / p.spread + 1 / spread(e)), gates.heading_sd)
+    if related(e):
+        turn_sd = math.hypot(gates.noise / math.sqrt(p.spread), direction_sd(e, gates.noise))
+    else:
+        turn_sd = gates.noise * math.sqrt(1 / p.spread + 1 / spread(e))
     t, off = along(e, p.x, p.y), above(e, p.x, p.y)
-    off_sd = math.hypot(math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise)), gates.pose_sd)
+    off_sd = math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise))
     if abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + NOISE_SIGMAS * off_sd:
         return math.inf
     return (off / (off_sd + gates.offset / NOISE_SIGMAS)) ** 2 + (turn / (turn_sd + ANGLE_GATE / NOISE_SIGMAS)) ** 2

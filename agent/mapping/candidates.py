@@ -72,7 +72,8 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         n.alive, n.own, n.probation = CANDIDATE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
         n.xx, n.xy, n.yy = scatter(p)
-        n.seen, n.due, n.misses, n.through = 0.0, 0.0, 0.0, 0.0
+        n.seen, n.due, n.misses, n.through, n.twin = 0.0, 0.0, 0.0, 0.0, 0
+        n.relative[0], n.relative[1], n.relative[2] = 0.0, 0.0, 0.0
         for side in range(2):
             set_end(n, side, OCCLUSION, 0.0, 0.0)
             n.link[side] = -1

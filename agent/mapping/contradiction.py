@@ -155,6 +155,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         f, count = new_slot(edges, count)
         if f >= 0:
             edges[f] = edges[e]
+            edges[f].twin = e + 1
             if edges[e].link[1] >= 0:
                 edges[edges[e].link[1]].link[0] = f
                 edges[e].link[1] = -1

@@ -43,16 +43,27 @@ EDGE = np.dtype(
         ("probation", "i8"),  # 1: unconfirmed, dropped after a few misses
         ("through", "f4"),  # scans in a row that saw through the wall
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
+        ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
+        ("twin", "i8"),  # of what a scan has cut off another wall: that one's number and 1
     ],
     align=True,
 )
 """One wall. An aligned record, so that numba reads its fields like attributes."""
+EDGE_BYTES = EDGE.itemsize - EDGE["relative"].itemsize - EDGE["twin"].itemsize
+"""Bytes that a wall needs between scans; what is left out is worked out anew in each."""
 
 
 def check_records(edges: Records) -> None:
     """Raise ValueError where records (n,) from a file make no sense, as kernels trust them."""
     numbers = [edges[name] for name in EDGE.names or () if edges[name].dtype.kind == "f"]
-    whole = {"alive": (0, 2), "own": (0, 1), "label": (0, 2), "link": (-1, len(edges) - 1), "probation": (0, 1)}
+    whole = {
+        "alive": (0, 2),
+        "own": (0, 1),
+        "label": (0, 2),
+        "link": (-1, len(edges) - 1),
+        "twin": (0, len(edges)),
+        "probation": (0, 1),
+    }
     if not all((np.abs(values) <= LARGEST).all() for values in numbers):
         raise ValueError("a wall has a number that is not finite or too large")
     if not all(((edges[name] >= low) & (edges[name] <= high)).all() for name, (low, high) in whole.items()):
@@ -93,9 +104,33 @@ def scatter(p: Record) -> tuple[float, float, float]:
 
 
 @kernel
+def related(e: Record) -> bool:
+    """Whether the joint covariance with the robot's pose says how well the line is known, and not its hits alone."""
+    return bool(e.relative[0] > 0.0)
+
+
+@kernel
 def line_sd(e: Record, t: float, noise: float) -> float:
-    """Standard deviation of the line across its direction, at coordinate t."""
+    """Standard deviation of the line across its direction, at coordinate t; if related, as the robot sees it."""
+    if related(e):
+        return math.sqrt(max(e.relative[0] + 2.0 * t * e.relative[1] + t * t * e.relative[2], 0.0))
     return noise * math.sqrt(1.0 / e.hits + t * t / spread(e))
+
+
+@kernel
+def direction_sd(e: Record, noise: float) -> float:
+    """Standard deviation of the line's direction, rad."""
+    return math.sqrt(max(e.relative[2], 0.0)) if related(e) else noise / math.sqrt(spread(e))
+
+
+@kernel
+def count_hits(e: Record, hits: float, t: float, size: float) -> None:
+    """Count hits at coordinate t along a wall, of spread `size` m2, whose line the joint estimate holds."""
+    more = size + hits * t * t
+    e.hits += hits
+    e.xx += more * e.ux * e.ux
+    e.xy += more * e.ux * e.uy
+    e.yy += more * e.uy * e.uy
 
 
 @kernel

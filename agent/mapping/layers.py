@@ -60,6 +60,7 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
     """
     count = len(own)
     edges = np.concatenate((own, np.zeros(sum(len(layer.pieces) for layer in layers), own.dtype)))
+    edges["relative"] = 0.0  # that is as seen from the robot, and a layer lies in the map
     _keep_published(edges, count)
     for layer in layers:
         count = _lay(edges, count, layer.pieces, layer.likelihood, gates)

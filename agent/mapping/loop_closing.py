@@ -28,6 +28,7 @@ class LoopClosing:
         """half_view: rad to either side of the heading that the lidar sees."""
         self.submaps = Submaps(config, half_view)
         self._frames: list[Pose] = []  # of the submaps, by the filter
+        self._against: list[Pose] = []  # motions of the filter's frame that loops against it ask for
         self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
 
     def take(self, scan: CornerScan, by: Pose, pose: Pose) -> bool:
@@ -48,23 +49,44 @@ class LoopClosing:
         return self._torn(loops)
 
     def _torn(self, known: int) -> bool:
-        """Whether any loop after the first `known` is not where the filter has it, and cannot be there either."""
-        graph, finished = self.submaps.graph(), self.submaps.finished
-        for k in np.flatnonzero(graph.loop)[known:].tolist():
-            a, b = graph.ends[k].tolist()
-            held, measured = np.array(relative(self._frames[a], self._frames[b])), graph.measured[k]
-            off = held - measured
-            off[2] = wrapped(float(off[2]))
-            if math.hypot(off[0], off[1]) < TORN_M and abs(off[2]) < TORN_RAD:
-                continue
-            if off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
-                continue
-            if score(finished[a], finished[b], held) < RIVAL_SCORE * score(finished[a], finished[b], measured):
+        """Whether any loop after the first `known` agrees with another one that the filter has a place elsewhere.
+
+        One alone may be wrong: halls have the same columns everywhere.
+        """
+        ends, loops = self.submaps.graph().ends, np.flatnonzero(self.submaps.graph().loop)[known:].tolist()
+        for k in filter(self._speaks_against, loops):
+            a, b = ends[k].tolist()
+            measured = pose_of(self.submaps.graph().measured[k])
+            # of the filter's frame, that puts the later submap where the loop has it
+            moved_by = compose(compose(self._frames[a], measured), relative(self._frames[b], (0.0, 0.0, 0.0)))
+            at = self._frames[b]
+            if any(_agree(compose(moved_by, at), compose(other, at)) for other in self._against):
                 return True
+            self._against.append(moved_by)
         return False
+
+    def _speaks_against(self, k: int) -> bool:
+        """Whether a loop is not where the filter has it, and cannot be there either. k: its edge in the graph."""
+        graph, finished = self.submaps.graph(), self.submaps.finished
+        a, b = graph.ends[k].tolist()
+        held, measured = np.array(relative(self._frames[a], self._frames[b])), graph.measured[k]
+        if _agree(pose_of(held), pose_of(measured)):
+            return False
+        off = held - measured
+        off[2] = wrapped(off[2])
+        if off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
+            return False
+        return score(finished[a], finished[b], held) < RIVAL_SCORE * score(finished[a], finished[b], measured)
 
     def settled(self) -> tuple[Records, Pose]:
         """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""
         start = self._frames[0]
+        self._against = []
         self._frames = [compose(start, pose) for pose in map(pose_of, self.submaps.poses)]
         return moved(self.submaps.walls(), np.array(start)), compose(start, self.submaps.pose)
+
+
+def _agree(one: Pose, other: Pose) -> bool:
+    """Whether two poses are nearer to each other than a tear is wide."""
+    apart = math.hypot(one[0] - other[0], one[1] - other[1])
+    return apart < TORN_M and abs(wrapped(one[2] - other[2])) < TORN_RAD

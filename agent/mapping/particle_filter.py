@@ -9,19 +9,30 @@ from numpy.typing import NDArray
 
 from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
 from agent.geometry.chains import chained
-from agent.geometry.matrix3 import lower_root, times
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, PUBLISH_AFTER, WALL, check_records
+from agent.mapping.edges import EDGE, EDGE_BYTES, PUBLISH_AFTER, WALL, check_records
+from agent.mapping.joint import (
+    AXIS,
+    BEGIN,
+    MAX_JOINT,
+    PER_WALL,
+    WALLS,
+    has_rows,
+    know_walls,
+    move_walls,
+    relate,
+    row_of,
+)
 from agent.mapping.layers import Layer, merged
 from agent.mapping.likelihood import log_likelihood
-from agent.mapping.pose_correction import axis_of, correct_pose, pose_at
+from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.views import MARGIN_M, View
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
-from agent.state import State, checked
+from agent.state import LARGEST, State, checked
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.geometry import Pose, pose_of, wrapped
 from protocol.messages import RobotSpec
@@ -40,7 +51,9 @@ def update_particles(
     edges: Records,
     counts: Ints,
     poses: Floats,
-    covariances: Floats,
+    constants: Floats,
+    axes: Floats,
+    joint: Floats,
     grown: Floats,
     raw: Records,
     sight: Sight,
@@ -48,78 +61,78 @@ def update_particles(
     dice: Floats,
     patience: Floats,
 ) -> Floats:
-    """One scan into every particle: associate, correct the pose, weigh, merge, contradict.
+    """One scan into every particle: associate, correct the joint estimate, weigh, merge, contradict.
 
-    edges (p, e), counts (p,), poses (p, 3) and covariances (p, 3, 3) are updated in place. Poses of covariance 0 are
-    exact. grown (p, 2): by how much the variance of place (m2) and heading (rad2) grew during the turn. raw (k,): the
-    scan's pieces, robot's frame. noise: m, standard deviation of a range. dice: (p, 2, k + 3), for each particle a row
-    for association and one for insertion, and standard normals for the pose at the end of the first. patience: (p,)
-    each particle's own, as a factor. Returns the scan's log-likelihoods (p,), up to a constant.
+    edges (p, e), counts (p,), poses (p, 3), the wheels' constants (p, 3), the walls' axes (p,) and joint covariances
+    (p, m, m) are updated in place. Poses of variance 0 are exact. grown (p, 2): by how much the variance of place (m2)
+    and heading (rad2) grew during the turn. raw (k,): the scan's pieces, robot's frame. noise: m, standard deviation of
+    a range. dice: (p, 2, k), for each particle a row for association and one for insertion. patience: (p,) each
+    particle's own, as a factor. Returns the scan's log-likelihoods (p,), up to a constant.
     """
-    scores = np.zeros(len(counts))
+    scores, gates = np.zeros(len(counts)), Gates(noise, OFFSET_GATE_M)
     for p in range(len(counts)):
-        pose_sd = math.sqrt(max(covariances[p, 0, 0], covariances[p, 1, 1]))
-        gates = Gates(noise, OFFSET_GATE_M, pose_sd, math.sqrt(covariances[p, 2, 2]))
-        predicted, new = (poses[p, 0], poses[p, 1], poses[p, 2]), np.zeros(2)
-        if covariances[p, 0, 0] > 0.0:
-            new[0] = grown[p, 0] / (covariances[p, 0, 0] + covariances[p, 1, 1])
-            new[1] = grown[p, 1] / covariances[p, 2, 2]
-            _correct(edges[p], counts[p], poses[p], covariances[p], new, raw, gates, dice[p, 0])
+        predicted, exact = (poses[p, 0], poses[p, 1], poses[p, 2]), joint[p, 0, 0] == 0.0
+        shift, axis = np.zeros(WALLS), Axis(0.0, math.inf)
+        if not exact:
+            shift, axis = _rows(counts[p], joint[p]), axis_of(edges[p], counts[p], noise)
+            relate(edges[p], counts[p], joint[p], predicted)
+            pieces = _placed(raw, predicted, shift, grown[p], noise)
+            walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
+            known = Axis(axes[p], axis.sd if joint[p, AXIS, AXIS] > 0.0 else math.inf)
+            correct_pose(edges[p], counts[p], pieces, walls, predicted, joint[p], shift, known, gates)
+            _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
         pose = (poses[p, 0], poses[p, 1], poses[p, 2])
-        pieces = _placed(raw, predicted, pose, covariances[p], grown[p], new, noise)
-        tilt = abs(wrapped(pose[2] - predicted[2])) * new[1]
+        relate(edges[p], counts[p], joint[p], pose)
+        pieces = _placed(raw, predicted, shift, grown[p], noise)
+        tilt = abs(shift[2] - shift[BEGIN + 2])
         view = View(pose, pieces, sight, max(MARGIN_M, NOISE_SIGMAS * noise), noise, tilt)
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
+        if not exact:
+            fresh = know_walls(edges[p], counts[p], joint[p], pose, noise)
+            shift = _rows(counts[p], joint[p])
+            axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
+            _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
     return scores
 
 
 @kernel
-def _placed(
-    raw: Records, predicted: Pose, pose: Pose, covariance: Floats, grown: Floats, new: Floats, noise: float
-) -> Records:
-    """Pieces (k,) in the map's frame, each from where the robot was at its moment, and worth what that is known to.
-
-    Hits that share an error of the pose are worth as many independent ones as have the same variance: so a wall's line
-    is the work of scans whose pose was known well. Between the ends of a turn the pose is a bridge of its random walk.
-    """
-    out = raw.copy()
-    for k in range(len(raw)):
-        then, p = pose_at(predicted, pose, raw[k].moment, new), out[k]
-        out[k : k + 1] = to_map_frame(raw[k : k + 1], then)
-        bridge = p.moment * (1.0 - p.moment)
-        lever = p.uy * (p.y - then[1]) + p.ux * (p.x - then[0])
-        j = (-p.uy, p.ux, lever)
-        across = 0.5 * bridge * grown[0] + bridge * grown[1] * lever * lever
-        for row in range(3):
-            for column in range(3):
-                across += j[row] * covariance[row, column] * j[column]
-        worth = 1.0 / (1.0 + p.hits * across / noise**2)
-        p.hits, p.residual = worth * p.hits, worth * p.residual
-        p.spread /= 1.0 + p.spread * (covariance[2, 2] + bridge * grown[1]) / noise**2
-    return out
+def _rows(count: int, joint: Floats) -> Floats:
+    """(m,) zeros for the rows that are in use."""
+    return np.zeros(row_of(min(count, has_rows(joint))))
 
 
 @kernel
-def _correct(
-    edges: Records, count: int, pose: Floats, covariance: Floats, new: Floats, raw: Records, gates: Gates, dice: Floats
-) -> None:
-    """Correct a particle's pose (3,) and covariance (3, 3) in place by a scan, and draw the pose from the result.
+def _move(edges: Records, pose: Floats, constants: Floats, axis: Floats, shift: Floats) -> None:
+    """Move all that a particle estimates by what was found, (m,)."""
+    for k in range(3):
+        pose[k] += shift[k]
+        constants[k] += shift[3 + k]
+    pose[2], axis[0] = wrapped(pose[2]), axis[0] + shift[AXIS]
+    move_walls(edges, shift)
 
-    dice: for the association of the pieces, and three standard normals at the end.
+
+@kernel
+def _placed(raw: Records, predicted: Pose, shift: Floats, grown: Floats, noise: float) -> Records:
+    """Pieces (k,) in the map's frame, each from where the robot was at its moment, and worth what that is known to.
+
+    Between the ends of a turn the pose is a bridge of its random walk. Hits that share an error of it are worth as many
+    independent ones as have the same variance.
     """
-    predicted = (pose[0], pose[1], pose[2])
-    walls = associate(edges, count, to_map_frame(raw, predicted), gates, dice)
-    axis = axis_of(edges, count, gates.noise)
-    found, corrected = correct_pose(edges, raw, walls, predicted, covariance, new, axis, gates.noise)
-    shift = times(lower_root(corrected), dice[len(raw) :])
-    for i in range(3):
-        pose[i] = found[i] + shift[i]
-        for j in range(3):
-            covariance[i, j] = corrected[i, j]
+    out = raw.copy()
+    for k in range(len(raw)):
+        then, p = pose_at(predicted, shift, raw[k].moment), out[k]
+        out[k : k + 1] = to_map_frame(raw[k : k + 1], then)
+        bridge = p.moment * (1.0 - p.moment)
+        lever = p.uy * (p.y - then[1]) + p.ux * (p.x - then[0])
+        across = 0.5 * bridge * grown[0] + bridge * grown[1] * lever * lever
+        worth = 1.0 / (1.0 + p.hits * across / noise**2)
+        p.hits, p.residual = worth * p.hits, worth * p.residual
+        p.spread /= 1.0 + p.spread * bridge * grown[1] / noise**2
+    return out
 
 
 def systematic(weights: Floats, offset: float) -> Ints:
@@ -144,7 +157,10 @@ class WireframeFilter:
         self._noise = range_noise(spec.lidar)
         self._odometry = np.zeros(3)  # (x, y, theta) where the robot's frame begins, also for one that starts late
         self._noisy = spec.odometry.noisy and config.correct_pose
-        self.poses, self.wheels = np.zeros((n, 3)), Wheels(spec.odometry, n)
+        self.poses, self.wheels, self._axes = np.zeros((n, 3)), Wheels(spec.odometry, n), np.zeros(n)
+        self.joint = np.zeros((n, WALLS, WALLS))  # of errors of poses, constants, axes and walls
+        if self._noisy:
+            self.joint[:, :6, :6] = self.wheels.first
         # A particle's patience is a decision, too: drawn once, so that hasty and patient ones compete.
         self._patience = 1 + PATIENCE_SPREAD * (2 * self._random.random(n) - 1)
         self._patience[0] = 1.0
@@ -159,37 +175,40 @@ class WireframeFilter:
         way = np.atleast_2d(odometry)
         told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
         grown = np.zeros((len(self.poses), 2))
-        covariances = np.zeros((len(self.poses), 3, 3))
         if self._noisy:
-            grown = self.wheels.move(self.poses, told)
-            covariances = self.wheels.covariances[:, :3, :3].copy()
+            self._make_room()
+            grown = self.wheels.move(self.poses, self.joint, told)
         else:
             self.poses[:] = self._odometry
-        predicted, pieces, dice = self.poses.copy(), scan.pieces, self._throw_dice(len(scan.pieces))
         scores = update_particles(
             self.edges,
             self.counts,
             self.poses,
-            covariances,
+            self.wheels.constants,
+            self._axes,
+            self.joint,
             grown,
-            pieces,
+            scan.pieces,
             scan.sight,
             self._noise,
-            dice,
+            self._throw_dice(len(scan.pieces)),
             self._patience,
         )
-        if self._noisy:
-            self.wheels.learn(self.poses - predicted, covariances)
         self._weigh(scores)
 
+    def _make_room(self) -> None:
+        """Have rows of the joint covariances for all walls, and for those that a scan may bring."""
+        needed = WALLS + PER_WALL * min(MAX_JOINT, SPARE * (int(self.counts.max()) // SPARE + 2))
+        more = needed - self.joint.shape[1]
+        if more > 0:
+            self.joint = np.pad(self.joint, ((0, 0), (0, more), (0, more)))
+
     def _throw_dice(self, k: int) -> Floats:
-        """(p, 2, k + 3) dice of one scan, each particle's from its own generator; the first takes the likelier side."""
-        dice = np.zeros((len(self._dice), 2, k + 3))
+        """(p, 2, k) dice of one scan, each particle's from its own generator; the first takes the likelier side."""
+        dice = np.zeros((len(self._dice), 2, k))
         dice[0, 1] = 0.5
         for p in range(1, len(dice)):
             self._dice[p].random(out=dice[p])
-            if self._noisy:
-                dice[p, 0, k:] = self._dice[p].standard_normal(3)
         return dice
 
     def _weigh(self, scores: Floats) -> None:
@@ -205,7 +224,15 @@ class WireframeFilter:
             # survivors keep their places, so that only the fallen are copied over
             copied = ancestors[1:][np.diff(ancestors) == 0]
             fallen = np.setdiff1d(np.arange(len(weights)), ancestors)[::-1]
-            for values in (self.edges, self.counts, self.poses, *self.wheels.arrays, self.standing):
+            for values in (
+                self.edges,
+                self.counts,
+                self.poses,
+                self.wheels.constants,
+                self._axes,
+                self.joint,
+                self.standing,
+            ):
                 values[fallen] = values[copied]
             self.log_weights[:] = 0.0
         self.best = int(np.argmax(self.standing))
@@ -215,12 +242,14 @@ class WireframeFilter:
         while len(walls) + SPARE > self.edges.shape[1]:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
         self.edges[:, : len(walls)], self.counts[:], self.poses[:] = walls, len(walls), pose
+        self.joint[:, AXIS:], self.joint[:, :, AXIS:] = 0.0, 0.0
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The particles, for a checkpoint; random numbers begin anew."""
         edges = self.edges[:, : self.counts.max()].copy()
         kept = {name: values.copy() for name, values in self._kept().items()}
-        return {"edges": edges.view(np.uint8), "odometry": self._odometry.copy(), **kept}
+        joint = self.joint[:, : self._rows, : self._rows].copy()
+        return {"edges": edges.view(np.uint8), "joint": joint, "odometry": self._odometry.copy(), **kept}
 
     def restore(self, state: State) -> None:
         """Go on with kept particles. Raises ValueError or LookupError where they make no sense."""
@@ -231,8 +260,14 @@ class WireframeFilter:
             raise ValueError("more or fewer walls than it says")
         for walls, count in zip(edges, counts.tolist(), strict=True):
             check_records(walls[:count])
-        if not (np.linalg.eigvalsh(kept["covariances"]) > -FLOOR).all():
+        joint = state["joint"]
+        if joint.dtype != np.float64 or joint.shape != (len(counts), joint.shape[-1], joint.shape[-1]):
+            raise ValueError("joint has a wrong type or shape")
+        if not WALLS <= joint.shape[1] <= WALLS + PER_WALL * MAX_JOINT or not (np.abs(joint) <= LARGEST).all():
+            raise ValueError("joint has too many rows, or a number that is not finite or too large")
+        if not (np.linalg.eigvalsh(joint) > -FLOOR).all():
             raise ValueError("covariances that are none")
+        self.joint = joint.copy()
         size = 4 * SPARE
         while size < edges.shape[1]:
             size *= 2
@@ -248,7 +283,7 @@ class WireframeFilter:
             "log_weights": self.log_weights,
             "standing": self.standing,
             "poses": self.poses,
-            "covariances": self.wheels.covariances,
+            "axes": self._axes,
             "constants": self.wheels.constants,
             "patience": self._patience,
         }
@@ -267,7 +302,13 @@ class WireframeFilter:
     @property
     def nbytes(self) -> int:
         """Bytes that the particles need."""
-        return int(self.counts.sum()) * EDGE.itemsize + self.wheels.covariances.nbytes + self.poses.nbytes
+        rows = self._rows if self._noisy else 6
+        return int(self.counts.sum()) * EDGE_BYTES + len(self.poses) * rows**2 * 8 + self.poses.nbytes
+
+    @property
+    def _rows(self) -> int:
+        """Rows of the joint covariances that are in use, at most."""
+        return min(WALLS + PER_WALL * int(self.counts.max()), self.joint.shape[1])
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
@@ -275,7 +316,7 @@ class WireframeFilter:
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m, 0.0, 0.0))))
+        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m))))
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""

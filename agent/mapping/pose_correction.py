@@ -1,7 +1,7 @@
 """Where the robot is, from the shift between a scan and the map (paper III, technique of its ref. 1; ours in detail).
 
-Robust least squares on walls and their ends with the odometry as prior. Where walls are rectilinear, their common
-axis holds the heading; where they are not, only the walls themselves do.
+Kalman updates of the joint estimate (`joint.py`) by walls and their corners. Where walls are rectilinear, they share an
+axis, which holds the heading; where they are not, only the walls themselves do.
 """
 
 import math
@@ -9,12 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import NOISE_FLOOR_M, NOMINAL, OCCLUSION
+from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION
 from agent.geometry.lines import Record, above, along
-from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
+from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.candidates import main_axis
-from agent.mapping.edges import WALL, line_sd, spread, tip_at
+from agent.mapping.edges import WALL, related, spread, tip_at
+from agent.mapping.ends import END_MARGIN_M
+from agent.mapping.joint import AXIS, BEGIN, MIN_VIEWS, is_landmark, observe, place_end, row_of
+from agent.mapping.scan_merge import same_line
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
 
@@ -25,8 +28,6 @@ AXIS_PIECE_SD = math.radians(1.0)
 turned by 10 degrees would turn the robot by 0.4 degrees a second."""
 MAX_OFF_AXIS = 0.2  # rad, a piece that is more oblique belongs to no wall on the axis
 WALL_FLOOR = math.radians(0.2)  # least sd of a wall's direction, beside its covariance: walls are not straight
-MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
-ROUNDS = 3  # Gauss-Newton steps: weights and directions depend on the pose, which is near to the prediction
 
 
 class Axis(NamedTuple):
@@ -58,98 +59,160 @@ def axis_of(edges: Records, count: int, noise: float) -> Axis:
 
 
 @kernel
-def pose_at(predicted: Pose, pose: Pose, moment: float, new: Floats) -> Pose:
+def pose_at(pose: Pose, shift: Floats, moment: float) -> Pose:
     """Where the robot was at a moment of the turn (0 to 1, its stamp), in terms of the stamp's frame.
 
-    The scan is unrolled by odometry. If its pose turns out otherwise than predicted, that error grew during the turn,
-    but for what was there before. new: (2,) which part of the variance of place and heading the turn has added.
+    The scan is unrolled by odometry about the predicted pose. What scans correct of that, shift (m,), is between what
+    they correct of the turn's begin and of its end.
     """
-    place, heading = 1.0 - (1.0 - moment) * new[0], 1.0 - (1.0 - moment) * new[1]
     return (
-        predicted[0] + place * (pose[0] - predicted[0]),
-        predicted[1] + place * (pose[1] - predicted[1]),
-        predicted[2] + heading * wrapped(pose[2] - predicted[2]),
+        pose[0] + moment * shift[0] + (1.0 - moment) * shift[BEGIN],
+        pose[1] + moment * shift[1] + (1.0 - moment) * shift[BEGIN + 1],
+        pose[2] + moment * shift[2] + (1.0 - moment) * shift[BEGIN + 2],
     )
-
-
-@kernel
-def _add_residual(h: Floats, g: Floats, prior: Floats, jx: float, jy: float, jt: float, off: float, sd: float) -> None:
-    """Add one residual with Cauchy weight to the normal equations.
-
-    The weight falls where the residual is large beside what noise and the prior covariance (3, 3) of the pose explain:
-    a robot that comes back from a long drive along one wall may be off by many times the noise of a scan.
-    """
-    j, expected = (jx, jy, jt), sd * sd
-    for row in range(3):
-        for column in range(3):
-            expected += j[row] * prior[row, column] * j[column]
-    w = 1.0 / (sd * sd * (1.0 + off * off / (4.0 * expected)))
-    for row in range(3):
-        g[row] -= w * j[row] * off
-        for column in range(row, 3):
-            h[row, column] += w * j[row] * j[column]
 
 
 @kernel
 def correct_pose(
     edges: Records,
+    count: int,
     pieces: Records,
     walls: Ints,
-    predicted: Pose,
-    covariance: Floats,
-    new: Floats,
+    pose: Pose,
+    joint: Floats,
+    shift: Floats,
     axis: Axis,
-    noise: float,
-) -> tuple[Pose, Floats]:
-    """Pose and its (3, 3) covariance from pieces (robot's frame), each associated with a wall or -1.
+    gates: Gates,
+) -> None:
+    """Take in pieces (map frame, as of the predicted pose), each associated with a wall or -1: joint (m, m) and shift
+    (m,) are updated in place.
 
-    predicted, covariance: by odometry. new: as of `pose_at`. noise: m, standard deviation of a range.
+    axis: the estimate's, with the deviation of walls from it, infinite where there is none.
     """
-    prior, pose = inverse(covariance), predicted
-    h = prior
-    for _ in range(ROUNDS):
-        h = prior.copy()
-        moved = (pose[0] - predicted[0], pose[1] - predicted[1], wrapped(pose[2] - predicted[2]))
-        g = -times(prior, np.array(moved))
-        for k in range(len(pieces)):
-            p = pieces[k]
-            then = pose_at(predicted, pose, p.moment, new)
-            place, heading = 1.0 - (1.0 - p.moment) * new[0], 1.0 - (1.0 - p.moment) * new[1]
-            off = wrapped(math.atan2(p.uy, p.ux) + then[2] - axis.angle, 0.5 * math.pi)
-            sd = noise / math.sqrt(p.spread)
-            if sd < AXIS_PIECE_SD and off * off < 9.0 * (sd * sd + axis.sd**2 + covariance[2, 2]):
-                _add_residual(h, g, covariance, 0.0, 0.0, heading, off, math.hypot(sd, axis.sd))
-            if walls[k] >= 0:
-                _add_wall(h, g, covariance, p, edges[walls[k]], then, place, heading, noise)
-        h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
-        step = times(inverse(h), g)
-        pose = (pose[0] + step[0], pose[1] + step[1], pose[2] + step[2])
-    return (pose[0], pose[1], wrapped(pose[2])), inverse(h)
+    rows = np.array((2, BEGIN + 2, AXIS))
+    for k in range(len(pieces)):
+        p = pieces[k]
+        if walls[k] >= 0:
+            for e in range(count):
+                if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
+                    _observe_wall(edges, e, p, pose, joint, shift, gates.noise)
+        elif math.isfinite(axis.sd):
+            off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
+            sd = gates.noise / math.sqrt(p.spread)
+            if sd < AXIS_PIECE_SD and off * off < 9.0 * (sd * sd + axis.sd**2 + joint[2, 2]):
+                slopes = np.array((p.moment, 1.0 - p.moment, -1.0))
+                observe(joint, shift, rows, slopes, off, sd * sd + axis.sd**2)
 
 
 @kernel
-def _add_wall(
-    h: Floats, g: Floats, prior: Floats, p: Record, w: Record, pose: Pose, place: float, heading: float, noise: float
-) -> None:
-    """Add the residuals of a piece to its wall: distance, direction, and ends, which hold the robot in a corridor.
+def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: float, axis: Axis) -> float:
+    """Let new walls (n,) that lie on the axis of rectilinear ones share it; returns its angle, before the shift (m,).
 
-    pose: at the piece's moment. place, heading: by how much it moves with the pose at the stamp.
+    angle: of the estimate. axis: as walls have it now. Where the estimate is none yet, or of another axis, the first
+    of the new walls on that axis gives it.
     """
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    rx, ry = c * p.x - s * p.y, s * p.x + c * p.y
-    x, y = pose[0] + rx, pose[1] + ry
-    t = along(w, x, y)
-    sd = math.hypot(noise / math.sqrt(p.hits), math.hypot(line_sd(w, t, noise), NOISE_FLOOR_M))
-    _add_residual(h, g, prior, -place * w.uy, place * w.ux, heading * (w.uy * ry + w.ux * rx), above(w, x, y), sd)
-    turn = wrapped(math.atan2(p.uy, p.ux) + pose[2] - math.atan2(w.uy, w.ux))
-    sd = math.hypot(noise / math.sqrt(p.spread), math.hypot(noise / math.sqrt(spread(w)), WALL_FLOOR))
-    _add_residual(h, g, prior, 0.0, 0.0, heading, turn, sd)
-    for side in range(2):
-        if p.label[side] != OCCLUSION or w.label[side] not in (NOMINAL, OCCLUSION) or w.strength[side] < MIN_VIEWS:
+    if not math.isfinite(axis.sd):
+        return angle
+    rows, slopes = np.zeros(2, np.int64), np.array((1.0, -1.0))
+    for e in new:
+        at = math.atan2(edges[e].uy, edges[e].ux)
+        row = row_of(e) + 1
+        if abs(wrapped(at - axis.angle, 0.5 * math.pi)) > MAX_OFF_AXIS:
             continue
-        outward = 1.0 if side == 1 else -1.0
-        slack = 0.5 * (p.slack[side] + w.slack[side])
-        off = t + p.end[side] - tip_at(w, side) + outward * 0.5 * (p.slack[side] - w.slack[side])
-        ex, ey = rx + p.end[side] * w.ux, ry + p.end[side] * w.uy
-        sd = math.hypot(slack / math.sqrt(3.0), NOISE_FLOOR_M + noise)
-        _add_residual(h, g, prior, place * w.ux, place * w.uy, heading * (w.uy * ex - w.ux * ey), off, sd)
+        if joint[AXIS, AXIS] == 0.0 or abs(wrapped(angle - axis.angle, 0.5 * math.pi)) > MAX_OFF_AXIS:
+            joint[AXIS] = joint[row]
+            joint[:, AXIS] = joint[:, row]
+            joint[AXIS, AXIS] = joint[row, row] + axis.sd**2
+            angle = at
+            continue
+        off = wrapped(angle - at, 0.5 * math.pi)
+        if off * off < 9.0 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
+            rows[0], rows[1] = row, AXIS
+            observe(joint, shift, rows, slopes, off, axis.sd**2)
+    return angle
+
+
+@kernel
+def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> bool:
+    """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together."""
+    if edges[e].alive != WALL or not related(edges[e]) or not math.isfinite(cost(edges[e], p, gates)):
+        return False
+    return overlap(edges[e], p, gates) > END_MARGIN_M and same_line(edges[wall], edges[e], gates)
+
+
+@kernel
+def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, shift: Floats, noise: float) -> None:
+    """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor."""
+    w, row = edges[e], row_of(e)
+    if not related(w):
+        return
+    t, lever = along(w, p.x, p.y), w.uy * (p.y - pose[1]) + w.ux * (p.x - pose[0])
+    _observe(
+        joint,
+        shift,
+        p.moment,
+        (-w.uy, w.ux, lever),
+        np.array((row, row + 1)),
+        np.array((-1.0, -t)),
+        -above(w, p.x, p.y),
+        noise**2 / p.hits + NOISE_FLOOR_M**2,
+    )
+    turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
+    _observe(
+        joint,
+        shift,
+        p.moment,
+        (0.0, 0.0, 1.0),
+        np.array((row + 1,)),
+        np.array((-1.0,)),
+        turn,
+        noise**2 / p.spread + WALL_FLOOR**2,
+    )
+    for side in range(2):
+        if p.label[side] != OCCLUSION or w.strength[side] < MIN_VIEWS:
+            continue
+        outward, tip = 1.0 if side == 1 else -1.0, tip_at(w, side)
+        off = tip - t - p.end[side] + outward * 0.5 * (w.slack[side] - p.slack[side])
+        ex, ey = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
+        sd = math.hypot(0.5 * (p.slack[side] + w.slack[side]) / math.sqrt(3.0), NOISE_FLOOR_M + noise)
+        lengthwise, f = (w.ux, w.uy, w.uy * ex - w.ux * ey), w.link[side]
+        if f >= 0 and related(edges[f]):
+            v = edges[f]
+            sine, cosine = v.ux * w.uy - v.uy * w.ux, v.ux * w.ux + v.uy * w.uy  # of the turn from that wall to this
+            at = along(v, w.tip[side, 0], w.tip[side, 1])
+            corner = np.array((cosine, cosine * tip, -1.0, -at)) / sine
+            rows = np.array((row, row + 1, row_of(f), row_of(f) + 1))
+            _observe(joint, shift, p.moment, lengthwise, rows, corner, off, sd * sd)
+        elif is_landmark(w, side):
+            end, rows, slopes = row + 2 + side, np.zeros(6, np.int64), np.zeros(6)
+            if joint[end, end] > 0.0:
+                _observe(joint, shift, p.moment, lengthwise, np.array((end,)), np.array((-1.0,)), off, sd * sd)
+                continue
+            _spread(rows, slopes, p.moment, lengthwise)
+            place_end(joint, end, rows, slopes, sd * sd)
+
+
+@kernel
+def _spread(rows: Ints, slopes: Floats, moment: float, by_pose: tuple[float, float, float]) -> None:
+    """Write into the first six rows and slopes what depends on the pose at a moment of the turn."""
+    for k in range(3):
+        rows[k], rows[3 + k] = k, BEGIN + k
+        slopes[k], slopes[3 + k] = moment * by_pose[k], (1.0 - moment) * by_pose[k]
+
+
+@kernel
+def _observe(
+    joint: Floats,
+    shift: Floats,
+    moment: float,
+    by_pose: tuple[float, float, float],
+    rows: Ints,
+    slopes: Floats,
+    off: float,
+    variance: float,
+) -> None:
+    """Take in a number that depends on the pose at a moment of the turn, by_pose, and on other rows (k,)."""
+    all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
+    _spread(all_rows, all_slopes, moment, by_pose)
+    all_rows[6:], all_slopes[6:] = rows, slopes
+    observe(joint, shift, all_rows, all_slopes, off, variance)

@@ -4,12 +4,26 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.candidates import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
-from agent.mapping.edges import WALL, add_hits, line_sd, part, remove, scatter, set_end, set_tip, settle_corner, tip_at
+from agent.mapping.edges import (
+    WALL,
+    add_hits,
+    count_hits,
+    line_sd,
+    part,
+    related,
+    remove,
+    scatter,
+    set_end,
+    set_tip,
+    settle_corner,
+    spread,
+    tip_at,
+)
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
 from protocol.arrays import Floats, Ints, Records
 
@@ -41,12 +55,14 @@ def merge_scan(
             continue
         _unite_all(edges, count, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
-        if not bent[k]:
+        if not bent[k] and related(w):
+            count_hits(w, p.hits, along(w, p.x, p.y), p.spread)
+        elif not bent[k]:
             add_hits(w, p.hits, p.x, p.y, scatter(p))
         if own:
             w.own = 1
     for k in range(len(pieces)):
-        if _is_wall(edges, walls[k]) and not bent[k]:
+        if _is_wall(edges, walls[k]) and not bent[k] and pieces[k].hits >= TELLING_HITS:
             _see_ends(edges, pieces, walls, k, patience)
     for e in range(count):
         if edges[e].alive == WALL and edges[e].link[1] >= 0:
@@ -85,7 +101,7 @@ def _unite_all(edges: Records, count: int, p: Record, walls: Ints, e: int, gates
             continue
         if min(overlap(edges[f], p, gates), overlap(edges[e], p, gates)) <= END_MARGIN_M:
             continue
-        if _same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
+        if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
             _unite(edges, e, f)
             for j in range(len(walls)):
                 if walls[j] == f:
@@ -93,7 +109,7 @@ def _unite_all(edges: Records, count: int, p: Record, walls: Ints, e: int, gates
 
 
 @kernel
-def _same_line(e: Record, f: Record, gates: Gates) -> bool:
+def same_line(e: Record, f: Record, gates: Gates) -> bool:
     """Whether two walls may be one: each one's centroid lies on the other's line."""
     if e.ux * f.ux + e.uy * f.uy < SAME_DIRECTION:
         return False
@@ -108,7 +124,10 @@ def _same_line(e: Record, f: Record, gates: Gates) -> bool:
 def _unite(edges: Records, e: int, f: int) -> None:
     """Join wall f into wall e on the same line. Hits add up, so the better supported one keeps its line."""
     a, b = edges[e], edges[f]
-    add_hits(a, b.hits, b.x, b.y, (b.xx, b.xy, b.yy))
+    if related(a):
+        count_hits(a, b.hits, along(a, b.x, b.y), spread(b))
+    else:
+        add_hits(a, b.hits, b.x, b.y, (b.xx, b.xy, b.yy))
     for side in range(2):
         outward = 1.0 if side == 1 else -1.0
         other = along(a, b.tip[side, 0], b.tip[side, 1])

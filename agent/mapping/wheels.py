@@ -3,7 +3,7 @@
 Wheels err at random, and by constants of each robot: their size, how much they differ, and the length of the axle
 (Borenstein and Feng, "Measurement and correction of systematic odometry errors in mobile robots", 1996). Where they
 differ by 1 %, a robot that means to drive straight turns by 4 degrees a metre. The constants are part of a particle's
-state: what a scan says of the pose says as much of them as they are correlated with it.
+state: what a scan says of the pose says as much of them as they are correlated with it (`joint.py`).
 """
 
 import math
@@ -11,8 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from agent.mapping.joint import BEGIN
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, pose_of, relative, wrapped
+from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import OdometrySpec
 
 FLOOR = 1e-8  # m2 and rad2 added to the pose's covariance in each step, so that it is never singular
@@ -32,19 +33,19 @@ def way_from(stamp: Pose, poses: Floats) -> Floats:
 
 
 class Wheels:
-    """What each particle knows of the robot's motion: the covariance of its pose, and its wheels' constants."""
+    """What each particle knows of its wheels' constants, and how a motion makes its pose uncertain."""
 
     def __init__(self, spec: OdometrySpec, particles: int) -> None:
-        """Begin with wheels as they should be, at poses that are exact."""
+        """Begin with wheels as they should be."""
         self._spec = spec
         first = np.array((spec.wheel_sd / math.sqrt(2), spec.wheel_sd * math.sqrt(2) / spec.axle_m, spec.axle_sd))
         self._forget = np.diag(first**2) / FORGET_M
         self.constants = np.tile((1.0, 0.0, 1.0), (particles, 1))
         """(p, 3) size of the wheels as a share of what it should be, their difference in rad a metre, the axle's length
         as a share."""
-        self.covariances = np.zeros((particles, 6, 6))
-        """(p, 6, 6) of pose and constants."""
-        self.covariances[:, 3:, 3:] = np.diag(first**2)
+        self.first = np.zeros((6, 6))
+        """Covariance of pose and constants at first: the pose is exact."""
+        self.first[3:, 3:] = np.diag(first**2)
 
     def way(self, told: list[Pose], particle: int) -> list[Pose]:
         """Poses, from zero, along which the wheels of a particle rolled when they told of these moves."""
@@ -60,8 +61,11 @@ class Wheels:
             way.append(compose(way[-1], (c * dx - s * dy, s * dx + c * dy, turn)))
         return way
 
-    def move(self, poses: Floats, told: list[Pose]) -> Floats:
-        """Move particles' poses (p, 3) in place. Returns (p, 2): by how much the variance of place and heading grew."""
+    def move(self, poses: Floats, joint: Floats, told: list[Pose]) -> Floats:
+        """Move particles' poses (p, 3) and joint covariances (p, m, m) in place; the last pose begins the turn.
+
+        Returns (p, 2): by how much the variance of place and heading grew.
+        """
         spec = self._spec
         ahead = sum(math.hypot(dx, dy) for dx, dy, _ in told)
         turned = sum(abs(turn) for _, _, turn in told)
@@ -78,7 +82,9 @@ class Wheels:
             step[:3, 3] = -dx, -dy, -by[2]
             step[:3, 4] = 0.5 * driven * dy, -0.5 * driven * dx, -driven
             step[:3, 5] = -0.5 * by[2] * dy, 0.5 * by[2] * dx, by[2]
-            before = self.covariances[p]
+            joint[p, BEGIN : BEGIN + 3] = joint[p, :3]
+            joint[p, :, BEGIN : BEGIN + 3] = joint[p, :, :3]
+            before = joint[p, :6, :6].copy()
             after = step @ before @ step.T
             length = math.hypot(dx, dy)
             if length > 1e-9:
@@ -88,21 +94,7 @@ class Wheels:
             after[[0, 1, 2], [0, 1, 2]] += FLOOR
             after[3:, 3:] += ahead * self._forget
             grown[p] = after[0, 0] + after[1, 1] - before[0, 0] - before[1, 1], after[2, 2] - before[2, 2]
-            self.covariances[p] = after
+            joint[p, :6, 6:] = step @ joint[p, :6, 6:]
+            joint[p, 6:, :6] = joint[p, :6, 6:].T
+            joint[p, :6, :6] = 0.5 * (after + after.T)
         return np.maximum(grown, 0.0)
-
-    @property
-    def arrays(self) -> tuple[Floats, Floats]:
-        """What belongs to each particle."""
-        return self.constants, self.covariances
-
-    def learn(self, shifts: Floats, corrected: Floats) -> None:
-        """Take in by how much scans corrected the poses (p, 3), and the new covariances of these (p, 3, 3)."""
-        prior = self.covariances[:, :3, :3].copy()
-        by = np.linalg.solve(prior, self.covariances[:, :3, 3:]).swapaxes(1, 2)  # (p, 3, 3) constants by pose
-        turns = np.column_stack((shifts[:, :2], wrapped(shifts[:, 2])))
-        self.constants += (by @ turns[:, :, None])[:, :, 0]
-        self.covariances[:, 3:, 3:] += by @ (corrected - prior) @ by.swapaxes(1, 2)
-        self.covariances[:, 3:, :3] = by @ corrected
-        self.covariances[:, :3, 3:] = self.covariances[:, 3:, :3].swapaxes(1, 2)
-        self.covariances[:, :3, :3] = corrected

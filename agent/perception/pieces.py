@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
+from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE, TELLING_HITS
 from agent.geometry.lines import MIN_CORNER_SINE, Record, meet
 from agent.kernels import kernel
 from agent.perception.beams import Beams, width_of
@@ -16,6 +16,8 @@ LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more w
 MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
 EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the lidar's range may give no return
+GROWN_EDGE_SIGMAS = 3.5
+"""The same where noise grows with range: in `symmetric` one far end of ten was called a corner that was none."""
 MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
 
 
@@ -29,6 +31,7 @@ class Turn(NamedTuple):
     range_max: float  # m, beyond which nothing comes back
     silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
     unit: float  # m, the standard deviation of a range that counts as one hit
+    edge_sigmas: float  # standard deviations from the lidar's range at which a wall may give no return
 
 
 @kernel
@@ -52,8 +55,8 @@ def pieces_of(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
         _link_corner(pieces, k, turn, ends)
     for k in range(len(cuts)):
         for side in range(2):
-            if pieces[k].label[side] != NOMINAL:
-                p = pieces[k]
+            p = pieces[k]
+            if p.label[side] != NOMINAL and p.hits >= TELLING_HITS:
                 p.label[side], decided = _predicted_label(turn, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
                     p.slack[side] = abs(_on_ray(p, turn.beams, decided) - p.end[side])
@@ -219,7 +222,7 @@ def _predicted_label(turn: Turn, beam: int, side: int, sums: Floats) -> tuple[in
         sd = math.hypot(noise, spread)
         r = beams.ranges[k]
         if not math.isfinite(r):
-            if predicted > turn.range_max - EDGE_OF_RANGE_SIGMAS * sd:
+            if predicted > turn.range_max - turn.edge_sigmas * sd:
                 return FRONTIER, k
             silent += 1
             if silent == turn.silence:

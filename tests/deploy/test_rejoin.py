@@ -131,7 +131,7 @@ def broken_states(state: State) -> list[State]:
     ]
     wrong += [{**state, "counts": state["counts"] + 1000}, {**state, "counts": -state["counts"]}]
     wrong += [{**state, "edges": np.full_like(state["edges"], byte)} for byte in (1, 127, 255)]
-    wrong += [{**state, "edges": state["edges"][:, :-1]}, {**state, "covariances": -1.0 - state["covariances"]}]
+    wrong += [{**state, "edges": state["edges"][:, :-1]}, {**state, "joint": -1.0 - state["joint"]}]
     return wrong
 
 

@@ -1,11 +1,13 @@
 """A robot that drives: a torn map is merged anew from submaps, a whole one is left as the filter has it."""
 
 import numpy as np
+import pytest
 
 from agent.config import AgentConfig
 from agent.mapping.edges import check_records
 from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
+from agent.mapping.pose_graph import Edges
 from agent.mapping.submap_wireframe import records_of
 from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
@@ -83,3 +85,20 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     true = apply((0.0, 0.0, 0.0), np.array([compose(start, relative(pose_of(way[0]), pose_of(way[-1])))[:2]]))
     assert np.hypot(*(np.array(pose[:2]) - true[0])) < 0.3
     assert length_of(wireframe) > 20.0
+
+
+@pytest.mark.parametrize(("second", "torn"), [((1.0, 0.05, 0.0), True), ((-1.0, 0.4, 0.0), False)])
+def test_only_loops_that_agree_show_that_a_map_is_torn(
+    monkeypatch: pytest.MonkeyPatch, second: Pose, torn: bool
+) -> None:
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops._frames = [(0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (3.0, 5.0, 1.0)]
+    off = [(1.0, 0.0, 0.0), second]  # of the last submap, as two loops have it
+    measured = [relative(loops._frames[k], compose(off[k], loops._frames[2])) for k in range(2)]
+    ends, information = np.array(((0, 2), (1, 2))), np.tile(np.eye(3), (2, 1, 1))
+    graph = Edges(ends, np.array(measured), information, np.ones(2, np.bool_))
+    monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
+    monkeypatch.setattr(loops, "_speaks_against", lambda k: True)
+    assert loops._torn(1) is False  # the second alone
+    loops._against = []
+    assert loops._torn(0) is torn

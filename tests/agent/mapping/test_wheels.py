@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from agent.mapping.joint import WALLS, observe
 from agent.mapping.wheels import Wheels, moves_of
+from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import OdometrySpec
 from world.odometry import Odometry
@@ -28,11 +30,18 @@ def drive(ticks: int) -> list[np.ndarray]:
     return ways
 
 
-def learned(seed: int, ticks: int) -> tuple[Wheels, Odometry, float]:
-    """Wheels after a drive, those of the world, and by how far the last 10 m of dead reckoning end off the truth."""
+def joint_of(wheels: Wheels) -> Floats:
+    """(1, m, m) joint covariance at the start, without walls."""
+    joint = np.zeros((1, WALLS, WALLS))
+    joint[:, :6, :6] = wheels.first
+    return joint
+
+
+def learned(seed: int, ticks: int) -> tuple[Wheels, Floats, Odometry, float]:
+    """Wheels after a drive, the joint covariance, the true ones, and by how far the last 10 m by wheels end off."""
     rng = np.random.default_rng(seed)
     real, wheels, poses, stamp = Odometry(np.zeros(3), SPEC, rng), Wheels(SPEC, 1), np.zeros((1, 3)), np.zeros(3)
-    corrected = np.diag((PLACE_SD**2, PLACE_SD**2, HEADING_SD**2))[None]
+    joint = joint_of(wheels)
     blind: Pose = (0.0, 0.0, 0.0)
     ways = drive(ticks)
     from_tick = ticks - round(10 / 0.044)
@@ -42,30 +51,33 @@ def learned(seed: int, ticks: int) -> tuple[Wheels, Odometry, float]:
         if tick >= from_tick:
             x, y, theta = wheels.way(moves, 0)[-1]
             blind = compose(blind, (x, y, theta))
-        wheels.move(poses, moves)
-        before = poses.copy()
-        poses[0] = way[-1] + rng.normal(0, (PLACE_SD, PLACE_SD, HEADING_SD))
-        wheels.learn(poses - before, corrected)
+        wheels.move(poses, joint, moves)
+        shift = np.zeros(WALLS)
+        for k, sd in enumerate((PLACE_SD, PLACE_SD, HEADING_SD)):
+            off = way[-1, k] + rng.normal(0, sd) - poses[0, k]
+            observe(joint[0], shift, np.array((k,)), np.array((1.0,)), off, sd**2)
+        poses[0] += shift[:3]
+        wheels.constants[0] += shift[3:6]
     x, y, _ = relative(tuple(ways[from_tick - 1][-1].tolist()), tuple(ways[-1][-1].tolist()))
-    return wheels, real, math.hypot(x - blind[0], y - blind[1])
+    return wheels, joint[0], real, math.hypot(x - blind[0], y - blind[1])
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_constants_are_found_within_their_deviations(seed: int) -> None:
-    wheels, real, _ = learned(seed, 1000)
+    wheels, joint, real, _ = learned(seed, 1000)
     off = wheels.constants[0] - (real._size, real._bend, real._axle)
-    sd = np.sqrt(wheels.covariances[0].diagonal()[3:])
+    sd = np.sqrt(joint.diagonal()[3:6])
     assert (np.abs(off) < 4 * sd).all()
     assert sd[1] < 0.2 * SPEC.wheel_sd * math.sqrt(2) / SPEC.axle_m
 
 
 def test_dead_reckoning_is_better_by_known_wheels_than_by_none() -> None:
-    known = [learned(seed, 1000)[2] for seed in range(4)]
-    unknown = [learned(seed, round(10 / 0.044))[2] for seed in range(4)]
+    known = [learned(seed, 1000)[3] for seed in range(4)]
+    unknown = [learned(seed, round(10 / 0.044))[3] for seed in range(4)]
     assert np.mean(known) < 0.7 * np.mean(unknown)
 
 
 def test_wheels_as_they_should_be_change_nothing() -> None:
     wheels, told = Wheels(SPEC, 1), np.vstack((np.zeros((1, 3)), drive(3)[2] - drive(3)[1][-1]))
     assert np.allclose(wheels.way(moves_of(told), 0), told, atol=1e-12)
-    assert wheels.covariances[0, :3, :3].sum() == 0.0
+    assert joint_of(wheels)[0, :3, :3].sum() == 0.0

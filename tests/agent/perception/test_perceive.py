@@ -195,3 +195,14 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
         assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
     assert hidden_without > 0
     assert seen_with == 20
+
+
+def test_a_far_piece_of_noisy_beams_tells_of_no_end() -> None:
+    bearings = RobotSpec().lidar.bearings()
+    panel = np.where(np.abs(3.0 * np.tan(bearings)) < 0.15, 3.0 / np.cos(bearings), np.inf)
+    panel[panel < 0] = np.inf
+    labels = [
+        set(perceive(panel, RobotSpec(lidar=LidarSpec(noise_share=share)), alone=True).pieces["label"].ravel().tolist())
+        for share in (0.0, 0.0175)
+    ]
+    assert int(Label.OCCLUSION) in labels[0] and labels[1] == {int(Label.FRONTIER)}

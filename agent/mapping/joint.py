@@ -1,0 +1,188 @@
+"""What is known of pose, wheels and walls together: one Gaussian over their errors, as in EKF-SLAM (ours).
+
+A wall is placed from where the robot believes to be, so both share that error; a wall that is seen beside an older one
+is known better against that than against the map's origin. The joint covariance holds all this (Smith, Self and
+Cheeseman, "Estimating uncertain spatial relationships in robotics", 1990): when a robot comes back to walls that it
+knows well, what it mapped on the way moves with it.
+"""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import OCCLUSION
+from agent.geometry.lines import Record, along
+from agent.kernels import kernel
+from agent.mapping.edges import WALL, related, set_tip, spread, tip_at
+from protocol.arrays import Floats, Ints, Records
+from protocol.geometry import Pose
+
+AXIS = 6  # row of the walls' common axis, after the pose (x, y, theta) and the wheels' three constants
+BEGIN = 7  # first row of the pose at the begin of the turn, which was that of the last scan
+WALLS = 10
+"""Row of the first wall. Each has four: its offset to the left, m, at the point that its record holds, its direction,
+rad, and how far along it its tail and its head are, m. What is not known, or exact, has zeros."""
+PER_WALL = 4
+MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
+MAX_JOINT = 512  # walls beyond have no rows: 34 MB of covariances
+
+
+@kernel
+def row_of(wall: int) -> int:
+    """First of the rows of a wall."""
+    return WALLS + PER_WALL * wall
+
+
+@kernel
+def has_rows(joint: Floats) -> int:
+    """How many walls may have rows."""
+    return (len(joint) - WALLS) // PER_WALL
+
+
+@kernel
+def observe(joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float) -> None:
+    """Take in one number by Kalman's update of joint (m, m) and shift (m,), in place.
+
+    off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
+    shift: what the estimates are to move by so far. Its weight is Cauchy's: it falls where the number is off by more
+    than its variance and the covariance explain.
+    """
+    m = len(shift)
+    gain, known, left = np.zeros(m), 0.0, off
+    touched, n = np.empty(m, np.int64), 0
+    for i in range(m):
+        for k in range(len(rows)):
+            gain[i] += joint[i, rows[k]] * slopes[k]
+        if gain[i] != 0.0:
+            touched[n] = i
+            n += 1
+    for k in range(len(rows)):
+        known += slopes[k] * gain[rows[k]]
+        left -= slopes[k] * shift[rows[k]]
+    total = known + variance * (1.0 + left * left / (4.0 * (known + variance)))
+    for a in range(n):
+        i = touched[a]
+        share = gain[i] / total
+        shift[i] += share * left
+        for b in range(a, n):
+            j = touched[b]
+            joint[i, j] -= share * gain[j]
+            joint[j, i] = joint[i, j]
+
+
+@kernel
+def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
+    """Write into each wall how well its line is known from where the robot is."""
+    for e in range(min(count, has_rows(joint))):
+        if edges[e].alive == WALL and joint[row_of(e), row_of(e)] > 0.0:
+            _relate(edges[e], row_of(e), joint, pose)
+
+
+@kernel
+def _relate(wall: Record, row: int, joint: Floats, pose: Pose) -> None:
+    """The line's distance from the robot errs by a part that is the same all along it, and one that grows."""
+    rows = (row, row + 1, 0, 1, 2)
+    same = (1.0, 0.0, wall.uy, -wall.ux, along(wall, pose[0], pose[1]))
+    grows = (0.0, 1.0, 0.0, 0.0, -1.0)
+    for k in range(3):
+        wall.relative[k] = 0.0
+    for i in range(5):
+        for j in range(5):
+            v = joint[rows[i], rows[j]]
+            wall.relative[0] += same[i] * v * same[j]
+            wall.relative[1] += same[i] * v * grows[j]
+            wall.relative[2] += grows[i] * v * grows[j]
+    wall.relative[0] = max(wall.relative[0], 1e-12)
+
+
+@kernel
+def is_landmark(wall: Record, side: int) -> bool:
+    """Whether an end has rows of its own: a corner of which one wall is known, and that often enough."""
+    return bool(wall.label[side] == OCCLUSION and wall.link[side] < 0 and wall.strength[side] >= MIN_VIEWS)
+
+
+@kernel
+def place_end(joint: Floats, row: int, rows: Ints, slopes: Floats, variance: float) -> None:
+    """Give a row (m,) to an end that errs as others (k,) do, and by a variance of its own."""
+    for i in range(len(joint)):
+        joint[row, i] = 0.0
+    for k in range(len(rows)):
+        for i in range(len(joint)):
+            joint[row, i] += slopes[k] * joint[rows[k], i]
+    joint[:, row] = joint[row]
+    own = variance
+    for k in range(len(rows)):
+        own += slopes[k] * joint[row, rows[k]]
+    joint[row, row] = own
+
+
+@kernel
+def move_walls(edges: Records, shift: Floats) -> None:
+    """Move walls and their ends by what a scan has shown of them."""
+    for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
+        wall, row = edges[e], row_of(e)
+        aside, turn = shift[row], shift[row + 1]
+        if wall.alive != WALL or (aside == 0.0 and turn == 0.0):
+            continue
+        ends, size = (tip_at(wall, 0) + shift[row + 2], tip_at(wall, 1) + shift[row + 3]), spread(wall)
+        wall.x -= aside * wall.uy
+        wall.y += aside * wall.ux
+        angle = math.atan2(wall.uy, wall.ux) + turn
+        wall.ux, wall.uy = math.cos(angle), math.sin(angle)
+        wall.xx, wall.xy, wall.yy = size * wall.ux**2, size * wall.ux * wall.uy, size * wall.uy**2
+        set_tip(wall, 0, ends[0])
+        set_tip(wall, 1, ends[1])
+
+
+@kernel
+def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: float) -> Ints:
+    """Give rows to walls that have become so in this scan, and take those of others away; returns the new walls."""
+    new, number = np.empty(len(edges), np.int64), 0
+    for e in range(min(len(edges), has_rows(joint))):
+        wall, row = edges[e], row_of(e)
+        is_wall = e < count and wall.alive == WALL
+        if is_wall and wall.twin == 0 and related(wall):
+            for side in range(2):
+                if joint[row + 2 + side, row + 2 + side] > 0.0 and not is_landmark(wall, side):
+                    joint[row + 2 + side] = 0.0
+                    joint[:, row + 2 + side] = 0.0
+            continue
+        if joint[row, row] > 0.0:
+            joint[row : row + PER_WALL] = 0.0
+            joint[:, row : row + PER_WALL] = 0.0
+        if not is_wall:
+            continue
+        if wall.twin > 0 and related(wall) and joint[row_of(wall.twin - 1), row_of(wall.twin - 1)] > 0.0:
+            _copy_rows(joint, row_of(wall.twin - 1), row)
+        else:
+            _place(wall, row, joint, pose, noise)
+            new[number] = e
+            number += 1
+        wall.twin = 0
+        _relate(wall, row, joint, pose)
+    return new[:number]
+
+
+@kernel
+def _copy_rows(joint: Floats, old: int, row: int) -> None:
+    """Two parts of a wall that was cut lie on one line."""
+    for k in range(2):
+        joint[row + k] = joint[old + k]
+    for k in range(2):
+        joint[:, row + k] = joint[:, old + k]
+
+
+@kernel
+def _place(wall: Record, row: int, joint: Floats, pose: Pose, noise: float) -> None:
+    """A new wall errs as the pose does that it was seen from, and by its own hits."""
+    at = along(wall, pose[0], pose[1])
+    for k in range(len(joint)):
+        joint[row, k] = -wall.uy * joint[0, k] + wall.ux * joint[1, k] - at * joint[2, k]
+        joint[row + 1, k] = joint[2, k]
+    for k in range(len(joint)):
+        joint[k, row], joint[k, row + 1] = joint[row, k], joint[row + 1, k]
+    for a in range(2):
+        of_pose = -wall.uy * joint[0, row + a] + wall.ux * joint[1, row + a] - at * joint[2, row + a]
+        joint[row, row + a], joint[row + 1, row + a] = of_pose, joint[2, row + a]
+    joint[row, row] += noise**2 / wall.hits
+    joint[row + 1, row + 1] += noise**2 / spread(wall)

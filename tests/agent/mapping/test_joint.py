@@ -1,0 +1,76 @@
+"""Pose and walls are known together: what is learned of one moves all that err with it."""
+
+import numpy as np
+import pytest
+
+from agent.mapping.edges import EDGE, WALL, line_sd, related
+from agent.mapping.joint import WALLS, know_walls, move_walls, observe, relate, row_of
+from protocol.arrays import Floats, Records
+from protocol.geometry import Pose
+
+POSE: Pose = (0.5, -0.3, 0.7)
+NOISE = 0.01
+
+
+def mapped() -> tuple[Records, Floats]:
+    """Two walls at right angles, placed from a pose that is known to 0.1 m and 0.02 rad, and the covariance of all."""
+    edges, joint = np.zeros(4, EDGE), np.zeros((row_of(4), row_of(4)))
+    joint[:3, :3] = np.diag((0.1, 0.1, 0.02)) ** 2
+    for wall, (x, y, ux, uy) in zip(edges, ((0.0, 2.0, -1.0, 0.0), (2.0, 0.0, 0.0, 1.0)), strict=False):
+        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["uy"] = WALL, 100.0, x, y, ux, uy
+        wall["xx"], wall["xy"], wall["yy"] = 30.0 * ux * ux, 30.0 * ux * uy, 30.0 * uy * uy
+        wall["tip"], wall["link"] = [(x - ux, y - uy), (x + ux, y + uy)], -1
+    assert know_walls(edges, 2, joint, POSE, NOISE).tolist() == [0, 1]
+    return edges, joint
+
+
+def test_walls_move_with_the_pose_that_they_were_placed_from() -> None:
+    edges, joint = mapped()
+    shift = np.zeros(len(joint))
+    for row, off in ((0, 0.08), (1, -0.05)):
+        observe(joint, shift, np.array((row,)), np.array((1.0,)), off, 1e-8)
+    before = edges.copy()
+    move_walls(edges, shift)
+    assert shift[:3] == pytest.approx((0.08, -0.05, 0.0), abs=1e-3)
+    assert edges["y"][0] - before["y"][0] == pytest.approx(-0.05, abs=2e-3)
+    assert edges["x"][1] - before["x"][1] == pytest.approx(0.08, abs=2e-3)
+    assert edges["tip"][1, :, 0] - before["tip"][1, :, 0] == pytest.approx((0.08, 0.08), abs=2e-3)
+
+
+def test_a_wall_is_known_better_from_where_it_was_seen_than_in_the_map() -> None:
+    edges, joint = mapped()
+    assert joint[row_of(0), row_of(0)] > 0.1**2
+    relate(edges, 2, joint, POSE)
+    assert line_sd(edges[0], 0.0, NOISE) < 0.002
+    elsewhere = joint.copy()
+    elsewhere[:3], elsewhere[:, :3] = 0.0, 0.0  # a robot that knows where it is, but not where that wall is
+    relate(edges, 2, elsewhere, POSE)
+    assert line_sd(edges[0], 0.0, NOISE) > 0.1
+
+
+def test_a_number_far_from_what_is_known_counts_little() -> None:
+    _, joint = mapped()
+    shift, rows, one = np.zeros(len(joint)), np.array((0,)), np.array((1.0,))
+    observe(joint, shift, rows, one, 0.0, 0.001**2)
+    observe(joint, shift, rows, one, 1.0, 0.001**2)
+    assert abs(shift[0]) < 0.01
+
+
+def test_both_parts_of_a_wall_that_is_cut_lie_on_one_line() -> None:
+    edges, joint = mapped()
+    edges[2] = edges[0]
+    edges[2]["twin"] = 1
+    assert len(know_walls(edges, 3, joint, POSE, NOISE)) == 0
+    assert edges[2]["twin"] == 0
+    shift = np.zeros(len(joint))
+    observe(joint, shift, np.array((row_of(0),)), np.array((1.0,)), 0.05, 1e-8)
+    assert shift[row_of(2) : row_of(2) + 2] == pytest.approx(shift[row_of(0) : row_of(0) + 2])
+
+
+def test_what_is_no_wall_any_more_has_no_rows() -> None:
+    edges, joint = mapped()
+    edges[1]["alive"] = 0
+    know_walls(edges, 2, joint, POSE, NOISE)
+    assert related(edges[0])
+    assert not joint[row_of(1) :].any() and not joint[:, row_of(1) :].any()
+    assert (np.linalg.eigvalsh(joint) > -1e-12).all() and joint[WALLS, WALLS] > 0
