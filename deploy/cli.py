@@ -447,7 +447,7 @@ def map_(
 def export(
     path: Annotated[Path, Argument(help="A run directory, or a map file of it.", metavar="DIR|MAP")],
     to: Annotated[
-        Literal["map_server", "geojson", "dxf", "svg", "carmen"],
+        Literal["map_server", "geojson", "dxf", "svg", "carmen", "video"],
         Option(help="The form; carmen needs a run with --set scans=true."),
     ],
     frame: Annotated[
@@ -455,17 +455,18 @@ def export(
     ] = None,
     out: Annotated[Path | None, Option(help="Folder for the files.", show_default="PATH/FORM")] = None,
 ) -> None:
-    """Write maps for other programs, or a run's scans as CARMEN logs with the true paths beside them."""
+    """Write maps for other programs, a run's scans as CARMEN logs with the true paths, or a run as a moving picture."""
     from deploy.exchange import FORMS
     from deploy.exchange.maps import export_maps
+    from deploy.exchange.video import write_video
     from deploy.recorded.written import write_carmen
     from protocol.errors import InputError
 
     folder = out or (path if path.is_dir() else path.parent) / to
-    if to == "carmen":
+    if to in ("carmen", "video"):
         if frame is not None:
-            raise InputError("--frame: scans are in the lidar's frame, leave it out")
-        made = write_carmen(path, folder)
+            raise InputError("--frame: it is for maps, leave it out")
+        made = write_carmen(path, folder) if to == "carmen" else write_video(path, folder)
     else:
         made = export_maps(path, folder, frame or "own", FORMS[to])
     for file in made:

@@ -229,6 +229,7 @@ COMMANDS = (
     ["export", ".", "--to", "geojson"],
     ["export", ".", "--to", "carmen", "--frame", "own"],
     ["export", "/dev/zero", "--to", "map_server"],
+    ["export", ".", "--to", "video"],
     ["import", "absent", "--out", "new.yaml"],
     ["import", "room.yaml", "--out", "new.yaml"],
     ["import", "/dev/zero", "--out", "new.yaml"],
