@@ -1,5 +1,9 @@
 """All settings of a robot's mind, and those of its process, with units and reasons."""
 
+from typing import Annotated
+
+from pydantic import StringConstraints
+
 from agent.alignment.config import AlignmentConfig
 from agent.communication.config import TalkConfig
 from agent.cooperation.config import CooperationConfig
@@ -7,6 +11,8 @@ from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.mapping.config import FilterConfig
 from agent.perception.config import PerceptionConfig
 from protocol.settings import Config, NotNegative, Positive
+
+MindName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$")]
 
 
 class JoinConfig(Config):
@@ -37,3 +43,5 @@ class ProcessConfig(JoinConfig):
 
     agent: AgentConfig = AgentConfig()
     """Every robot's mind."""
+    mind: dict[str, MindName] = {}  # noqa: RUF012  (pydantic copies it)
+    """Minds in place of ours, as package:Class by robot, `*` for all others (agent.shell.mind)."""

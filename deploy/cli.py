@@ -97,6 +97,10 @@ def run(
     restart: Annotated[
         bool | None, Option("--restart", help="Start a process that dies again: it goes on from its checkpoint.")
     ] = None,
+    mind: Annotated[
+        list[str] | None,
+        Option("--mind", help="A mind in place of ours, of all robots or of one.", metavar="[ID=]package:Class"),
+    ] = None,
     ideal: Ideal = False,
     config: ConfigFile = None,
     set_: Set = None,
@@ -631,6 +635,8 @@ def _settings(context: Context) -> RunConfig:
 
     given, keys = context.params, (*RunConfig.model_fields, *SETTINGS_BELOW)
     flags = {key: given[name] for key in keys if (name := key.split(".")[-1]) in given}
+    if minds := flags.pop("mind", ()):
+        flags["mind"] = {robot or "*": name for robot, _, name in (one.rpartition("=") for one in minds)}
     if given.get("ideal"):
         flags |= {f"spec.{part}.{key}": value for part, some in IDEAL.items() for key, value in some.items()}
     settings = load(given["config"], flags, given["set_"] or ())

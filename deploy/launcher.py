@@ -11,8 +11,9 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
+from agent.shell.mind import MakeMind, minds_of
 from deploy import capacity, forks, manifest
 from deploy.config import RunConfig
 from deploy.faults import schedule
@@ -28,9 +29,6 @@ from protocol.secrets import new_secrets
 from protocol.status import ENDINGS, Status, of_run
 from world.checkpoint import NAME, CheckpointError
 from world.worldfile import load
-
-if TYPE_CHECKING:
-    from agent.shell.mind import MakeMind
 
 RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
@@ -97,7 +95,7 @@ def launch(
     UnwritableError where the run directory cannot be written.
     """
     capacity.check(config.robots)
-    children = Children(config, out, show, make_mind)
+    children = Children(config, out, show, make_mind or minds_of(config.mind))
     with on_interrupt(children.interrupt):
         begun = manifest.begun(config, load(config.world))
         out.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from agent.shell.mind import minds_of
 from deploy import config, inprocess
 from deploy.report.rundir import Run, read_run
 from world.episode import Episode
@@ -41,7 +42,7 @@ def run(
         directory = Path(temporary, "run") if out is None else Path(out)
         if directory.exists() and any(directory.iterdir()):
             raise FileExistsError(f"{directory}: something is there already")
-        inprocess.run(loaded, loaded.agent, directory, progress)
+        inprocess.run(loaded, loaded.agent, directory, progress, minds_of(loaded.mind))
         return read_run(directory)
 
 

@@ -44,6 +44,7 @@ def agent(
 ) -> None:
     """Run one robot."""
     from agent.config import ProcessConfig
+    from agent.shell.mind import minds_of
     from agent.shell.process import AgentInbox, run_agent
     from protocol.configuration import load
     from protocol.credentials import of_robot
@@ -65,6 +66,7 @@ def agent(
         settings.agent,
         credentials=known,
         patience=settings,
+        make_mind=minds_of(settings.mind),
         inbox=inbox,
         checkpoints=checkpoints,
         by_hand=True,

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from agent.robot import Step
+from agent.shell.mind import minds_of
 from deploy import inprocess
 from deploy.bench.errors import errors, right
 from deploy.config import RunConfig
@@ -64,7 +65,7 @@ def _figures(job: Job, folder: Path) -> Row:
     if job.world is not None:
         (folder / "world.yaml").write_text(to_yaml(job.world), encoding="utf-8")
         config = config.model_copy(update={"world": str(folder / "world.yaml")})
-    summary = inprocess.run(config, config.agent, None, seen.look, watch=seen.watch)
+    summary = inprocess.run(config, config.agent, None, seen.look, minds_of(config.mind), seen.watch)
     episode, robots = seen.episode, summary["robots"]
     frames = {robot: pose_of(start) for robot, start in zip(episode.robots, episode.starts, strict=True)}
     machine = {name: summary.pop(name) for name in ("real_time_factor", "late_ticks", "links_lost")}

@@ -1,0 +1,67 @@
+"""Minds of one's own, by name: in processes and in one process, for all robots or one."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import wireswarm
+from agent.shell.mind import minds_of
+from deploy.launcher import launch
+from deploy.revision import ROOT
+from protocol.errors import InputError
+from tests.tiny import digests, tiny_config
+
+FOLLOWER, GRID = "examples.wall_follower:WallFollower", "examples.grid_explorer:GridExplorer"
+
+
+def test_examples_run_in_processes_and_in_one_with_the_same_bytes(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, until=10.0, mind={"*": GRID, "r2": FOLLOWER})
+    assert launch(config, tmp_path / "many").status == 0
+    settings = {"mind": config.mind}
+    run = wireswarm.run(config.world, 3, until=10.0, settings=settings, out=tmp_path / "one")
+    assert digests(tmp_path / "many") == digests(tmp_path / "one")
+    kinds = {robot: set(books["offered"]) for robot, books in run.bandwidth["robots"].items()}
+    assert kinds == {"r1": {"beacon", "grid"}, "r2": {"beacon"}, "r3": {"beacon", "grid"}}
+    assert all(fields["coverage"] > 0.2 and fields["path_m"] > 0.3 for fields in run.summary["robots"].values())
+
+
+@pytest.mark.parametrize(("mind", "coverage"), [(FOLLOWER, 0.5), (GRID, 0.9)])
+def test_examples_explore_a_flat(mind: str, coverage: float) -> None:
+    settings = {"max_time_s": 150, "mind": {"*": mind}}
+    assert wireswarm.run("apartment", 2, settings=settings).summary["team"]["coverage"] > coverage
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "examples").glob("*.py")), ids=lambda file: file.name)
+def test_an_example_is_short_and_knows_the_base_and_messages_only(file: Path) -> None:
+    lines = file.read_text().splitlines()
+    assert len(lines) < 150
+    ours = {line.split()[1] for line in lines if line.startswith(("from agent", "from protocol", "import agent"))}
+    assert ours <= {"agent.shell.mind", "agent.config", "protocol.messages"}
+
+
+def test_the_command_takes_a_mind_for_one_robot_from_the_working_directory(tmp_path: Path) -> None:
+    (tmp_path / "still.py").write_text(
+        "from agent.shell.mind import OwnMind\n\nclass Still(OwnMind):\n"
+        "    def drive(self, observation, heard):\n        self.complete = True\n        return 0.0, 0.0\n"
+    )
+    config = tiny_config(tmp_path)
+    command = [sys.executable, "-m", "wireswarm", "run", "--world", config.world, "--until", "2", "--robots", "2"]
+    command += ["--mind", "r1=still:Still", "--mind", FOLLOWER, "--out", "run", "--quiet"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100)
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "run/summary.json").read_text())["robots"]
+    assert summary["r1"]["path_m"] == 0 and summary["r1"]["ended"] == "complete" and summary["r2"]["path_m"] > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [("no_such:Mind", "No module named"), ("json:Mind", "no attribute 'Mind'"), ("json:JSONDecoder", "method `step`")],
+)
+def test_a_mind_that_is_not_there_is_a_sentence(name: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=f"--mind {name}: .*{sentence}"):
+        minds_of({"*": name})
