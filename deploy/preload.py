@@ -5,6 +5,7 @@ from pickle import UnpicklingError
 from types import TracebackType
 
 from agent.warmup import rehearse
+from deploy import leash
 
 
 def _untold(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -15,3 +16,4 @@ def _untold(kind: type[BaseException], error: BaseException, trace: TracebackTyp
 
 sys.excepthook = _untold  # of forks that have not begun; later ones print what is raised by themselves
 rehearse()
+leash.let_go()

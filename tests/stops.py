@@ -26,6 +26,7 @@ PATIENCE_S = 60.0  # until what has not ended is killed
 OPTIONS = ("--until", "10")
 PHASES = ("report.html", "report.png", "summary.json", "checkpoint.msgpack", "truth.json", "manifest.json")
 """Files of a run directory, the last to be written first."""
+NOTHING = "nothing yet"
 
 
 def start(folder: Path) -> tuple[Command, float]:
@@ -89,7 +90,8 @@ def unreadable(out: Path) -> list[str]:
 def faults(run: Command, did: str, phase: str, taken_s: float, errors: str) -> list[str]:
     """What is wrong with how a run ended. One that was over already says how it ended itself."""
     status, by_launcher = run.popen.returncode, "launcher" not in did
-    found = [f"took {taken_s:.1f} s"] if taken_s > WITHIN_S else []
+    goes_on = did == "server killed" and phase == NOTHING  # another is started
+    found = [f"took {taken_s:.1f} s"] if taken_s > WITHIN_S and not goes_on else []
     found += ["traceback"] if "Traceback" in errors else []
     if not run.out.exists():
         return found + ([f"status {status}"] if by_launcher and status != Status.INTERRUPTED else [])
@@ -98,7 +100,7 @@ def faults(run: Command, did: str, phase: str, taken_s: float, errors: str) -> l
         manifest = run.manifest()
     except (OSError, ValueError):
         return [*found, "no manifest"]
-    needless = did == "server killed" and manifest["ended"] == "time"  # it was not needed any more
+    needless = did == "server killed" and manifest["ended"] == "time"  # it was not needed any more, or another began
     if by_launcher and not needless and not status == manifest.get("exit_status") == Status.INTERRUPTED:
         found.append(f"status {status}, {manifest.get('exit_status')} in the manifest")
     if manifest["ended"] not in ("interrupted", "time") and not (phase == "manifest.json" and not by_launcher):
@@ -114,7 +116,7 @@ def one(folder: Path, what: str, after_s: float, rng: random.Random) -> bool:
         if run.popen.poll() is not None or handles(run.popen.pid, signal.SIGTERM, "SigIgn"):
             print(f"{after_s:6.2f} s: it was over", flush=True)
             return True
-        phase = next((name for name in PHASES if (run.out / name).exists()), "nothing yet")
+        phase = next((name for name in PHASES if (run.out / name).exists()), NOTHING)
         did, since = strike(run, what, rng), time.monotonic()
         errors = run.popen.communicate(timeout=PATIENCE_S)[1]
         wait(run.popen.pid)

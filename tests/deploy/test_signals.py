@@ -60,6 +60,18 @@ def test_the_server_that_children_are_forked_from_goes_with_a_command_that_is_be
     assert time.monotonic() - began < ENDED_S / 10
 
 
+def test_the_server_goes_with_a_launcher_that_is_killed_while_it_still_imports(command: Any) -> None:
+    run = command()
+    end = time.monotonic() + BEGUN_S
+    while (server := run.server()) is None or not handles(server.pid, signal.SIGALRM):
+        assert run.popen.poll() is None and time.monotonic() < end
+        run.note()
+    run.popen.kill()
+    began = time.monotonic()
+    run.popen.communicate(timeout=ENDED_S)  # while the server lives, it holds the streams
+    assert time.monotonic() - began < ENDED_S / 10
+
+
 @SIGNALS
 @pytest.mark.parametrize("after_s", [0.3, 1.0])
 def test_a_signal_in_the_first_second_is_no_traceback(command: Any, number: signal.Signals, after_s: float) -> None:
