@@ -22,6 +22,7 @@ from deploy.bandwidth.books import NoRunError, read_books
 from deploy.config import load
 from deploy.pairs import fates
 from deploy.recorded.carmen import read_carmen
+from deploy.recorded.lidar_log import Given
 from deploy.report import page, plan
 from deploy.report.rundir import Run, read_run
 from deploy.report.words import headline, subtitle
@@ -362,7 +363,7 @@ def a_log(data: bytes) -> None:
         file = Path(folder) / "some.log"
         file.write_bytes(data)
         with suppress(InputError):
-            read_carmen(file)
+            read_carmen(file, Given())
 
 
 def _logs() -> list[bytes]:
