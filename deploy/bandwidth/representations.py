@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -97,14 +98,19 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
     offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
     beacons, views = (sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS))
-    updates: list[Update] = []
-    explored = dict.fromkeys(seen, 0.0)
-    for robot, what in seen.items():
-        if len(what.ranges):  # else dead before it saw anything
-            mine = _Forms(what, config)
-            for line in sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]):
-                updates += mine.charge(line)
-            explored[robot] = float((mine.states(len(what.ranges) - 1) == 1).sum() * CELL_M**2)
+    live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
+
+    def charged(robot: str) -> tuple[list[Update], float]:
+        """A robot's updates, and the free area that its grid has at its end."""
+        mine = _Forms(live[robot], config)
+        own = sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"])
+        updates = [update for line in own for update in mine.charge(line)]
+        return updates, float((mine.states(len(live[robot].ranges) - 1) == 1).sum() * CELL_M**2)
+
+    with ThreadPoolExecutor() as pool:  # compressing takes most of the time, and other threads run beside it
+        found = dict(zip(live, pool.map(charged, live), strict=True))
+    updates = [update for own, _ in found.values() for update in own]
+    explored = {robot: found[robot][1] if robot in found else 0.0 for robot in seen}
     updates.sort(key=lambda update: update.t)
     return Measurement(updates, sent, beacons, views, explored)
 
