@@ -39,7 +39,7 @@ function replay() {
     name.append(said);
     if (at.length) names.append(name);
     const parts = Object.fromEntries([...KINDS, "trail", "place"].map((kind) => [kind, group.querySelector("." + kind)]));
-    return { name: group.dataset.robot, at, maps, label: name, said, parts, shown: -1 };
+    return { name: group.dataset.robot, at, maps, label: name, said, parts, shown: null };
   });
   const byName = Object.fromEntries(robots.map((robot) => [robot.name, robot]));
 
