@@ -3,8 +3,7 @@
 import os
 from pathlib import Path
 
-import psutil
-
+from deploy import forks
 from deploy.interrupts import on_interrupt
 from deploy.revision import revision
 from deploy.sweep.measure import Row
@@ -52,6 +51,5 @@ def _leave(progress: SweepProgress) -> None:
     """End at once, with the workers: what has arrived is kept, and a run under way is made again."""
     progress.__exit__()
     progress.say("interrupted; the same command goes on from here")
-    for child in psutil.Process().children(recursive=True):
-        child.kill()
+    forks.kill()
     os._exit(Status.INTERRUPTED)

@@ -21,7 +21,7 @@ from deploy.sweep.plan import Job
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.episode import Episode
-from world.worldfile import load, to_yaml
+from world.worldfile import to_yaml
 
 Row = dict[str, Any]
 """Numbers, texts and None by the name of their column."""
@@ -71,7 +71,7 @@ def _figures(job: Job, folder: Path) -> Row:
     machine = {name: summary.pop(name) for name in ("real_time_factor", "late_ticks", "links_lost")}
     for robot, figures in robots.items():
         machine[f"step_ms_median.{robot}"] = figures.pop("step_ms_median")
-        truth = truth_of(load(config.world), frames[robot][:2], config.spec.radius_m, config.spec.lidar.range_max_m)
+        truth = truth_of(episode.world, frames[robot][:2], config.spec.radius_m, config.spec.lidar.range_max_m)
         figures |= score(decode_wireframe(seen.maps.get(robot, EMPTY)), frames[robot], truth)._asdict()
     numbers = [name for name, value in robots["r1"].items() if not isinstance(value, str)]
     tree = {
