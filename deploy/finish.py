@@ -1,6 +1,5 @@
 """Run directories that a killed world left: their configuration, and their end."""
 
-import json
 from pathlib import Path
 
 from deploy import manifest
@@ -20,7 +19,7 @@ def left_by(run: Path) -> RunConfig:
     """
     config = config_of(run)
     kept = run / "world.yaml"
-    if load(str(kept)).hash != _manifest(run).get("world_hash"):
+    if load(str(kept)).hash != manifest.read(run).get("world_hash"):
         raise CheckpointError(f"{kept} is not the world that was run")
     return config.model_copy(update={"world": str(kept)})
 
@@ -31,7 +30,7 @@ def finish(run: Path) -> bool:
     Raises NoRunError and CheckpointError where the directory does not tell enough, OSError where it cannot be written.
     """
     config, left = left_by(run), (run / NAME).exists()
-    if not left and _manifest(run).get("ended"):
+    if not left and manifest.read(run).get("ended"):
         return False
     if left:
         episode = Episode.resume(config, run)
@@ -42,8 +41,3 @@ def finish(run: Path) -> bool:
     remove_parts(run)
     manifest.finish(run, ended=episode.ended if left else "interrupted")
     return True
-
-
-def _manifest(run: Path) -> dict[str, object]:
-    fields: dict[str, object] = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
-    return fields

@@ -38,12 +38,12 @@ def begin(out: Path, fields: dict[str, Any]) -> None:
 
 def finish(out: Path, **more: Any) -> None:
     """Add to it what is known now that the run has ended. Raises UnwritableError, OSError where there is none."""
-    _write(out, _read(out) | {"end": _now()} | more)
+    _write(out, read(out) | {"end": _now()} | more)
 
 
 def interrupt(out: Path, why: str) -> None:
     """Say that somebody stopped the command, after the run or before it had an end. Raises as `finish` does."""
-    finish(out, ended=_read(out)["ended"] or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
+    finish(out, ended=read(out)["ended"] or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
 
 
 def withdraw(out: Path) -> None:
@@ -51,7 +51,8 @@ def withdraw(out: Path) -> None:
     (out / "manifest.json").unlink(missing_ok=True)
 
 
-def _read(out: Path) -> dict[str, Any]:
+def read(out: Path) -> dict[str, Any]:
+    """Its fields. Raises OSError and ValueError."""
     fields: dict[str, Any] = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
     return fields
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from deploy import manifest
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
 from protocol.arrays import Floats
@@ -40,7 +41,7 @@ class Seen:
 def config_of(run: Path) -> RunConfig:
     """The configuration of a run directory. Raises NoRunError."""
     try:
-        return RunConfig.model_validate(json.loads((run / "manifest.json").read_text(encoding="utf-8"))["config"])
+        return RunConfig.model_validate(manifest.read(run)["config"])
     except (OSError, ValueError, LookupError, TypeError):
         raise NoRunError(f"{run} is no finished run: it has no manifest.json with its configuration") from None
 
