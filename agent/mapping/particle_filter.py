@@ -181,12 +181,7 @@ class WireframeFilter:
         else:
             self.poses[:] = self._odometry
         scores = update_particles(
-            self.edges,
-            self.counts,
-            self.poses,
-            self.wheels.constants,
-            self._axes,
-            self.joint,
+            *self._particles(),
             grown,
             scan.pieces,
             scan.sight,
@@ -195,6 +190,10 @@ class WireframeFilter:
             self._patience,
         )
         self._weigh(scores)
+
+    def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:
+        """What each particle believes, a row each: walls and their number, pose, wheels, axis, joint covariance."""
+        return self.edges, self.counts, self.poses, self.wheels.constants, self._axes, self.joint
 
     def _make_room(self) -> None:
         """Have rows of the joint covariances for all walls, and for those that a scan may bring."""
@@ -224,15 +223,7 @@ class WireframeFilter:
             # survivors keep their places, so that only the fallen are copied over
             copied = ancestors[1:][np.diff(ancestors) == 0]
             fallen = np.setdiff1d(np.arange(len(weights)), ancestors)[::-1]
-            for values in (
-                self.edges,
-                self.counts,
-                self.poses,
-                self.wheels.constants,
-                self._axes,
-                self.joint,
-                self.standing,
-            ):
+            for values in (*self._particles(), self.standing):
                 values[fallen] = values[copied]
             self.log_weights[:] = 0.0
         self.best = int(np.argmax(self.standing))
