@@ -1,4 +1,4 @@
-"""Maps as few bits: whole, or as changes to a map that the receiver has (ours; docs/formats.md).
+"""Maps as few bits: whole, or as changes to a map that the receiver has (ours; docs/protocol.md).
 
 Edges cost nothing, because a chain's vertices follow each other. Labels cost almost nothing, because corners inside
 a chain are nominal and most ends are frontiers. A vertex is coded as a step from the last one in exponential-Golomb

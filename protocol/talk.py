@@ -1,4 +1,4 @@
-"""Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/formats.md)."""
+"""Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/protocol.md)."""
 
 import math
 import struct

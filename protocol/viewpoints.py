@@ -1,4 +1,4 @@
-"""Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/formats.md).
+"""Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/protocol.md).
 
 Places are on a grid of 10 cm, in the order in which the robot was there. Each is coded as its offset from where the
 last step would lead on. A list covers the ticks (since, until].

@@ -229,10 +229,10 @@ def test_a_maze_takes_two_and_a_half_bytes_a_vertex() -> None:
     assert size / total <= 2.5
 
 
-FORMATS = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
 
 
 def test_the_documented_example_is_a_message() -> None:
-    line = next(line for line in FORMATS.splitlines() if line.startswith('`{"bytes"'))
+    line = next(line for line in PAGE.splitlines() if line.startswith('`{"bytes"'))
     example = json.loads(line.strip("`"))
     assert decode_map(bytes.fromhex(example["bytes"])).cells.tolist() == example["cells"]

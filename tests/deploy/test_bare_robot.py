@@ -1,0 +1,41 @@
+"""examples/bare_robot.py: docs/protocol.md is enough to write a robot that maps a flat."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Thread
+
+from deploy.metrics import score_walls, truth_of
+from deploy.report.rundir import read_run
+from deploy.revision import ROOT
+from world.config import ServerConfig, WorldConfig
+from world.server import serve
+from world.worldfile import load
+
+ROBOT = ROOT / "examples" / "bare_robot.py"
+
+
+def test_the_robot_has_nothing_of_ours() -> None:
+    nodes = list(ast.walk(ast.parse(ROBOT.read_text())))
+    names = {one.name for node in nodes if isinstance(node, ast.Import) for one in node.names}
+    names |= {node.module or "." for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert names - sys.stdlib_module_names == {"msgpack", "numpy", "zenoh"}
+
+
+def test_the_robot_maps_a_flat(tmp_path: Path) -> None:
+    config = WorldConfig.model_validate({"world": "apartment", "robots": 1, "max_time_s": 300})
+    endpoints: SimpleQueue[str] = SimpleQueue()
+    world = Thread(target=serve, args=(config, ServerConfig(), tmp_path / "run"), kwargs={"listening": endpoints.put})
+    world.start()
+    command = [sys.executable, str(ROBOT), "r1", endpoints.get(timeout=20)]
+    done = subprocess.run(command, cwd=tmp_path, env={}, capture_output=True, text=True, timeout=100)
+    world.join(20)
+    assert done.stdout == "r1: complete\n", done.stderr
+    run = read_run(tmp_path / "run")
+    assert run.summary["robots"]["r1"]["coverage"] > 0.9
+    found, (x, y, _) = run.map("r1", frame="world"), run.frames["r1"]
+    truth = truth_of(load("apartment"), (float(x), float(y)), config.spec.radius_m, config.spec.lidar.range_max_m)
+    score = score_walls(found.vertices[found.edges].reshape(-1, 4), truth)
+    assert score.recall > 0.8 and score.precision > 0.98 and score.repeated < 1.05
