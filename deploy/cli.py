@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable
@@ -32,6 +33,7 @@ EXTRAS = {"pymunk": "world", "ezdxf": "export", "defusedxml": "export", "rosbags
     ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
 )
 EXTRAS |= dict.fromkeys(("dask", "distributed", "pyarrow"), "sweep")  # what brings a package
+EXTRAS |= dict.fromkeys(("rerun", "rerun_cli"), "view")
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
 NEVER_KEPT = ("resume", "secrets", "certs")  # options of a world that no file of a run holds
 
@@ -131,6 +133,9 @@ def run(
             print_summary(directory, pairs)
             raise Exit(result.status)
         _draw(directory, pairs)
+        if not quiet:
+            name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
+            say(f"`{name} view {directory}` shows it as a moving picture")
         raise Exit(result.status)
 
 
@@ -477,6 +482,33 @@ def export(
         made = export_maps(path, folder, frame or "own", FORMS[to])
     for file in made:
         print(printable(str(file)))
+
+
+@app.command(epilog="Example: wireswarm view runs/maze-15-0")
+def view(
+    run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")],
+    save: Annotated[
+        Path | None, Option(help="Write the recording for Rerun's own viewer instead.", metavar="FILE.rrd")
+    ] = None,
+    browser: Annotated[bool, Option(help="Open it in the browser; else the address is printed only.")] = True,
+) -> None:
+    """Show a run in the browser: world, robots, what each has mapped, whom it tries and trusts, at every tick."""
+    from deploy.view.replay import record
+    from deploy.view.show import show
+    from protocol.files import write_whole
+    from protocol.inbox import Inbox
+
+    recording = record(run)
+    if save is not None:
+        write_whole(save, recording)
+        print(printable(str(save)))
+        return
+    stop_on_signals(inbox := Inbox())
+    with show(browser) as tape:
+        tape.add(recording)
+        tape.end()
+        while not inbox.stopped:
+            inbox.next()
 
 
 @app.command("import", epilog="Example: wireswarm import home.world --out home.yaml --close 2")

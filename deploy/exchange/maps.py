@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from agent.geometry.chains import chains_of
 from agent.geometry.visibility import visible_ring
-from deploy.report.rundir import Map, Run, mapping, parse_map, read_run
+from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError, ProtocolError
@@ -25,7 +25,6 @@ from protocol.wireframe import Label, Wireframe
 Frame = Literal["own", "world"]
 STAND_M = 0.3  # distance between the places on a robot's path from which its view is drawn
 VIEW_RAYS = 90  # of a view, besides those past the ends of walls
-DEFAULT_RANGE_M = 3.5  # of the lidar, where the run does not say: the LDS-01's
 
 
 @dataclass(frozen=True)
@@ -101,14 +100,12 @@ def _named(run: Run, robot: str, drawn: Map, frame: Frame, path: Path) -> NamedM
     track = run.paths[robot][:, 1:] if robot in run.paths and (pose is not None or run.of_logs) else np.zeros((0, 2))
     if frame == "own" and pose is not None:
         track = seen_from(pose, track)
-    lidar = mapping(mapping(mapping(run.manifest.get("config")).get("spec")).get("lidar"))
-    reach = lidar.get("range_max_m")
     return NamedMap(
         robot,
         f"own frame of {robot}" if frame == "own" else "world",
         drawn.moved(pose if frame == "world" else None),
         _apart(track),
-        float(reach) if isinstance(reach, int | float) and 0 < reach <= 100 else DEFAULT_RANGE_M,
+        run.lidar.range_max_m,
     )
 
 

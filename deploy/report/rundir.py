@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from protocol.arrays import Floats
 from protocol.geometry import apply
+from protocol.messages import LidarSpec
 from protocol.text import all_printable, printable
 from protocol.walls import directions
 from protocol.wireframe import LABELS
@@ -98,7 +100,7 @@ class Run:
     maps: dict[str, Map] = field(default_factory=dict)  # robot to its final map, in its own frame
     snapshots: dict[str, list[tuple[float, Map]]] = field(default_factory=dict)
     """Robot to its maps as the run went on, each with its time."""
-    paths: dict[str, Floats] = field(default_factory=dict)  # by robot, (n, 3) t, x, y in the world frame
+    poses: dict[str, Floats] = field(default_factory=dict)  # by robot, (n, 4) t, x, y, theta in the world frame
     metrics: dict[str, Series] = field(default_factory=dict)
     events: list[dict[str, Any]] = field(default_factory=list)
 
@@ -109,8 +111,21 @@ class Run:
     def robots(self) -> list[str]:
         """All robots that any file names, r2 before r10."""
         told = mapping(self.summary.get("robots"))
-        names = {*self.frames, *self.maps, *self.snapshots, *self.paths, *self.metrics, *told} - {TEAM}
+        names = {*self.frames, *self.maps, *self.snapshots, *self.poses, *self.metrics, *told} - {TEAM}
         return sorted(names, key=lambda name: (len(name), name))
+
+    @property
+    def paths(self) -> dict[str, Floats]:
+        """By robot, (n, 3) t, x, y in the world frame."""
+        return {robot: poses[:, :3] for robot, poses in self.poses.items()}
+
+    @property
+    def lidar(self) -> LidarSpec:
+        """The robots' lidar; the default where the run does not say."""
+        try:
+            return LidarSpec.model_validate(self.manifest["config"]["spec"]["lidar"])
+        except (ValidationError, LookupError, TypeError):
+            return LidarSpec()
 
     @property
     def of_logs(self) -> bool:
@@ -126,7 +141,7 @@ class Run:
     def duration(self) -> float:
         """Simulated seconds: the last time that any file gives."""
         times = [series.t[-1] for series in self.metrics.values()]
-        times += [path[-1, 0] for path in self.paths.values()]
+        times += [poses[-1, 0] for poses in self.poses.values()]
         times += [frames[-1][0] for frames in self.snapshots.values()]
         return float(max(times, default=0.0))
 
@@ -185,7 +200,7 @@ def read_run(directory: str | Path) -> Run:
     run.summary = part("summary.json", _object, {})
     if run.of_logs:
         run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
-        run.paths = each("estimate", ".tum", _trajectory)
+        run.poses = each("estimate", ".tum", _trajectory)
         run.frames = {robot: np.zeros(3) for robot in run.maps if len(run.maps) == 1}
         return run
     run.bandwidth = part("bandwidth.json", _object, {})
@@ -196,8 +211,7 @@ def read_run(directory: str | Path) -> Run:
         if (path / (name := f"maps/{robot}.own.json")).exists():
             run.maps[robot] = part(name, partial(_compared, drawn), drawn)
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
-    paths = each("trajectories", ".tum", _trajectory)
-    run.paths = {robot: path for robot, path in paths.items() if len(path)}
+    run.poses = each("trajectories", ".tum", _trajectory)
     run.metrics = part("metrics.csv", read_metrics, {})
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
     run.notes = [printable(note) for note in run.notes]
@@ -271,8 +285,11 @@ def _is_time(value: Any) -> bool:
 
 
 def _trajectory(file: Path) -> Floats | None:
-    rows = [line.split()[:3] for line in file.read_text("utf-8").splitlines() if line and line[0] != "#"]
-    return _array(rows, (-1, 3)) if rows else None
+    rows = [line.split() for line in file.read_text("utf-8").splitlines() if line and line[0] != "#"]
+    if not rows:
+        return None
+    t, x, y, _, _, _, qz, qw = _array(rows, (-1, 8)).T
+    return np.column_stack((t, x, y, 2 * np.arctan2(qz, qw)))
 
 
 def read_metrics(file: Path) -> dict[str, Series]:

@@ -1,0 +1,96 @@
+"""A finished run as a recording, from the files of its run directory alone."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from pathlib import Path
+
+import numpy as np
+
+from deploy.recorded.runs import kept_scans
+from deploy.report.rundir import Run, read_run
+from deploy.view.recording import ViewRecording, replayed
+from protocol.arrays import Bools, Floats, Ints
+from protocol.errors import InputError
+from world.recorder import TEAM
+
+BEAMS_S = 1.0  # between the scans that are drawn: all five of a second would make ten times as many bytes
+
+
+def record(path: Path) -> bytes:
+    """The recording of a run directory, as the bytes of an .rrd file.
+
+    Raises InputError where it has no world, frames or paths.
+    """
+    if not path.is_dir():
+        raise InputError(f"{path} is no run directory")
+    run = read_run(path)
+    robots = [robot for robot in run.placed if robot in run.poses]
+    if run.world is None or not robots:
+        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
+    period_s = 1 / run.lidar.rate_hz
+    recording = ViewRecording(robots, run.frames, period_s)
+    recording.scene(run.world.solid, run.radius, replayed(run.duration))
+    maps = run.snapshots
+    for robot in robots:
+        poses = run.poses[robot]
+        recording.drive(robot, _ticks(poses[:, 0], period_s), poses[:, 1:])
+        _beams(recording, run, robot)
+        if robot in maps:
+            times, drawn = zip(*maps[robot], strict=True)
+            recording.maps(robot, _ticks(np.array(times), period_s), drawn)
+    for name in (*robots, TEAM):
+        if name in run.metrics and "coverage" in run.metrics[name].columns:
+            series = run.metrics[name]
+            recording.coverage(name, _ticks(series.t, period_s), series.columns["coverage"])
+    _radio(recording, run, robots, period_s)
+    ticks = _ticks(np.array([event["t"] for event in run.events]), period_s)
+    recording.events(ticks, run.events)
+    for tick, event in zip(ticks.tolist(), run.events, strict=True):
+        peer = event.get("peer")
+        known = maps.get(peer, []) if isinstance(peer, str) else []
+        now = bisect_right(known, event["t"], key=lambda one: one[0]) - 1
+        recording.trust(tick, event, known[now][1] if now >= 0 else None)
+    return recording.read()
+
+
+def _ticks(t: Floats, period_s: float) -> Ints:
+    return np.round(t / period_s).astype(np.int64)
+
+
+def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
+    """The beams of a robot, where the run has kept its scans."""
+    source, apart = run.path / "scans" / f"{robot}.jsonl", max(1, round(BEAMS_S * run.lidar.rate_hz))
+    if not source.exists():
+        return
+    ticks, scans = [], []
+    for scan in kept_scans(source, run.lidar.beams):
+        if scan["tick"] % apart == 0:
+            ticks.append(scan["tick"])
+            readings = [np.inf if reading is None or reading < 0 else reading for reading in scan["ranges"]]
+            scans.append(np.array(readings))
+    recording.beams(robot, ticks, scans, run.lidar)
+
+
+def _radio(recording: ViewRecording, run: Run, robots: list[str], period_s: float) -> None:
+    """Lines between robots that hear each other, by events `contact` and `lost`."""
+    ticks = _ticks(run.poses[robots[0]][:, 0], period_s)
+    hearing: dict[tuple[str, str], Bools] = {}
+    for event in run.events:
+        robot, peer = event["robot"], event.get("peer")
+        if event["event"] in ("contact", "lost") and robot in robots and peer in robots:
+            heard = hearing.setdefault((robot, peer), np.zeros(len(ticks), np.bool_))
+            heard[np.searchsorted(ticks * period_s, event["t"] - period_s / 2) :] = event["event"] == "contact"
+    if not hearing:
+        return
+    mask = np.array(list(hearing.values())).T  # (ticks, pairs)
+    places = {robot: _at(run.poses[robot], ticks, period_s) for robot in robots}
+    ends = np.array([[places[robot], places[peer]] for robot, peer in hearing])  # (pairs, 2, ticks, 2)
+    lines = ends.transpose(2, 0, 1, 3)[mask]
+    recording.radio(ticks, np.split(lines, np.cumsum(mask.sum(axis=1))[:-1]))
+
+
+def _at(poses: Floats, ticks: Ints, period_s: float) -> Floats:
+    """Places (ticks, 2) of a robot; before the first and after the last known one it stands there."""
+    rows = np.searchsorted(_ticks(poses[:, 0], period_s), ticks, "right") - 1
+    return poses[np.clip(rows, 0, len(poses) - 1), 1:3]
