@@ -27,12 +27,17 @@ from wireswarm.guard import ForeignPackageError, check_packages
 if TYPE_CHECKING:
     from deploy.report.rundir import Map, Run
     from protocol.wireframe import Label
+    from wireswarm.environment import parallel_env, vector_env
     from wireswarm.runs import load, run, worlds
 
-__all__ = ["ForeignPackageError", "Label", "Map", "Run", "load", "run", "worlds"]
+__all__ = [
+    "ForeignPackageError", "Label", "Map", "Run", "load", "parallel_env", "run", "vector_env", "worlds",
+]  # fmt: skip
 
+# modules that are imported at their first use
 _HOMES = {"Label": "protocol.wireframe"} | dict.fromkeys(("Map", "Run"), "deploy.report.rundir")
-_HOMES |= dict.fromkeys(("load", "run", "worlds"), "wireswarm.runs")  # modules that are imported at their first use
+_HOMES |= dict.fromkeys(("load", "run", "worlds"), "wireswarm.runs")
+_HOMES |= dict.fromkeys(("parallel_env", "vector_env"), "wireswarm.environment")
 
 try:
     check_packages()

@@ -19,7 +19,9 @@ REPO = Path(__file__).parents[2]
 
 
 def test_the_public_names_are_these_and_all_exist() -> None:
-    assert wireswarm.__all__ == ["ForeignPackageError", "Label", "Map", "Run", "load", "run", "worlds"]
+    assert wireswarm.__all__ == [
+        "ForeignPackageError", "Label", "Map", "Run", "load", "parallel_env", "run", "vector_env", "worlds",
+    ]  # fmt: skip
     assert dir(wireswarm) == wireswarm.__all__
     for name in wireswarm.__all__:
         assert getattr(wireswarm, name).__doc__
