@@ -40,12 +40,14 @@ def has_rows(joint: Floats) -> int:
 
 
 @kernel
-def observe(joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float) -> None:
+def observe(
+    joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float = math.inf
+) -> None:
     """Take in one number by Kalman's update of joint (m, m) and shift (m,), in place.
 
     off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
     shift: what the estimates are to move by so far. Its weight is Cauchy's: it falls where the number is off by more
-    than its variance and the covariance explain.
+    than its variance and the covariance explain. One that is off by more `sigmas` than both is of something else.
     """
     m = len(shift)
     gain, known, left = np.zeros(m), 0.0, off
@@ -59,6 +61,8 @@ def observe(joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float
     for k in range(len(rows)):
         known += slopes[k] * gain[rows[k]]
         left -= slopes[k] * shift[rows[k]]
+    if left * left > sigmas * sigmas * (known + variance):
+        return
     total = known + variance * (1.0 + left * left / (4.0 * (known + variance)))
     for a in range(n):
         i = touched[a]

@@ -157,7 +157,8 @@ class WireframeFilter:
         self._noise = range_noise(spec.lidar)
         self._odometry = np.zeros(3)  # (x, y, theta) where the robot's frame begins, also for one that starts late
         self._noisy = spec.odometry.noisy and config.correct_pose
-        self.poses, self.wheels, self._axes = np.zeros((n, 3)), Wheels(spec.odometry, n), np.zeros(n)
+        self.poses, self._axes = np.zeros((n, 3)), np.zeros(n)
+        self.wheels = Wheels(spec.odometry, n, spec.lidar.rate_hz)
         self.joint = np.zeros((n, WALLS, WALLS))  # of errors of poses, constants, axes and walls
         if self._noisy:
             self.joint[:, :6, :6] = self.wheels.first
@@ -276,6 +277,7 @@ class WireframeFilter:
             "poses": self.poses,
             "axes": self._axes,
             "constants": self.wheels.constants,
+            "steady": self.wheels.steady,
             "patience": self._patience,
         }
 

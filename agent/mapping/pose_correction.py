@@ -29,6 +29,11 @@ turned by 10 degrees would turn the robot by 0.4 degrees a second."""
 MAX_OFF_AXIS = 0.2  # rad, a piece that is more oblique belongs to no wall on the axis
 WALL_FLOOR = math.radians(0.2)  # least sd of a wall's direction, beside its covariance: walls are not straight
 
+END_SIGMAS = 5.0
+"""Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
+corridor 30 m away from that wall's corner; where the robot's place is uncertain, Cauchy's weight let that pull it by
+0.15 m."""
+
 
 class Axis(NamedTuple):
     """Common axis of rectilinear walls."""
@@ -182,11 +187,13 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
             at = along(v, w.tip[side, 0], w.tip[side, 1])
             corner = np.array((cosine, cosine * tip, -1.0, -at)) / sine
             rows = np.array((row, row + 1, row_of(f), row_of(f) + 1))
-            _observe(joint, shift, p.moment, lengthwise, rows, corner, off, sd * sd)
+            _observe(joint, shift, p.moment, lengthwise, rows, corner, off, sd * sd, END_SIGMAS)
         elif is_landmark(w, side):
             end, rows, slopes = row + 2 + side, np.zeros(6, np.int64), np.zeros(6)
             if joint[end, end] > 0.0:
-                _observe(joint, shift, p.moment, lengthwise, np.array((end,)), np.array((-1.0,)), off, sd * sd)
+                _observe(
+                    joint, shift, p.moment, lengthwise, np.array((end,)), np.array((-1.0,)), off, sd * sd, END_SIGMAS
+                )
                 continue
             _spread(rows, slopes, p.moment, lengthwise)
             place_end(joint, end, rows, slopes, sd * sd)
@@ -210,9 +217,10 @@ def _observe(
     slopes: Floats,
     off: float,
     variance: float,
+    sigmas: float = math.inf,
 ) -> None:
     """Take in a number that depends on the pose at a moment of the turn, by_pose, and on other rows (k,)."""
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
     _spread(all_rows, all_slopes, moment, by_pose)
     all_rows[6:], all_slopes[6:] = rows, slopes
-    observe(joint, shift, all_rows, all_slopes, off, variance)
+    observe(joint, shift, all_rows, all_slopes, off, variance, sigmas)

@@ -20,6 +20,13 @@ FLOOR = 1e-8  # m2 and rad2 added to the pose's covariance in each step, so that
 FORGET_M = 2000.0
 """Metres of way in which a constant becomes as uncertain again as at first: its estimate leans on poses in the robot's
 own map, which are less independent than their covariance says."""
+STEADY_S = 2.0
+"""Seconds of one speed over which the length of moves is averaged. A move as it is told errs by 10 % at 5 Hz, and a
+regression on numbers that err is diluted: the wheels' size came out 0.4 to 0.9 % too large."""
+SAME_SPEED_SIGMAS = 3.0  # a move that is told to be longer or shorter by more is of another speed
+TELLING_TURN_SIGMAS = 10.0
+"""Deviations of its own error that a turn must have to tell of the axle. What is told on a straight way is error alone,
+from which the axle was learned as 2 % too short in 20 m."""
 
 
 def moves_of(way: Floats) -> list[Pose]:
@@ -35,9 +42,11 @@ def way_from(stamp: Pose, poses: Floats) -> Floats:
 class Wheels:
     """What each particle knows of its wheels' constants, and how a motion makes its pose uncertain."""
 
-    def __init__(self, spec: OdometrySpec, particles: int) -> None:
-        """Begin with wheels as they should be."""
-        self._spec = spec
+    def __init__(self, spec: OdometrySpec, particles: int, scans_hz: float) -> None:
+        """Begin with wheels as they should be. scans_hz: moves a second."""
+        self._spec, self._most = spec, STEADY_S * scans_hz
+        self.steady = np.zeros(2)
+        """(2,) metres ahead, as the mean of the last moves of one speed, and how many those are."""
         first = np.array((spec.wheel_sd / math.sqrt(2), spec.wheel_sd * math.sqrt(2) / spec.axle_m, spec.axle_sd))
         self._forget = np.diag(first**2) / FORGET_M
         self.constants = np.tile((1.0, 0.0, 1.0), (particles, 1))
@@ -67,34 +76,45 @@ class Wheels:
         Returns (p, 2): by how much the variance of place and heading grew.
         """
         spec = self._spec
-        ahead = sum(math.hypot(dx, dy) for dx, dy, _ in told)
+        length = sum(math.hypot(dx, dy) for dx, dy, _ in told)
+        ahead = self._steadied(sum(math.copysign(math.hypot(dx, dy), dx) for dx, dy, _ in told), length)
         turned = sum(abs(turn) for _, _, turn in told)
-        spin = math.radians(spec.heading_sd_deg) ** 2 * ahead + spec.turn_sd**2 * turned
+        spin = math.radians(spec.heading_sd_deg) ** 2 * length + spec.turn_sd**2 * turned
         grown = np.zeros((len(poses), 2))
         for p, row in enumerate(poses):
             x, y, theta = row.tolist()
             by = self.way(told, p)[-1]
             poses[p] = compose((x, y, theta), by)
             dx, dy = poses[p, 0] - x, poses[p, 1] - y
-            driven = math.copysign(ahead, by[0])
+            turn = by[2] if by[2] ** 2 > TELLING_TURN_SIGMAS**2 * spin else 0.0
+            heading = np.array((math.cos(theta + by[2] / 2), math.sin(theta + by[2] / 2)))
+            ahead_x, ahead_y = ahead * heading
             step = np.eye(6)
             step[0, 2], step[1, 2] = -dy, dx  # the heading's error swings the step
-            step[:3, 3] = -dx, -dy, -by[2]
-            step[:3, 4] = 0.5 * driven * dy, -0.5 * driven * dx, -driven
-            step[:3, 5] = -0.5 * by[2] * dy, 0.5 * by[2] * dx, by[2]
+            step[:3, 3] = -ahead_x, -ahead_y, -turn
+            step[:3, 4] = 0.5 * ahead * ahead_y, -0.5 * ahead * ahead_x, -ahead
+            step[:3, 5] = -0.5 * turn * ahead_y, 0.5 * turn * ahead_x, turn
             joint[p, BEGIN : BEGIN + 3] = joint[p, :3]
             joint[p, :, BEGIN : BEGIN + 3] = joint[p, :, :3]
             before = joint[p, :6, :6].copy()
             after = step @ before @ step.T
-            length = math.hypot(dx, dy)
-            if length > 1e-9:
-                way = np.array((dx, dy)) / length
-                after[:2, :2] += spec.distance_sd**2 * ahead * np.outer(way, way)
+            after[:2, :2] += spec.distance_sd**2 * abs(ahead) * np.outer(heading, heading)
             after[2, 2] += spin
             after[[0, 1, 2], [0, 1, 2]] += FLOOR
-            after[3:, 3:] += ahead * self._forget
+            after[3:, 3:] += length * self._forget
             grown[p] = after[0, 0] + after[1, 1] - before[0, 0] - before[1, 1], after[2, 2] - before[2, 2]
             joint[p, :6, 6:] = step @ joint[p, :6, 6:]
             joint[p, 6:, :6] = joint[p, :6, 6:].T
             joint[p, :6, :6] = 0.5 * (after + after.T)
         return np.maximum(grown, 0.0)
+
+    def _steadied(self, ahead: float, length: float) -> float:
+        """Metres ahead in a move that is told as `ahead` on a way of `length`: the mean of the last of its speed."""
+        mean, moves = self.steady.tolist()
+        sd = self._spec.distance_sd * math.sqrt(length * (1.0 + 1.0 / max(moves, 1.0)))
+        if abs(ahead - mean) > SAME_SPEED_SIGMAS * sd:
+            moves = 0.0
+        moves = min(moves + 1.0, self._most)
+        mean += (ahead - mean) / moves
+        self.steady[:] = mean, moves
+        return float(mean)

@@ -56,6 +56,16 @@ def test_a_number_far_from_what_is_known_counts_little() -> None:
     assert abs(shift[0]) < 0.01
 
 
+def test_a_number_of_something_else_counts_nothing() -> None:
+    _, joint = mapped()
+    shift, known = np.zeros(len(joint)), joint.copy()
+    for off, moves in ((0.49, True), (36.0, False)):  # the pose is known to 0.1 m
+        shift[:], joint[:] = 0.0, known
+        observe(joint, shift, np.array((0,)), np.array((1.0,)), off, 0.01**2, 5.0)
+        assert (shift[0] != 0.0) == moves
+    assert np.array_equal(joint, known)
+
+
 def test_both_parts_of_a_wall_that_is_cut_lie_on_one_line() -> None:
     edges, joint = mapped()
     edges[2] = edges[0]

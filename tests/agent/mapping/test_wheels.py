@@ -1,6 +1,7 @@
 """Wheels that are wrong all the time are found out by the scans that correct the pose."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from protocol.messages import OdometrySpec
 from world.odometry import Odometry
 
 SPEC = OdometrySpec(noisy=True)
-STEPS = 5
+STEPS, RATE_HZ = 5, 5.0
 PLACE_SD, HEADING_SD = 0.003, math.radians(0.15)  # of a pose that a scan has corrected
 
 
@@ -37,10 +38,26 @@ def joint_of(wheels: Wheels) -> Floats:
     return joint
 
 
-def learned(seed: int, ticks: int) -> tuple[Wheels, Floats, Odometry, float]:
+def straight(ticks: int) -> list[np.ndarray]:
+    """The same straight on."""
+    length = 0.22 * 0.2
+    return [
+        np.column_stack((length * (tick + np.arange(1, STEPS + 1) / STEPS), np.zeros((STEPS, 2))))
+        for tick in range(ticks)
+    ]
+
+
+def learned(
+    seed: int, ticks: int, drive: Callable[[int], list[np.ndarray]] = drive
+) -> tuple[Wheels, Floats, Odometry, float]:
     """Wheels after a drive, the joint covariance, the true ones, and by how far the last 10 m by wheels end off."""
     rng = np.random.default_rng(seed)
-    real, wheels, poses, stamp = Odometry(np.zeros(3), SPEC, rng), Wheels(SPEC, 1), np.zeros((1, 3)), np.zeros(3)
+    real, wheels, poses, stamp = (
+        Odometry(np.zeros(3), SPEC, rng),
+        Wheels(SPEC, 1, RATE_HZ),
+        np.zeros((1, 3)),
+        np.zeros(3),
+    )
     joint = joint_of(wheels)
     blind: Pose = (0.0, 0.0, 0.0)
     ways = drive(ticks)
@@ -71,6 +88,16 @@ def test_the_constants_are_found_within_their_deviations(seed: int) -> None:
     assert sd[1] < 0.2 * SPEC.wheel_sd * math.sqrt(2) / SPEC.axle_m
 
 
+def test_a_straight_way_whose_every_step_is_seen_tells_no_false_size_or_axle() -> None:
+    off = []
+    for seed in range(12):
+        wheels, _, real, _ = learned(seed, 600, straight)
+        off.append(wheels.constants[0] - (real._size, real._bend, 1.0))
+    size, _, axle = np.mean(off, axis=0)
+    assert abs(size) < 0.003
+    assert abs(axle) < 0.001  # nothing was told of it
+
+
 def test_dead_reckoning_is_better_by_known_wheels_than_by_none() -> None:
     known = [learned(seed, 1000)[3] for seed in range(4)]
     unknown = [learned(seed, round(10 / 0.044))[3] for seed in range(4)]
@@ -78,6 +105,6 @@ def test_dead_reckoning_is_better_by_known_wheels_than_by_none() -> None:
 
 
 def test_wheels_as_they_should_be_change_nothing() -> None:
-    wheels, told = Wheels(SPEC, 1), np.vstack((np.zeros((1, 3)), drive(3)[2] - drive(3)[1][-1]))
+    wheels, told = Wheels(SPEC, 1, RATE_HZ), np.vstack((np.zeros((1, 3)), drive(3)[2] - drive(3)[1][-1]))
     assert np.allclose(wheels.way(moves_of(told), 0), told, atol=1e-12)
     assert joint_of(wheels)[0, :3, :3].sum() == 0.0
