@@ -26,6 +26,7 @@ from protocol.text import printable
 if TYPE_CHECKING:
     from deploy.bandwidth.representations import Measurement
     from deploy.config import RunConfig
+    from deploy.ros2 import Ros2Robots
     from protocol.messages import Progress
     from world.config import WorldConfig
 
@@ -104,6 +105,9 @@ def run(
         Option("--mind", help="A mind in place of ours, of all robots or of one.", metavar="[ID=]package:Class"),
     ] = None,
     ideal: Ideal = False,
+    as_ros2: Annotated[
+        bool, Option("--ros2", help="Robots of ROS 2 in place of minds: /r1/scan, odom, tf and cmd_vel, by the clock.")
+    ] = False,
     config: ConfigFile = None,
     set_: Set = None,
     pairs: Pairs = False,
@@ -118,12 +122,14 @@ def run(
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
 
-    settings = _settings(context)
+    settings, bodies = _settings(context), None
+    if as_ros2:
+        settings, bodies = _of_ros2(settings)
     for doubt in doubts(settings.spec):
         say(f"a complete map is not to be expected: {doubt}")
     with run_directory(out, settings.world, settings.seed) as directory, on_interrupt(partial(_leave, directory)):
         with Display(settings.world, str(settings.radio), quiet) as display:
-            result = launch(settings, directory, show=display.show)
+            result = launch(settings, directory, show=display.show, make_mind=bodies)
         for error in result.errors:
             say(error)
         if result.status == Status.USAGE:  # nothing was run
@@ -137,6 +143,15 @@ def run(
             name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
             say(f"`{name} view {directory}` shows it as a moving picture")
         raise Exit(result.status)
+
+
+def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:
+    """The settings of a run by the clock, and what takes the place of minds."""
+    from deploy.ros2 import Ros2Robots
+
+    real_time = settings.server.real_time or 1.0
+    server = settings.server.model_copy(update={"real_time": real_time})
+    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, real_time)
 
 
 def _draw(run: Path, pairs: bool = False) -> None:

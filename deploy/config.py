@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from agent.config import ProcessConfig
+from agent.shell.ros2.config import Ros2Config
 from protocol import configuration
 from world.config import ServerConfig, WorldConfig
 
@@ -16,6 +17,8 @@ class RunConfig(WorldConfig, ProcessConfig):
     """Whether `wireswarm run` starts a process that dies again; robots then keep checkpoints to go on from."""
     server: ServerConfig = ServerConfig()
     """How the world meets its robots."""
+    ros2: Ros2Config = Ros2Config()
+    """How robots of ROS 2 are reached."""
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:

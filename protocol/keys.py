@@ -15,6 +15,7 @@ ACT = "act"
 SCAN = "scan"
 MAP = "map"
 POSE = "pose"
+PLACE = "place"  # where a robot of ROS 2 is, for those that hear it directly
 NEEDED = (RADIO, MAP, ACT)
 """Outputs that the world reads. The others leave a robot only while somebody subscribes to them."""
 OUTPUTS = (*NEEDED, SCAN, POSE)

@@ -27,6 +27,8 @@ MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
 MAX_WAY = 1000
 """Poses of the odometry in one observation (ours)."""
+MAX_BEAMS = 4096
+"""Beams of a scan (ours): a tenth of a degree apart."""
 
 ID = r"^[a-z][a-z0-9_-]{0,15}$"
 """Pattern of a robot's name, which becomes part of keys and file names."""
@@ -101,7 +103,7 @@ class Message(BaseModel):
 class LidarSpec(Message, use_attribute_docstrings=True):
     """A scanning lidar; the default is the LDS-01 of a TurtleBot3 Burger, by its data sheet."""
 
-    beams: Annotated[int, Field(ge=8, le=4096)] = 360
+    beams: Annotated[int, Field(ge=8, le=MAX_BEAMS)] = 360
     """Beams of a scan, evenly over the field of view: beam k points at `bearings()[k]`."""
     turning: bool = False
     """Whether beams are taken one after the other while the lidar turns, the last one at the scan's stamp; else all at
@@ -148,6 +150,12 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     def half_view(self) -> float:
         """Radians to the side of the robot's heading at which its farthest beam looks."""
         return float(np.abs(wrapped(self.bearings())).max())
+
+    def cleaned(self, readings: Floats) -> Floats:
+        """Readings (beams,), m, as ranges: inf from the lidar's range on, NaN for no number, 0 and what is too near."""
+        with np.errstate(invalid="ignore"):
+            ranges = np.where(readings >= self.range_max_m, np.inf, readings)
+            return np.where(ranges >= self.range_min_m, ranges, np.nan)
 
     def moments(self) -> Floats:
         """(beams,) when each beam is taken: shares of the period that ends at the scan's stamp, in (0, 1].
@@ -249,7 +257,7 @@ class Observation(Message):
     """World to robot, the last of a tick's messages on robots/ID/in/**. Its stamp is the end of the lidar's turn."""
 
     tick: Tick
-    ranges: Annotated[bytes, Field(max_length=4 * 4096), AfterValidator(_ranges)]
+    ranges: Annotated[bytes, Field(max_length=4 * MAX_BEAMS), AfterValidator(_ranges)]
     """float32 little-endian metres, one per beam; inf where nothing came back, NaN where nothing was measured."""
     odometry: FinitePose
     """At the stamp, in the robot's own frame, which is its start pose."""
@@ -291,6 +299,13 @@ class Send(Message):
     to: Receiver
     kind: Kind
     payload: Payload
+
+
+class SharedPlace(Message):
+    """Robot to robots that hear it without a world: where it is, by which each judges whether it is in range."""
+
+    x_m: Finite
+    y_m: Finite
 
 
 class Event(Message):

@@ -177,6 +177,23 @@ def open_client(
 
 
 @contextmanager
+def open_ros2_client(connect: str, timeout_s: float) -> Iterator[zenoh.Session]:
+    """Open a session with the router of ROS 2 nodes, such as rmw_zenohd's, at an endpoint such as tcp/127.0.0.1:7447.
+
+    Raises LinkError where none answers within timeout_s seconds.
+    """
+    check_endpoint(connect)
+    stamped = {"timestamping/enabled": {"router": True, "peer": True, "client": True}}  # latched topics need it
+    try:
+        session = _open(_to(connect, timeout_s, "", None) | stamped)
+    except zenoh.ZError:
+        hint = "start `ros2 run rmw_zenoh_cpp rmw_zenohd`, or another Zenoh router, and check address and port"
+        raise LinkError(f"no router of ROS 2 answers at {connect} within {timeout_s:g} s: {hint}") from None
+    with session:
+        yield session
+
+
+@contextmanager
 def open_as_first(connect: str, timeout_s: float, credentials: Credentials) -> Iterator[tuple[str, zenoh.Session]]:
     """Open a robot's session with the world's router by the first of these names that nobody else has taken.
 

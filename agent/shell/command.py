@@ -6,10 +6,11 @@ import os
 import re
 import signal
 import socket
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Never
 
 from typer import Exit, Option
 
@@ -25,7 +26,10 @@ LAST_TICK_S = 1.0
 
 
 def agent(
-    connect: Annotated[str, Option(help="Endpoint of the world, such as tcp/127.0.0.1:7447.")],
+    connect: Annotated[
+        str | None,
+        Option(help="Endpoint of the world, or of the router of ROS 2.", show_default="with --ros2 tcp/127.0.0.1:7447"),
+    ] = None,
     id_: Annotated[
         str | None, Option("--id", help="Name of the robot.", show_default="the first that is not there yet")
     ] = None,
@@ -36,6 +40,9 @@ def agent(
     ] = None,
     checkpoints: Annotated[
         Path | None, Option(help="Folder where the robot keeps its map, and goes on from when started again.")
+    ] = None,
+    ros2: Annotated[
+        str | None, Option(help="Live on the ROS 2 robot in this namespace, / for none.", metavar="NAMESPACE")
     ] = None,
     config: Annotated[Path | None, Option(help="YAML file with settings, those of a whole run or a robot's.")] = None,
     set_: Annotated[
@@ -51,13 +58,19 @@ def agent(
     from protocol.errors import InputError
     from protocol.messages import ID
 
+    if id_ is not None and not re.fullmatch(ID, id_):
+        raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
+    if ros2 is not None:
+        if secrets or certs or checkpoints or reconnect_s is not None:
+            raise InputError("--ros2: it goes without --secrets, --certs, --checkpoints and --reconnect")
+        _live_on_ros2(ros2, id_, connect, config, set_ or ())
     settings = load(ProcessConfig, config, {"reconnect_s": reconnect_s}, set_ or (), shared=True)
+    if connect is None:
+        raise InputError("--connect: name the endpoint of the world, such as tcp/127.0.0.1:7447")
     if id_ is None and secrets is None and certs is None:
         raise InputError(
             "--id: name the robot, such as r1, or give --certs or --secrets to take the first that is free"
         )
-    if id_ is not None and not re.fullmatch(ID, id_):
-        raise InputError(f"--id {id_}: a name has up to 16 small letters, digits, - and _, and begins with a letter")
     known = of_robot(id_, secrets, certs)
     _heed_signals(inbox := AgentInbox())
     ended = run_agent(
@@ -72,6 +85,36 @@ def agent(
         by_hand=True,
     )
     print(f"{inbox.robot}: {ended}")
+    raise Exit(ENDINGS.get(ended, Status.FAILURE))
+
+
+def _live_on_ros2(
+    namespace: str, id_: str | None, connect: str | None, config: Path | None, set_: Sequence[str]
+) -> Never:
+    """Run the robot of a namespace such as r1, /fleet/r1 or /, and exit."""
+    from agent.shell.mind import minds_of
+    from agent.shell.ros2.config import Ros2ProcessConfig, is_namespace
+    from protocol.configuration import load
+    from protocol.errors import InputError
+    from protocol.messages import ID
+
+    try:
+        from agent.shell.ros2.process import RosInbox, run_ros2
+    except ModuleNotFoundError as error:
+        if error.name != "rosbags":
+            raise
+        raise InputError("--ros2: it needs rosbags: install it with `pip install 'wireswarm[ros2]'`") from None
+
+    settings = load(Ros2ProcessConfig, config, None, set_, shared=True)
+    namespace = f"/{namespace.strip('/')}"
+    if not is_namespace(namespace):
+        raise InputError(f"--ros2 {namespace:.100}: it is no namespace of ROS 2, such as /r1 or / for none")
+    robot = id_ or namespace.rsplit("/", 1)[-1]
+    if not re.fullmatch(ID, robot):
+        raise InputError(f"--ros2 {namespace:.100}: name the robot, such as --id r1, as its namespace names none")
+    _heed_signals(inbox := RosInbox())
+    ended = run_ros2(robot, namespace, settings, connect=connect, make_mind=minds_of(settings.mind), inbox=inbox)
+    print(f"{robot}: {ended}")
     raise Exit(ENDINGS.get(ended, Status.FAILURE))
 
 
@@ -94,6 +137,7 @@ def _heed_signals(inbox: AgentInbox) -> None:
                 heard.settimeout(LAST_TICK_S)
                 with suppress(TimeoutError):  # a second signal
                     heard.recv(1)
+            inbox.last_words()
             os._exit(Status.INTERRUPTED)
 
     Thread(target=wait, daemon=True).start()

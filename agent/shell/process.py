@@ -52,6 +52,9 @@ class AgentInbox(Inbox):
     world_changes = 0
     """How often that has changed. Where it changed since a question was asked, nobody knows which world answered."""
 
+    def last_words(self) -> None:
+        """What is to be done where this process ends at once; on another thread."""
+
     def watch(self, sample: zenoh.Sample) -> None:
         """Take a change of the world's liveliness token."""
         self.world_up = sample.kind == zenoh.SampleKind.PUT
@@ -87,7 +90,7 @@ def run_agent(
         # with history: Zenoh reports the end of a token only to those to whom it reported the token
         session.liveliness().declare_subscriber(keys.WORLD_ALIVE, inbox.watch, history=True)
         entry = join(session, robot, inbox, patience.join_timeout_s)
-        make_mind = make_mind or _own_mind(inbox)  # the world waits for a robot that is let in and compiles
+        make_mind = make_mind or own_mind(inbox)  # the world waits for a robot that is let in and compiles
         while isinstance(entry, Entry):  # a world that was gone and is back may begin a new run
             welcome = entry.welcome
             make = partial(make_mind, robot, welcome.spec, config, welcome.seed)
@@ -115,7 +118,7 @@ def _question(session: zenoh.Session, robot: str, inbox: AgentInbox) -> bytes:
     return encode(Join(version=PROTOCOL_VERSION, robot=robot, session=zid, process=inbox.process))
 
 
-def _own_mind(inbox: AgentInbox) -> MakeMind:
+def own_mind(inbox: AgentInbox) -> MakeMind:
     """Ours, with its kernels loaded."""
     with inbox.long_work():
         from agent.robot import Robot
@@ -191,17 +194,22 @@ def declared(
 
     The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out.
     """
-    congestion = zenoh.CongestionControl.BLOCK if lockstep else zenoh.CongestionControl.DROP
     with ExitStack() as stack:
         declare = stack.enter_context
         declare(session.declare_subscriber(keys.to_robot(robot), at_once(inbox.hear)))
-        publishers: dict[str, zenoh.Publisher] = {}
-        for channel in keys.OUTPUTS:
-            key = keys.from_robot(robot, channel)
-            publishers[channel] = declare(session.declare_publisher(key, congestion_control=congestion, express=True))
+        publishers = {channel: declare(one) for channel, one in publishers_of(session, robot, lockstep).items()}
         wait_for_matching((publishers[channel] for channel in keys.NEEDED), timeout_s)
         declare(session.liveliness().declare_token(keys.alive(robot)))
         yield publishers
+
+
+def publishers_of(session: zenoh.Session, robot: str, lockstep: bool) -> dict[str, zenoh.Publisher]:
+    """A robot's publishers by the last part of their keys; in lockstep nothing may be dropped."""
+    congestion = zenoh.CongestionControl.BLOCK if lockstep else zenoh.CongestionControl.DROP
+    return {
+        channel: session.declare_publisher(keys.from_robot(robot, channel), congestion_control=congestion, express=True)
+        for channel in keys.OUTPUTS
+    }
 
 
 def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:

@@ -10,17 +10,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from agent.geometry.cells import wall_cells
 from deploy.exchange.maps import NamedMap
 from protocol.errors import InputError
-from protocol.walls import directions, lengths, points_along
 
 CELL_M = 0.05
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # greys, as map_saver writes them
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # of darkness, 0 to 1; UNKNOWN has 0.19608
 MARGIN_CELLS = 4
 MAX_CELLS = 50_000_000  # a square of 350 m
-ASIDE_M = 1e-6  # a wall on the line between two cells belongs to the one that is solid
-SAMPLES = 4  # of a wall, per cell
 
 
 def pgm(named: NamedMap) -> bytes:
@@ -52,11 +50,7 @@ def cells(named: NamedMap) -> NDArray[np.uint8]:
     shapely.prepare(free)
     grid[shapely.contains_xy(free, x, y)] = FREE
     walls = named.walls
-    points, wall = points_along(walls, np.ceil(lengths(walls) / CELL_M * SAMPLES).astype(np.int64) + 1)
-    along = directions(walls)[wall]
-    column, row = (
-        np.floor((points + ASIDE_M * np.stack([along[:, 1], -along[:, 0]], 1) - (x0, y0)) / CELL_M).astype(int).T
-    )
+    column, row = wall_cells(walls, (x0, y0), CELL_M).T
     grid[row, column] = OCCUPIED
     return grid
 

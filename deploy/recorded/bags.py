@@ -16,47 +16,24 @@ from rosbags.rosbag2 import Reader as Rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from agent.shell.ros2.lidar_turn import APART_S, MAX_RANGE_M, LidarTurn, stamp_of
+from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
-from deploy.recorded.lidar_log import MAX_BEAMS, MAX_SCANS, NOISE_M, Given, LidarLog, Scan, cleaned
-from protocol.arrays import Floats
+from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
 
-SCAN, ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 m/s the robot is elsewhere by then
-MAX_RANGE_M = 100.0  # of a LidarSpec
 KNOTS = 6  # poses of odometry along a turn of the lidar: every 40 ms for one of 0.2 s
-MIN_VIEW = math.radians(1)  # of a LidarSpec
-MAX_TURN_S = 10.0  # of a lidar; a slower one is a unit that is mixed up
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
 
 
-class _Beams(NamedTuple):
-    """How the readings of a LaserScan point."""
-
-    number: int
-    first: float  # rad
-    step: float  # rad; negative where they go clockwise
-
-
 class _Sweep(NamedTuple):
-    """One LaserScan."""
+    """One LaserScan of a bag."""
 
     number: int
-    begin_s: float
-    between_s: float  # from one reading to the next
-    beams: _Beams
-    readings: Floats  # (number,)
-
-    @property
-    def makes_sense(self) -> bool:
-        """Whether there is a lidar that measures so."""
-        count, first, step = self.beams
-        around = abs(step) * count  # NaN is in no range
-        takes_s = self.between_s * count
-        return 8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < 7 and 0 <= takes_s < MAX_TURN_S
+    turn: LidarTurn
 
 
 @dataclass
@@ -154,8 +131,7 @@ def _topic(reader: Rosbag1 | Rosbag2, bag: _Bag, kind: str, asked: str | None) -
 
 def _stamp(message: Any, time_ns: int) -> float:
     """Seconds of a message's header, or of its arrival where that has none."""
-    stamp = message.header.stamp
-    return float(stamp.sec + 1e-9 * stamp.nanosec) or 1e-9 * time_ns
+    return stamp_of(message) or 1e-9 * time_ns
 
 
 def _pose(place: Any, turn: Any) -> tuple[float, ...]:
@@ -163,14 +139,13 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
-    beams = _Beams(len(told.ranges), told.angle_min, told.angle_increment)
-    sweep = _Sweep(bag.scans - 1, _stamp(told, time_ns), told.time_increment, beams, told.ranges)
-    if not sweep.makes_sense:
+    turn = LidarTurn.told(told, _stamp(told, time_ns))
+    if not turn.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return
     if not bag.sweeps:
         bag.lidar_frame, bag.limits = told.header.frame_id, (told.range_min, told.range_max)
-    bag.sweeps.append(sweep)
+    bag.sweeps.append(_Sweep(bag.scans - 1, turn))
 
 
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
@@ -208,10 +183,11 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     """The scans, each at the end of the lidar's turn, with their odometry."""
     if not bag.sweeps:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    root, first = _root(bag, given), bag.sweeps[0]
-    turn_s = first.between_s * 2 * math.pi / abs(first.beams.step)
-    ends = np.array([sweep.begin_s + sweep.between_s * (sweep.beams.number - 1) for sweep in bag.sweeps])
-    knots = [bag.frames.placed(bag.lidar_frame, root, ends - share * turn_s) for share in np.linspace(1, 0, KNOTS)]
+    root, first = _root(bag, given), bag.sweeps[0].turn
+    ends = np.array([sweep.turn.end_s for sweep in bag.sweeps])
+    knots = [
+        bag.frames.placed(bag.lidar_frame, root, ends - share * first.around_s) for share in np.linspace(1, 0, KNOTS)
+    ]
     upside_down, ways = knots[-1].upside_down, np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(first, bag.limits, given, upside_down)
     log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
@@ -219,39 +195,16 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         if apart > APART_S:
             log.skipped[f"scans without odometry within {APART_S} s"] += 1
             continue
-        readings = sweep.readings if sweep.beams == first.beams else _turned(sweep, first.beams)
-        log.add(Scan(sweep.number, end, cleaned(readings, lidar), pose_of(way[-1]), way))
+        readings = sweep.turn.at(first.rays)
+        log.add(Scan(sweep.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
     log.note_gaps()
     return log
 
 
-def _lidar(sweep: _Sweep, limits: tuple[float, float], given: Given, upside_down: bool) -> LidarSpec:
+def _lidar(turn: LidarTurn, limits: tuple[float, float], given: Given, upside_down: bool) -> LidarSpec:
     """The lidar that makes such sweeps."""
-    count, first, step = sweep.beams
     low, high = limits
-    high = min(high, MAX_RANGE_M) if high > 0 else MAX_RANGE_M
-    high = high if given.range_max_m is None else given.range_max_m
-    return LidarSpec(
-        beams=count,
-        turning=sweep.between_s > 0,
-        field_of_view_deg=min(math.degrees(abs(step) * count), 360.0),
-        first_beam_deg=math.degrees(math.remainder(-first if upside_down else first, 2 * math.pi)),
-        clockwise=upside_down is not (step < 0),
-        range_min_m=low if 0 <= low < high else 0.0,
-        range_max_m=high,
-        noise_m=NOISE_M,
-    )
-
-
-def _turned(sweep: _Sweep, beams: _Beams) -> Floats:
-    """Readings (beams.number,) of a sweep at other beams: at each the nearest, NaN where none is within a step.
-
-    Some lidars give a few beams more or less in each turn.
-    """
-    count, first, step = sweep.beams
-    at = (beams.first - first + beams.step * np.arange(beams.number)) / step
-    around = 2 * math.pi / abs(step)
-    nearest = np.rint(at - around * np.floor((at + 0.5) / around)).astype(np.int64)
-    return np.where(nearest < count, sweep.readings[np.minimum(nearest, count - 1)], np.nan)
+    reach = (low, high) if given.range_max_m is None else (low, given.range_max_m)
+    return turn.lidar(LidarSpec(noise_m=NOISE_M), reach, upside_down=upside_down)

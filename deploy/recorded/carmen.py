@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from deploy.recorded.lidar_log import MAX_BEAMS, MAX_SCANS, NOISE_M, Given, LidarLog, Scan, cleaned
+from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.geometry import Pose, compose, relative
-from protocol.messages import LidarSpec
+from protocol.messages import MAX_BEAMS, LidarSpec
 from protocol.settings import MAX_NUMBER
 
 FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
@@ -50,7 +50,7 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
             robot = compose(robot, mount)
         else:
             robot = (math.nan, math.nan, math.nan)
-        log.add(Scan(index, time_s, cleaned(readings, log.lidar), robot))
+        log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
     if log is None or not log.scans:
         raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     log.note_gaps()

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.shell.ros2.lidar_turn import LEVEL
 from protocol.arrays import Floats
 from protocol.errors import InputError
 
 MAX_SAMPLES = 5_000_000  # of all links together, 320 MB: a robot's ten links at 50 Hz for three hours
-LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
 
 
 class Placed(NamedTuple):

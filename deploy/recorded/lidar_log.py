@@ -16,7 +16,6 @@ from protocol.settings import MAX_NUMBER
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
-MAX_BEAMS = 4096  # of a LidarSpec
 MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
 NOISE_M = 0.01  # sd of a range; of the SICK lidars of public logs by their data sheet, and of most others
 
@@ -98,10 +97,3 @@ class LidarLog:
         gaps = [step for step in steps if step > max(GAP_S, GAP_TIMES * usual)]
         if gaps:
             self.notes.append(f"{len(gaps)} gaps of {min(gaps):.1f} to {max(gaps):.1f} s between scans")
-
-
-def cleaned(readings: Floats, lidar: LidarSpec) -> Floats:
-    """Readings (beams,), m, as ranges: inf from the lidar's range on, NaN for no number, 0 and what is too near."""
-    with np.errstate(invalid="ignore"):
-        ranges = np.where(readings >= lidar.range_max_m, np.inf, readings)
-        return np.where(ranges >= lidar.range_min_m, ranges, np.nan)

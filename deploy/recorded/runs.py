@@ -10,7 +10,7 @@ import numpy as np
 
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
-from deploy.recorded.lidar_log import Given, LidarLog, Scan, cleaned
+from deploy.recorded.lidar_log import Given, LidarLog, Scan
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
 
@@ -58,7 +58,7 @@ def read_run(run: Path, given: Given) -> list[LidarLog]:
             pose = compose(tuple(kept["odometry"]), mount_of(lidar))
             turn = None if before is None or kept["tick"] != before[0] + 1 else np.array((before[1], pose))
             readings = np.array([math.nan if r is None else math.inf if r < 0 else r for r in kept["ranges"]])
-            log.add(Scan(number, kept["t"], cleaned(readings, alone), pose, turn))
+            log.add(Scan(number, kept["t"], alone.cleaned(readings), pose, turn))
             before = kept["tick"], pose
         if not log.scans:
             raise NoRunError(f"{source}: it has no scan that can be used")

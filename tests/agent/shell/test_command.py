@@ -32,10 +32,16 @@ def test_it_tells_its_options_without_rich() -> None:
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["--id", "r1"], "Missing option '--connect'."),
+        (["--id", "r1"], "--connect: name the endpoint of the world"),
         (["--connect", "tcp/127.0.0.1:1"], "--id: name the robot"),
         (["--connect", "tcp/127.0.0.1:1", "--id", "r1", "--set", "robots=2"], "robots: there is no such setting"),
         (["--connect", "tcp/127.0.0.1:1", "--id", "r1", "--set", "agent.wings=2"], "agent.wings: there is no such"),
+        (["--ros2", "r 1"], "--ros2 /r 1: it is no namespace of ROS 2"),
+        (["--ros2", "/"], "--ros2 /: name the robot, such as --id r1"),
+        (["--ros2", "r1", "--reconnect", "3"], "--ros2: it goes without --secrets"),
+        (["--ros2", "r1", "--set", "ros2.range_m=4"], "range_m and position_topic go together"),
+        (["--ros2", "r1", "--set", "spec=3"], "spec: "),
+        (["--ros2", "r1", "--connect", "127.0.0.1"], "'127.0.0.1' is no endpoint"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(arguments: list[str], sentence: str) -> None:

@@ -1,0 +1,83 @@
+"""Settings of a robot of ROS 2, with units and reasons."""
+
+import re
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, StringConstraints, model_validator
+
+from agent.config import ProcessConfig
+from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
+from protocol.settings import Config, Positive
+
+NAME = r"[A-Za-z_][A-Za-z0-9_]*"
+MAX_NAMESPACE = 100  # characters (ours)
+Topic = Annotated[str, StringConstraints(pattern=rf"^/?{NAME}(/{NAME})*$", max_length=200)]
+Frame = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_./-]{1,100}$")]
+
+
+def is_namespace(name: str) -> bool:
+    """Whether a name such as /r1 is a namespace, / that of none."""
+    return name == "/" or (re.fullmatch(rf"(/{NAME})+", name) is not None and len(name) <= MAX_NAMESPACE)
+
+
+class Ros2Config(Config):
+    """How a robot of ROS 2 is reached. Topics lie within its namespace, unless they begin with a slash."""
+
+    router: str = "tcp/127.0.0.1:7447"
+    """Endpoint of the Zenoh router to which ROS 2 nodes connect; rmw_zenohd's own, where nobody changed it."""
+    domain: Annotated[int, Field(ge=0, le=232)] = 0
+    """The robot's ROS_DOMAIN_ID."""
+    scan_topic: Topic = "scan"
+    """Topic of sensor_msgs/LaserScan."""
+    odometry_topic: Topic = "odom"
+    """Topic of nav_msgs/Odometry."""
+    command_topic: Topic = "cmd_vel"
+    """Topic of Twist or TwistStamped, whichever the robot subscribes to."""
+    map_frame: Frame = "map"
+    """Frame of the map, which is where the robot's odometry was at the first scan. Robots of one tf tree need names of
+    their own, such as r1/map."""
+    upside_down: bool = False
+    """Whether the lidar is mounted upside down, so that its readings go clockwise."""
+    silence_s: Positive = 0.5
+    """Seconds without a scan after which the robot is told to stop: two and a half turns of an LDS-01, in which it
+    drives 0.11 m."""
+    dead_man_s: Positive | None = None
+    """The robot drives only while somebody says true on the topic `dead_man` (std_msgs/Bool) at least every so many
+    seconds; null: without anybody."""
+    radio: Literal["direct", "gated"] = "direct"
+    """`direct`: robots hear each other over the router. `gated`: what they say passes the radio of `wireswarm run
+    --ros2`."""
+    range_m: Positive | None = None
+    """Metres up to which robots hear each other directly; needs `position_topic`. null: without a limit."""
+    position_topic: Topic | None = None
+    """Topic of geometry_msgs/PoseStamped with the robot's place in a frame that all robots share, such as that of a
+    motion capture. It decides who hears whom and reaches no map."""
+    stamped: bool = False
+    """Whether the robots of `wireswarm run --ros2` take TwistStamped instead of Twist."""
+    grid_s: Positive = 2.0
+    """Seconds between two OccupancyGrids."""
+
+    @model_validator(mode="after")
+    def _range_needs_places(self) -> Self:
+        if (self.range_m is None) != (self.position_topic is None) or (self.range_m and self.radio == "gated"):
+            raise ValueError("range_m and position_topic go together, with the radio `direct`")
+        return self
+
+
+class Ros2ProcessConfig(ProcessConfig):
+    """One robot's process on a ROS 2 robot, which nobody tells what body it has."""
+
+    spec: RobotSpec = RobotSpec(lidar=LidarSpec(noise_share=0.0175), odometry=OdometrySpec(noisy=True))
+    """The body. What each scan tells of the lidar itself (its beams, field of view, range and turn) is taken from
+    there."""
+    ros2: Ros2Config = Ros2Config()
+    """How the robot is reached."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _real(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """Whatever else is set of the body, wheels err, and far ranges more than near ones."""
+        spec, usual = given.get("spec", {}), cls.model_fields["spec"].default.model_dump(exclude_unset=True)
+        if not isinstance(spec, dict) or any(not isinstance(spec.get(part, {}), dict) for part in usual):
+            return given
+        return given | {"spec": spec | {part: some | spec.get(part, {}) for part, some in usual.items()}}

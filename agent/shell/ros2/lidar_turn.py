@@ -1,0 +1,94 @@
+"""What a LaserScan of ROS tells: how its readings point and when they were taken (sensor_msgs/msg/LaserScan)."""
+
+import math
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from protocol.arrays import Floats
+from protocol.messages import MAX_BEAMS, LidarSpec
+
+APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 m/s the robot is elsewhere by then
+LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
+MAX_RANGE_M = 100.0  # of a LidarSpec
+MIN_VIEW = math.radians(1)  # of a LidarSpec
+MAX_TURN_S = 10.0  # of a lidar; a slower one is a unit that is mixed up
+
+
+def stamp_of(message: Any) -> float:
+    """Seconds of a message's header."""
+    stamp = message.header.stamp
+    return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+
+class LidarRays(NamedTuple):
+    """How the readings of a LaserScan point."""
+
+    number: int
+    first: float  # rad
+    step: float  # rad; negative where they go clockwise
+
+
+class LidarTurn(NamedTuple):
+    """One LaserScan, whose stamp is that of its first reading."""
+
+    begin_s: float
+    between_s: float  # from one reading to the next
+    rays: LidarRays
+    readings: Floats  # (number,) m
+
+    @classmethod
+    def told(cls, message: Any, stamp_s: float) -> Self:
+        """Of a message with this stamp."""
+        rays = LidarRays(len(message.ranges), message.angle_min, message.angle_increment)
+        return cls(stamp_s, message.time_increment, rays, message.ranges)
+
+    @property
+    def makes_sense(self) -> bool:
+        """Whether there is a lidar that measures so."""
+        count, first, step = self.rays
+        around = abs(step) * count  # NaN is in no range
+        takes_s = self.between_s * count
+        return 8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < 7 and 0 <= takes_s < MAX_TURN_S
+
+    @property
+    def end_s(self) -> float:
+        """When the last reading was taken."""
+        return self.begin_s + self.between_s * (self.rays.number - 1)
+
+    @property
+    def around_s(self) -> float:
+        """Seconds that the lidar takes for a whole turn; 0 where it looks everywhere at once."""
+        return self.between_s * 2 * math.pi / abs(self.rays.step)
+
+    def lidar(self, known: LidarSpec, limits: tuple[float, float], *, upside_down: bool = False) -> LidarSpec:
+        """The lidar that makes such turns, with the mount, the errors and the rate that are known of it.
+
+        limits: metres, the least and the greatest range. Raises ValueError where there is none.
+        """
+        count, first, step = self.rays
+        low, high = limits
+        high = min(high, MAX_RANGE_M) if high > 0 else MAX_RANGE_M
+        told = {
+            "beams": count,
+            "turning": self.between_s > 0,
+            "field_of_view_deg": min(math.degrees(abs(step) * count), 360.0),
+            "first_beam_deg": math.degrees(math.remainder(-first if upside_down else first, 2 * math.pi)),
+            "clockwise": upside_down is not (step < 0),
+            "range_min_m": low if 0 <= low < high else 0.0,
+            "range_max_m": high,
+        }
+        return LidarSpec.model_validate(known.model_dump() | told)
+
+    def at(self, rays: LidarRays) -> Floats:
+        """Readings (rays.number,) at other rays: at each the nearest, NaN where none is within a step.
+
+        Some lidars give a few readings more or less in each turn.
+        """
+        if rays == self.rays:
+            return self.readings
+        count, first, step = self.rays
+        at = (rays.first - first + rays.step * np.arange(rays.number)) / step
+        around = 2 * math.pi / abs(step)
+        nearest = np.rint(at - around * np.floor((at + 0.5) / around)).astype(np.int64)
+        return np.where(nearest < count, self.readings[np.minimum(nearest, count - 1)], np.nan)

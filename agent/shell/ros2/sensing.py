@@ -1,0 +1,246 @@
+"""What a ROS 2 robot tells, checked, as observations: a tick for each scan, with the odometry of its turn.
+
+Times are those of the messages' stamps. What cannot be used is skipped and counted; nothing of it ends the robot.
+"""
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agent.shell.ros2.lidar_turn import APART_S, LEVEL, LidarRays, LidarTurn, stamp_of
+from protocol.arrays import Floats
+from protocol.geometry import Pose, compose, relative, wrapped
+from protocol.messages import LidarSpec, Observation, RobotSpec
+from protocol.settings import MAX_NUMBER
+
+WAIT_S = 0.15  # odometry of the scan's end may come later than the scan; it comes every 0.05 s and less
+KEPT_S = 10.0  # of odometry
+MOST_KEPT = 10_000  # odometry messages: of 1 kHz in these seconds
+KNOTS = 5  # poses of odometry along a turn of the lidar: every 40 ms for one of 0.2 s
+BACK_AGAIN = 10
+"""So many messages in a row that are older than the one before: the clock was set back, and its new time holds."""
+JUMP_M, JUMP_RAD = 0.3, 0.5
+"""Odometry that moves by so much more than twice what the robot can do began anew: its base was started again."""
+SLIP_TICKS = 2  # a lidar that is not as fast as it says leaves the clock's ticks by at most so many
+EPOCH_S = 1_767_225_600.0
+"""Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
+MAX_TICK = 2**32 - 1  # of a beacon
+
+
+class SensedScan(NamedTuple):
+    """An observation, and what goes with it."""
+
+    observation: Observation
+    stamp_s: float
+    odometry: Pose  # as the robot told it, in its odometry's frame
+
+
+class Wheelpath:
+    """Where the robot's odometry led, as one way without jumps."""
+
+    def __init__(self, spec: RobotSpec, skip: Callable[[str], None]) -> None:
+        """skip: is told why a message cannot be used."""
+        self._spec, self._skip = spec, skip
+        self.frame = ""
+        """Of the odometry, as its first message names it."""
+        self._rows: list[tuple[float, float, float, float]] = []
+        """Time and pose; theta is not wrapped."""
+        self._fix: Pose = (0.0, 0.0, 0.0)
+        """The frame of odometry that began anew, in that of the first."""
+        self._back = 0
+
+    @property
+    def until_s(self) -> float:
+        """Time of the last pose."""
+        return self._rows[-1][0] if self._rows else -math.inf
+
+    def take(self, told: Any) -> None:
+        """Take an Odometry message."""
+        stamp_s, place, turn = stamp_of(told), told.pose.pose.position, told.pose.pose.orientation
+        x, y, z, w = (float(value) for value in (turn.x, turn.y, turn.z, turn.w))
+        size = x * x + y * y + z * z + w * w
+        if not all(abs(value) <= MAX_NUMBER for value in (place.x, place.y, size)) or size < 0.5:
+            return self._skip("odometry that is no number")
+        if 1 - 2 * (x * x + y * y) / size < LEVEL:
+            return self._skip("odometry of a robot that is not level")
+        if not self._rows:
+            self.frame = told.header.frame_id.lstrip("/")
+        elif told.header.frame_id.lstrip("/") != self.frame:
+            return self._skip("odometry of another frame")
+        pose = (float(place.x), float(place.y), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+        if stamp_s <= self.until_s:
+            self._back += 1
+            if self._back < BACK_AGAIN:
+                return self._skip("odometry whose time jumps back")
+            self._skip("times at which the clock of the odometry was set back")
+            self._rows = [(stamp_s, *self._rows[-1][1:])]
+        self._back = 0
+        self._add(stamp_s, pose)
+        return None
+
+    def _add(self, stamp_s: float, pose: Pose) -> None:
+        own = compose(self._fix, pose)
+        if self._rows:
+            before, *last = self._rows[-1]
+            dx, dy, turn = relative((last[0], last[1], last[2]), own)
+            passed_s = max(stamp_s - before, 0.0)
+            far = math.hypot(dx, dy) > JUMP_M + 2 * self._spec.max_speed_mps * passed_s
+            if far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
+                self._skip("times at which odometry began anew")
+                own, turn = (last[0], last[1], wrapped(last[2])), 0.0
+                self._fix = compose(own, relative(pose, (0.0, 0.0, 0.0)))
+            own = (own[0], own[1], last[2] + turn)
+        self._rows.append((stamp_s, *own))
+        if len(self._rows) > MOST_KEPT or self._rows[0][0] < stamp_s - 2 * KEPT_S:
+            self._rows = [row for row in self._rows[-MOST_KEPT // 2 :] if row[0] >= stamp_s - KEPT_S]
+
+    def at(self, times: Floats) -> Floats | None:
+        """(n, 3) poses at times (n,), rising; None where no odometry is near to the last."""
+        rows = np.array(self._rows).reshape(-1, 4)
+        if not len(rows) or times[-1] > rows[-1, 0] + APART_S or times[-1] < rows[0, 0] - APART_S:
+            return None
+        return np.column_stack([np.interp(times, rows[:, 0], column) for column in rows[:, 1:].T])
+
+    def told(self, own: Pose) -> Pose:
+        """A pose of the way as the odometry tells it now."""
+        return relative(self._fix, own)
+
+
+class Sensing:
+    """Makes observations of scans and odometry as they come."""
+
+    def __init__(self, spec: RobotSpec, upside_down: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        """spec: the body, with what is known of its lidar beforehand. clock: seconds, for how long something came."""
+        self.spec = spec
+        """The body; of its lidar all is known with the first scan."""
+        self.skipped = Counter[str]()
+        """What could not be used, by reason."""
+        self.news: list[str] = []
+        """Reasons that occurred for the first time, for whoever tells them."""
+        self.last_scan: float | None = None
+        """When the last scan came that can be used, by the clock."""
+        self._upside_down, self._clock = upside_down, clock
+        self.wheels = Wheelpath(spec, self.skip)
+        self._rays: LidarRays | None = None
+        self._lidar_frame = ""
+        self._pending: tuple[LidarTurn, float] | None = None
+        """The scan that waits for its odometry, and since when."""
+        self._origin: Pose | None = None
+        self._end_s = -math.inf
+        self._tick = -1
+        self._zero_s = 0.0
+        self._back = 0
+        self._senders: dict[str, tuple[str, float]] = {}
+
+    @property
+    def knows_lidar(self) -> bool:
+        """Whether a scan has told of the lidar."""
+        return self._rays is not None
+
+    def skip(self, reason: str) -> None:
+        """Count what cannot be used."""
+        if reason not in self.skipped:
+            self.news.append(reason)
+        self.skipped[reason] += 1
+
+    def is_known(self, topic: str, sender: str, silence_s: float) -> bool:
+        """Whether a message is of the one who talks on its topic; another one may follow after some silence."""
+        now = self._clock()
+        who, last = self._senders.get(topic, (sender, now))
+        if who != sender and now - last < silence_s:
+            self.skip(f"messages of a second publisher of {topic}")
+            return False
+        self._senders[topic] = sender, now
+        return True
+
+    def take_scan(self, told: Any) -> None:
+        """Take a LaserScan message."""
+        turn = LidarTurn.told(told, stamp_of(told))
+        if not turn.makes_sense:
+            return self.skip("scans of no possible lidar")
+        if self._rays is None and not self._meet_lidar(turn, told):
+            return None
+        if told.header.frame_id != self._lidar_frame:
+            return self.skip("scans of another lidar")
+        if turn.end_s <= self._end_s:
+            self._back += 1
+            if self._back < BACK_AGAIN:
+                return self.skip("scans whose time jumps back")
+            self.skip("times at which the clock of the scans was set back")
+            before_s = turn.end_s - 1 / self.spec.lidar.rate_hz
+            self._zero_s, self._end_s = self._zero_s + before_s - self._end_s, before_s
+        self._back = 0
+        if self._pending is not None:
+            self.skip("scans that came too fast to be used")
+        self.last_scan = self._clock()
+        self._pending = turn, self.last_scan
+        return None
+
+    def _meet_lidar(self, turn: LidarTurn, told: Any) -> bool:
+        """Learn from a first scan what lidar this is; whether it can be."""
+        period_s = turn.around_s or told.scan_time
+        known = self.spec.lidar.model_dump() | ({"rate_hz": 1 / period_s} if 0.01 <= period_s <= 100 else {})
+        try:
+            lidar = turn.lidar(
+                LidarSpec.model_validate(known), (told.range_min, told.range_max), upside_down=self._upside_down
+            )
+        except ValueError:
+            self.skip("scans of no possible lidar")
+            return False
+        self.spec = self.spec.model_copy(update={"lidar": lidar})
+        self._rays, self._lidar_frame = turn.rays, told.header.frame_id
+        self._zero_s = EPOCH_S if turn.begin_s >= EPOCH_S else 0.0
+        return True
+
+    def due(self) -> SensedScan | None:
+        """The next observation, where the odometry of a scan is there or does not come."""
+        if self._pending is None or self._rays is None:
+            return None
+        (turn, came), lidar = self._pending, self.spec.lidar
+        end_s = turn.end_s
+        if self.wheels.until_s < end_s and self._clock() - came < WAIT_S:
+            return None
+        self._pending = None
+        begin_s = end_s - 1 / lidar.rate_hz
+        way = self.wheels.at(np.linspace(begin_s, end_s, KNOTS + 1)[1:])
+        if way is None:
+            self.skip(f"scans without odometry within {APART_S} s")
+            return None
+        if (tick := self._next_tick(end_s)) is None:
+            return None
+        x, y, theta = way[-1].tolist()
+        last = (x, y, wrapped(theta))
+        self._origin = self._origin or last
+        poses = np.array([relative(self._origin, (x, y, theta)) for x, y, theta in way.tolist()])
+        px, py, heading = poses[-1].tolist()
+        observation = Observation(
+            tick=tick,
+            ranges=lidar.cleaned(turn.at(self._rays)).astype("<f4").tobytes(),
+            odometry=(px, py, heading),
+            way=poses.astype("<f8").tobytes(),
+        )
+        return SensedScan(observation, end_s, self.wheels.told(last))
+
+    def _next_tick(self, end_s: float) -> int | None:
+        """The tick of a scan that ends then; None where it is one too many.
+
+        Ticks follow the scans, so that none is missed or doubled by jitter, and the clock over a while.
+        """
+        rate_hz = self.spec.lidar.rate_hz
+        by_clock = round((end_s - self._zero_s) * rate_hz)
+        tick = by_clock if self._tick < 0 else self._tick + max(1, round((end_s - self._end_s) * rate_hz))
+        if by_clock - tick >= SLIP_TICKS:
+            tick += 1
+        elif tick - by_clock >= SLIP_TICKS:
+            self.skip("scans of a lidar that is faster than it says")
+            self._end_s = end_s
+            return None
+        if not 0 <= tick <= MAX_TICK:
+            self.skip("scans of a time that cannot be")
+            return None
+        self._end_s, self._tick = end_s, tick
+        return tick

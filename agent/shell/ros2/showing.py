@@ -1,0 +1,239 @@
+"""What a robot shows in ROS 2: its map as a grid and as lines, its frame in tf, and how it does.
+
+The wireframe is the map. The grid is drawn of it: walls are occupied, and what was in view of the robot's path is free.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from agent.geometry.cells import wall_cells
+from agent.geometry.visibility import visible_ring
+from agent.shell.ros2.wire import DIAGNOSTICS, GRID, MARKERS, ODOMETRY, SCAN, TRANSFORMS, types
+from protocol.arrays import Floats
+from protocol.geometry import Pose
+from protocol.messages import LidarSpec
+from protocol.wireframe import Label, Wireframe
+
+CELL_M = 0.05  # as most maps of Nav2
+STAND_M = 0.3  # distance between the places on the robot's path from which its view is drawn
+VIEW_RAYS = 90  # of a view, besides those past the ends of walls
+MARGIN_CELLS = 4
+MAX_CELLS = 25_000_000  # of a grid: a square of 250 m
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100  # as in nav_msgs/msg/OccupancyGrid
+LINE_M = 0.03  # as wide as walls are drawn, and half of an open end
+OK, WARN = 0, 1  # levels of diagnostic_msgs/msg/DiagnosticStatus
+LINES, POINTS = 5, 8  # kinds of visualization_msgs/msg/Marker
+
+
+class CellView(NamedTuple):
+    """The cells that are in view from one place."""
+
+    low: tuple[int, int]  # column and row of the first, counted from the map's origin
+    cells: NDArray[np.bool_]  # (rows, columns)
+
+
+class SeenArea:
+    """What was in view of the robot's path, as cells. A view is drawn once, of the walls that were known then."""
+
+    def __init__(self, range_m: float) -> None:
+        self._range_m = range_m
+        self._views: list[CellView] = []
+        self._last = np.full(2, np.inf)
+        self.low, self.high = np.zeros(2, np.int64), np.ones(2, np.int64)
+        """Column and row of the first cell, and of the one behind the last."""
+
+    def look(self, pose: Pose, wireframe: Wireframe) -> None:
+        """Take what is in view from a pose, if it is apart from the last."""
+        here = np.array(pose[:2])
+        if np.hypot(*(here - self._last)) < STAND_M:
+            return
+        self._last = here
+        ring = visible_ring(here[0], here[1], wireframe.segments(), self._range_m, VIEW_RAYS)
+        area = shapely.Polygon(ring).buffer(0)
+        low, high = (np.floor(edge / CELL_M).astype(np.int64) for edge in (ring.min(0), ring.max(0) + CELL_M))
+        x, y = np.meshgrid(*(CELL_M * (np.arange(a, b) + 0.5) for a, b in zip(low, high, strict=True)))
+        shapely.prepare(area)
+        self._views.append(CellView((int(low[0]), int(low[1])), shapely.contains_xy(area, x, y)))
+        self.low, self.high = np.minimum(self.low, low), np.maximum(self.high, high)
+
+    def draw(self, cells: NDArray[np.int8], corner: NDArray[np.int64]) -> None:
+        """Make what was seen free in cells (rows, columns), of which the first is `corner`."""
+        for (column, row), seen in self._views:
+            left, low = column - int(corner[0]), row - int(corner[1])
+            cells[low : low + seen.shape[0], left : left + seen.shape[1]][seen] = FREE
+
+
+def _make(kind: str, **fields: Any) -> Any:
+    return types().types[kind](**fields)
+
+
+def header(stamp_s: float, frame: str) -> Any:
+    """std_msgs/Header."""
+    sec, nanosec = divmod(round(stamp_s * 1e9), 10**9)
+    return _make(
+        "std_msgs/msg/Header", stamp=_make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec), frame_id=frame
+    )
+
+
+def _point(x: float, y: float) -> Any:
+    return _make("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
+
+
+def turned(theta: float) -> Any:
+    """geometry_msgs/Quaternion of a heading."""
+    return _make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=float(np.sin(theta / 2)), w=float(np.cos(theta / 2)))
+
+
+def grid_of(wireframe: Wireframe, seen: SeenArea, stamp_s: float, frame: str) -> Any | None:
+    """nav_msgs/OccupancyGrid of a map; None where it is too large for one."""
+    walls = wireframe.segments()
+    low, high = seen.low, seen.high
+    if len(walls):
+        ends = np.floor(walls.reshape(-1, 2) / CELL_M).astype(np.int64)
+        low, high = np.minimum(low, ends.min(0)), np.maximum(high, ends.max(0) + 1)
+    low, high = low - MARGIN_CELLS, high + MARGIN_CELLS
+    width, height = (int(size) for size in high - low)
+    if width * height > MAX_CELLS:
+        return None
+    cells = np.full((height, width), UNKNOWN, np.int8)
+    seen.draw(cells, low)
+    x, y = (float(CELL_M * edge) for edge in low)
+    column, row = wall_cells(walls, (x, y), CELL_M).T
+    cells[row, column] = OCCUPIED
+    stamped = header(stamp_s, frame)
+    place = _make("geometry_msgs/msg/Pose", position=_point(x, y), orientation=turned(0.0))
+    info = _make(
+        "nav_msgs/msg/MapMetaData",
+        map_load_time=stamped.stamp,
+        resolution=CELL_M,
+        width=width,
+        height=height,
+        origin=place,
+    )
+    return _make(GRID, header=stamped, info=info, data=cells.reshape(-1))
+
+
+def markers_of(wireframe: Wireframe, stamp_s: float, frame: str) -> Any:
+    """visualization_msgs/MarkerArray of a map: own walls, those of peers, and open ends."""
+    walls = wireframe.segments()
+    ends = wireframe.points[wireframe.labels == Label.FRONTIER]
+    stamped = header(stamp_s, frame)
+    return _make(
+        MARKERS,
+        markers=[
+            _marker("walls", LINES, walls[wireframe.own].reshape(-1, 2), (0.1, 0.3, 0.8), stamped),
+            _marker("heard walls", LINES, walls[~wireframe.own].reshape(-1, 2), (0.8, 0.5, 0.1), stamped),
+            _marker("open ends", POINTS, ends, (0.8, 0.1, 0.1), stamped),
+        ],
+    )
+
+
+def _marker(name: str, kind: int, points: Floats, colour: tuple[float, float, float], stamped: Any) -> Any:
+    red, green, blue = colour
+    size = LINE_M if kind == LINES else 2 * LINE_M
+    still = _make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+    no_picture = _make("sensor_msgs/msg/CompressedImage", header=header(0.0, ""), format="", data=np.zeros(0, np.uint8))
+    return _make(
+        "visualization_msgs/msg/Marker",
+        header=stamped,
+        ns=name,
+        id=0,
+        type=kind,
+        action=0,
+        pose=_make("geometry_msgs/msg/Pose", position=_point(0.0, 0.0), orientation=turned(0.0)),
+        scale=_make("geometry_msgs/msg/Vector3", x=size, y=size, z=0.0),
+        color=_make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+        lifetime=still,
+        frame_locked=False,
+        points=[_point(x, y) for x, y in points.tolist()],
+        colors=[],
+        texture_resource="",
+        texture=no_picture,
+        uv_coordinates=[],
+        text="",
+        mesh_resource="",
+        mesh_file=_make("visualization_msgs/msg/MeshFile", filename="", data=np.zeros(0, np.uint8)),
+        mesh_use_embedded_materials=False,
+    )
+
+
+def transforms_of(places: list[tuple[str, str, Pose]], stamp_s: float) -> Any:
+    """tf2_msgs/TFMessage: frames by parent, child and pose in the parent."""
+    told = []
+    for parent, child, (x, y, theta) in places:
+        moved = _make("geometry_msgs/msg/Vector3", x=x, y=y, z=0.0)
+        transform = _make("geometry_msgs/msg/Transform", translation=moved, rotation=turned(theta))
+        stamped = header(stamp_s, parent)
+        told.append(
+            _make("geometry_msgs/msg/TransformStamped", header=stamped, child_frame_id=child, transform=transform)
+        )
+    return _make(TRANSFORMS, transforms=told)
+
+
+def diagnostics_of(robot: str, level: int, sentence: str, figures: dict[str, object], stamp_s: float) -> Any:
+    """diagnostic_msgs/DiagnosticArray with how a robot does."""
+    values = [_make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value)) for key, value in figures.items()]
+    status = _make(
+        "diagnostic_msgs/msg/DiagnosticStatus",
+        level=level,
+        name=f"wireswarm: {robot}",
+        message=sentence,
+        hardware_id=robot,
+        values=values,
+    )
+    return _make(DIAGNOSTICS, header=header(stamp_s, ""), status=[status])
+
+
+def scan_of(lidar: LidarSpec, ranges: Floats, stamp_s: float, frame: str) -> Any:
+    """sensor_msgs/LaserScan of ranges (beams,), m, whose last beam is taken at the stamp."""
+    step = math.radians(lidar.field_of_view_deg) / lidar.beams * (-1 if lidar.clockwise else 1)
+    first, period_s = math.radians(lidar.first_beam_deg), 1 / lidar.rate_hz
+    between_s = period_s * abs(step) / (2 * math.pi) if lidar.turning else 0.0
+    return _make(
+        SCAN,
+        header=header(stamp_s - between_s * (lidar.beams - 1), frame),
+        angle_min=first,
+        angle_max=first + step * (lidar.beams - 1),
+        angle_increment=step,
+        time_increment=between_s,
+        scan_time=period_s,
+        range_min=lidar.range_min_m,
+        range_max=lidar.range_max_m,
+        ranges=ranges.astype(np.float32),
+        intensities=np.zeros(0, np.float32),
+    )
+
+
+def odometry_of(pose: Pose, moved: Pose, took_s: float, stamp_s: float, frames: tuple[str, str]) -> Any:
+    """nav_msgs/Odometry of a pose, and of the move to it in the robot's frame. frames: the odometry's, the robot's."""
+    dx, dy, turn = (value / took_s for value in moved)
+    speed = _make("geometry_msgs/msg/Vector3", x=dx, y=dy, z=0.0)
+    around = _make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=turn)
+    twist = _make("geometry_msgs/msg/Twist", linear=speed, angular=around)
+    place = _make("geometry_msgs/msg/Pose", position=_point(pose[0], pose[1]), orientation=turned(pose[2]))
+    unsure = np.zeros(36)
+    return _make(
+        ODOMETRY,
+        header=header(stamp_s, frames[0]),
+        child_frame_id=frames[1],
+        pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=place, covariance=unsure),
+        twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unsure),
+    )
+
+
+def twist_of(speed_mps: float, turn_rps: float) -> Any:
+    """geometry_msgs/Twist."""
+    ahead = _make("geometry_msgs/msg/Vector3", x=speed_mps, y=0.0, z=0.0)
+    around = _make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=turn_rps)
+    return _make("geometry_msgs/msg/Twist", linear=ahead, angular=around)
+
+
+def twist_stamped_of(speed_mps: float, turn_rps: float, stamp_s: float) -> Any:
+    """geometry_msgs/TwistStamped."""
+    return _make(
+        "geometry_msgs/msg/TwistStamped", header=header(stamp_s, "base_link"), twist=twist_of(speed_mps, turn_rps)
+    )
