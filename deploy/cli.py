@@ -6,7 +6,6 @@ import json
 import math
 import os
 import shutil
-import signal
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
@@ -661,8 +660,19 @@ def _measure(
 ) -> None:
     from deploy.bench.benchmark import Benchmark
 
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # raised, so that cases under way are ended
     raise Exit(Benchmark(str(context.info_name)).run(quick, results, jobs, ideal))
+
+
+@app.command(epilog="Example: wireswarm study trust --results studies")
+def study(
+    name: Annotated[Literal["trust", "maps", "exploration", "radio"], Argument(help="Which tables.", metavar="NAME")],
+    results: Results = Path("studies"),
+    jobs: Jobs = None,
+) -> None:
+    """Make a published experiment again: trust, maps, exploration or radio; hours, as its benchmark takes."""
+    from deploy.bench.study import study
+
+    raise Exit(study(name, results, jobs))
 
 
 for _name, _words in BENCHMARKS.items():

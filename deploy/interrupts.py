@@ -1,6 +1,7 @@
 """Ctrl-C and SIGTERM, which mean the same to every command."""
 
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -9,7 +10,13 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def on_interrupt(act: Callable[[], None]) -> Iterator[None]:
-    """Call `act` at each, between two steps of the main thread, which goes on after it; then as before."""
+    """Call `act` at each, between two steps of the main thread, which goes on after it; then as before.
+
+    In another thread, such as that of a worker's task, nothing is done: signals are the main thread's.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     before = {number: signal.signal(number, lambda number, frame: act()) for number in SIGNALS}
     try:
         yield

@@ -1,15 +1,17 @@
 """`wireswarm sweep`: plan, leave out what is there, run the rest, keep each result."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from deploy import forks
 from deploy.interrupts import on_interrupt
 from deploy.revision import revision
-from deploy.sweep.measure import Row
+from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs
 from deploy.sweep.progress import SweepProgress
 from deploy.sweep.store import Store
+from deploy.sweep.work import Row, Task
 from protocol.status import Status
 
 
@@ -27,15 +29,30 @@ def sweep(
 
     Raises ConfigError, WorldFileError, InputError, LinkError and OSError.
     """
-    jobs = read_jobs(file)
-    store = Store(out, revision())
+    tasks = [task_of(job) for job in read_jobs(file)]
+    store = Store(out / revision(), revision())
+    fill(store, tasks, workers, scheduler=scheduler, certs=certs, retry_failed=retry_failed, quiet=quiet)
+    return len(tasks), len(store.failed() & {task.key for task in tasks}), store.place
+
+
+def fill(
+    store: Store,
+    tasks: Sequence[Task],
+    workers: int | None = None,
+    *,
+    scheduler: str | None = None,
+    certs: Path | None = None,
+    retry_failed: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Do those tasks of which the store has no result. Raises InputError, LinkError and OSError."""
     kept = store.kept() - (store.failed() if retry_failed else set())
-    if left := [job for job in jobs if job.key not in kept]:
+    if left := [task for task in tasks if task.key not in kept]:
         from deploy.sweep.engine import cluster, local_workers, run_all
 
         with SweepProgress(len(left), quiet) as progress, on_interrupt(lambda: _leave(progress)):
-            if len(left) < len(jobs):
-                progress.say(f"{len(jobs) - len(left)} of {len(jobs)} results are in {store.place}")
+            if len(left) < len(tasks):
+                progress.say(f"{len(tasks) - len(left)} of {len(tasks)} results are in {store.place}")
             ours = local_workers(min(workers or os.cpu_count() or 1, len(left)))
 
             def keep(row: Row) -> None:
@@ -44,7 +61,6 @@ def sweep(
 
             with cluster(scheduler, certs) if scheduler else ours as (address, security):
                 run_all(left, address, security, keep, progress.say)
-    return len(jobs), len(store.failed() & {job.key for job in jobs}), store.place
 
 
 def _leave(progress: SweepProgress) -> None:

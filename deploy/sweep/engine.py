@@ -1,8 +1,8 @@
-"""The runs of a sweep on Dask: worker processes on this machine, or those of a cluster.
+"""Tasks on Dask: worker processes on this machine, or those of a cluster.
 
-What a run gives is kept as soon as it arrives, and runs that are kept are not asked for, so nothing that dies costs
-more than the runs in hand. Dask gives those of a dead worker to another one. Where the scheduler dies, its clients lose
-sight of their runs, and ask for those that are missing when it is there again.
+What a task gives is kept as soon as it arrives, and what is kept is not asked for, so nothing that dies costs more
+than the tasks in hand. Dask gives those of a dead worker to another one. Where the scheduler dies, its clients lose
+sight of their tasks, and ask for those that are missing when it is there again.
 """
 
 import logging
@@ -17,8 +17,7 @@ import dask
 from distributed import Client, KilledWorker, LocalCluster, Security, as_completed
 
 from deploy.revision import sources
-from deploy.sweep.measure import FAILED, OtherSourcesError, Row, described, measure
-from deploy.sweep.plan import Job
+from deploy.sweep.work import FAILED, OtherSourcesError, Row, Task, work
 from protocol.errors import InputError, LinkError
 
 PATIENCE_S = 300.0
@@ -29,6 +28,7 @@ SETTINGS = {
     "distributed.comm.timeouts.connect": CONNECT_S,
     "distributed.admin.system-monitor.gil.enabled": False,  # asks for the interpreter's lock a thousand times a second
     "distributed.worker.profile.enabled": False,  # looks at the run's stack a hundred times a second
+    "distributed.worker.daemon": False,  # else no task may start processes
 }
 
 
@@ -76,17 +76,17 @@ def cluster(address: str, certs: Path | None) -> Iterator[tuple[str, Security | 
 
 
 def run_all(
-    jobs: Sequence[Job],
+    tasks: Sequence[Task],
     address: str,
     security: Security | None,
     keep: Callable[[Row], None],
     say: Callable[[str], None],
 ) -> None:
-    """Run all jobs, and hand each row to `keep` when it arrives; `say` is told what is waited for.
+    """Do all tasks, and hand each row to `keep` when it arrives; `say` is told what is waited for.
 
-    Raises LinkError where the scheduler or its workers stay away, or the workers cannot run the jobs.
+    Raises LinkError where the scheduler or its workers stay away, or the workers cannot do the tasks.
     """
-    left = {job.key: job for job in jobs}
+    left = {task.key: task for task in tasks}
     since = time.monotonic()
     while left:
         try:
@@ -103,17 +103,17 @@ def run_all(
             time.sleep(RETRY_S)
 
 
-def _results(client: Client, jobs: Sequence[Job]) -> Iterator[Row]:
-    """Rows as they come; those whose runs were lost with the scheduler are missing."""
-    by_key = {job.key: job for job in jobs}
-    futures = client.map(measure, jobs, code=sources(), key=list(by_key), retries=0)
+def _results(client: Client, tasks: Sequence[Task]) -> Iterator[Row]:
+    """Rows as they come; those whose tasks were lost with the scheduler are missing."""
+    by_key = {task.key: task for task in tasks}
+    futures = client.map(work, tasks, code=sources(), key=list(by_key), retries=0)
     arriving = as_completed(futures, loop=client.loop)
     del futures  # a future that is kept pins its result to a worker, and has it computed again where that dies
     for future in arriving:
         if future.status == "finished":
             yield future.result()
         elif isinstance(error := future.exception() if future.status == "error" else None, KilledWorker):
-            yield described(by_key[future.key], FAILED, f"its worker died {error.allowed_failures + 1} times")
+            yield by_key[future.key].row(FAILED, f"its worker died {error.allowed_failures + 1} times")
         elif isinstance(error, OtherSourcesError):
             raise LinkError(str(error))
         elif error is not None:

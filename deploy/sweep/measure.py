@@ -1,8 +1,6 @@
-"""One run of a sweep, and all its figures: what a worker does."""
+"""One run of a sweep, and all its figures."""
 
 import json
-import socket
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,48 +14,27 @@ from deploy import inprocess
 from deploy.bench.errors import errors, right
 from deploy.config import RunConfig
 from deploy.metrics import score, truth_of
-from deploy.revision import sources
 from deploy.sweep.plan import Job
+from deploy.sweep.work import Row, Task
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.episode import Episode
 from world.worldfile import to_yaml
 
-Row = dict[str, Any]
-"""Numbers, texts and None by the name of their column."""
-
-OK, FAILED = "ok", "failed"
-"""How it went with a run, in the column `status`; of a failed one, `reason` says why."""
 ALIGNMENT = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 EMPTY = encode_wireframe(Wireframe())
 
 
-class OtherSourcesError(RuntimeError):
-    """The worker's code is not that of the command that asks it for a run."""
+def task_of(job: Job) -> Task:
+    """The run of a job, as a task."""
+    settings, config = (json.dumps(part, sort_keys=True) for part in (job.settings, job.config))
+    return Task(job.key, {"settings": settings, "config": config}, measure, (job,))
 
 
-def measure(job: Job, code: str) -> Row:
-    """Run a job in this process. What the run raises makes a row that says so. Raises OtherSourcesError.
-
-    code: what `deploy.revision.sources` is on the machine that asks.
-    """
-    if sources() != code:
-        raise OtherSourcesError(f"{socket.gethostname()} has another version of wireswarm: install the same there")
-    began, cpu = time.perf_counter(), time.thread_time()
-    try:
-        with TemporaryDirectory(prefix="wireswarm-") as folder:
-            row = described(job, OK) | _figures(job, Path(folder))
-    except Exception as error:
-        row = described(job, FAILED, f"{type(error).__name__}: {error}")
-    took = {"cpu_s": time.thread_time() - cpu, "wall_s": time.perf_counter() - began}
-    return row | {f"machine.{name}": round(value, 3) for name, value in took.items()}
-
-
-def described(job: Job, status: str, reason: str = "") -> Row:
-    """The columns that tell which run a row is of, and how it went."""
-    config = json.dumps(job.config, sort_keys=True)
-    settings = json.dumps(job.settings, sort_keys=True)
-    return {"key": job.key, "status": status, "reason": reason, "settings": settings, "config": config}
+def measure(job: Job) -> Row:
+    """Run a job in this process; its figures."""
+    with TemporaryDirectory(prefix="wireswarm-") as folder:
+        return _figures(job, Path(folder))
 
 
 def _figures(job: Job, folder: Path) -> Row:

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
 from deploy.live import LINE_S
-from deploy.sweep.measure import OK, Row
+from deploy.sweep.work import OK, Row
 from protocol.text import printable
 
 
@@ -43,7 +43,7 @@ class SweepProgress:
             self.say(f"{row['settings']}: {row['reason']}")
         if not self._console.is_terminal and (now - self._line >= LINE_S or self._done == self._total):
             self._line = now
-            self.say(f"{self._done} of {self._total} runs, {left}")
+            self.say(f"{self._done} of {self._total}, {left}")
 
     def say(self, sentence: str) -> None:
         """Tell something above the bar."""

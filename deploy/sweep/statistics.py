@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deploy.sweep.measure import OK, Row
+from deploy.sweep.work import OK, Row
 from protocol.arrays import Floats
 
 RESAMPLES = 2000  # more do not change the second digit of an interval

@@ -1,4 +1,4 @@
-"""Results of sweeps on the disk: one Parquet file a run, FOLDER/REVISION/KEY.parquet, of one row."""
+"""Results on the disk: one Parquet file a task, PLACE/KEY.parquet, of one row."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,27 +6,31 @@ from pathlib import Path
 import pyarrow as pa
 from pyarrow import parquet
 
-from deploy.sweep.measure import OK, Row
+from deploy.sweep.work import OK, Row
 from protocol.errors import InputError
 from protocol.files import remove_parts, write_whole
 
 
 class Store:
-    """The results of one revision of the sources."""
+    """Results by their keys."""
 
-    def __init__(self, folder: Path, revision: str) -> None:
-        """Make the folder. Raises OSError."""
-        self.place, self._revision = folder / revision, revision
+    def __init__(self, place: Path, revision: str) -> None:
+        """Make the folder. revision: of the sources, which stands in each result. Raises OSError."""
+        self.place, self._revision = place, revision
         self.place.mkdir(parents=True, exist_ok=True)
         remove_parts(self.place)
 
     def kept(self) -> set[str]:
-        """Keys of the runs that are there."""
+        """Keys of the results that are there."""
         return {file.stem for file in self.place.glob("*.parquet")}
 
     def failed(self) -> set[str]:
         """Keys of those that failed."""
         return {str(row["key"]) for row in read_rows(self.place) if row["status"] != OK}
+
+    def row(self, key: str) -> Row:
+        """The result of this key. Raises InputError where it is not there."""
+        return read_row(self.place / f"{key}.parquet")
 
     def keep(self, row: Row) -> None:
         """Write a row, whole or not at all. Raises UnwritableError."""
@@ -45,11 +49,15 @@ def _kind(value: object) -> pa.DataType:
 
 def read_rows(folder: Path) -> Iterator[Row]:
     """The results in a folder and below, by path. Raises InputError where a file is none."""
-    for file in sorted(folder.rglob("*.parquet")):
-        try:
-            (row,) = parquet.ParquetFile(file).read().to_pylist()
-            if not row.keys() >= {"key", "status", "reason", "settings", "revision"}:
-                raise ValueError("columns are missing")
-        except (OSError, ValueError, pa.ArrowException) as error:
-            raise InputError(f"{file}: no result of a sweep: {error}") from None
-        yield row
+    return map(read_row, sorted(folder.rglob("*.parquet")))
+
+
+def read_row(file: Path) -> Row:
+    """The result in a file. Raises InputError where it is none."""
+    try:
+        (row,) = parquet.ParquetFile(file).read().to_pylist()
+        if not row.keys() >= {"key", "status", "reason", "settings", "revision"}:
+            raise ValueError("columns are missing")
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise InputError(f"{file}: no result of a sweep: {error}") from None
+    return dict(row)

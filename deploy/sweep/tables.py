@@ -14,9 +14,9 @@ from rich.console import Console
 from rich.table import Table
 
 from deploy.figures import write_figure
-from deploy.sweep.measure import OK, Row
 from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
+from deploy.sweep.work import OK, Row
 from deploy.terminal import add_row
 from protocol.document import parse_document
 from protocol.errors import InputError

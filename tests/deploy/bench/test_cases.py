@@ -1,13 +1,17 @@
-"""Benchmarks: cases are measured once, in processes of their own, and kept."""
+"""Benchmarks: cases are measured once, by the engine of sweeps, and kept."""
 
-import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from deploy.bench import cases
 from deploy.bench.cases import Case, measure_all
+from deploy.revision import sources
+from deploy.sweep.store import Store
+from deploy.sweep.work import Task, work
 
 
 def square(x: int, log: str) -> dict[str, Any]:
@@ -18,37 +22,58 @@ def square(x: int, log: str) -> dict[str, Any]:
     return {"square": x * x}
 
 
+def logged(log: Path) -> list[str]:
+    return [line.split()[0] for line in log.read_text().splitlines()]
+
+
+@pytest.fixture
+def without_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tasks are done here and now, which is quicker than to start workers."""
+
+    def fill(store: Store, tasks: Sequence[Task], *_: Any, **__: Any) -> None:
+        for task in tasks:
+            if task.key not in store.kept() - store.failed():
+                store.keep(work(task, sources()))
+
+    monkeypatch.setattr(cases, "fill", fill)
+
+
+def test_cases_are_measured_by_workers(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    squares = [Case(f"squares/{x}", square, {"x": x, "log": str(log)}) for x in (1, 2)]
+    outcome = measure_all(squares, tmp_path / "kept", jobs=1, quiet=True)
+    assert outcome.figures == {f"squares/{x}": {"square": x * x} for x in (1, 2)} and not outcome.failed
+    assert str(os.getpid()) not in log.read_text()
+
+
+@pytest.mark.usefixtures("without_dask")
 def test_cases_are_measured_once_and_kept(tmp_path: Path) -> None:
     log = tmp_path / "log"
-    cases = [Case(f"squares/{x}", square, {"x": x, "log": str(log)}, alone=x == 3) for x in (1, 2, 3)]
-    outcome = measure_all(cases, tmp_path / "kept", jobs=2, quiet=True)
-    assert outcome.figures == {f"squares/{x}": {"square": x * x} for x in (1, 2, 3)} and not outcome.failed
-    lines = [line.split() for line in log.read_text().splitlines()]
-    assert lines[-1][0] == "3"  # alone is after the others
-    assert str(os.getpid()) not in {pid for _, pid in lines}
-
-    (tmp_path / "kept/squares/2.json").write_text('{"key": "half wri')
-    again = measure_all(cases, tmp_path / "kept", jobs=1, quiet=True)
-    assert again == outcome
-    assert [line.split()[0] for line in log.read_text().splitlines()[3:]] == ["2"]
+    squares = [Case(f"squares/{x}", square, {"x": x, "log": str(log)}, alone=x == 1) for x in (1, 2, 3)]
+    outcome = measure_all(squares, tmp_path / "kept")
+    assert list(outcome.figures) == ["squares/1", "squares/2", "squares/3"]
+    assert logged(log) == ["2", "3", "1"]  # alone is after the others
+    (tmp_path / "kept" / f"{squares[1].key}.parquet").unlink()
+    assert measure_all(squares, tmp_path / "kept") == outcome
+    assert logged(log)[3:] == ["2"]
 
 
+@pytest.mark.usefixtures("without_dask")
 def test_other_arguments_are_another_measurement(tmp_path: Path) -> None:
-    log = str(tmp_path / "log")
-    measure_all([Case("one", square, {"x": 1, "log": log})], tmp_path, jobs=1, quiet=True)
-    outcome = measure_all([Case("one", square, {"x": 5, "log": log})], tmp_path, jobs=1, quiet=True)
-    assert outcome.figures == {"one": {"square": 25}}
-    assert json.loads((tmp_path / "one.json").read_text())["figures"] == {"square": 25}
+    for x in (1, 5):
+        case = Case("one", square, {"x": x, "log": str(tmp_path / "log")})
+        assert measure_all([case], tmp_path / "kept").figures == {"one": {"square": x * x}}
 
 
+@pytest.mark.usefixtures("without_dask")
 def test_a_case_that_raises_is_told_and_measured_again(tmp_path: Path) -> None:
-    log = str(tmp_path / "log")
-    cases = [Case(str(x), square, {"x": x, "log": log}) for x in (-1, 1)]
+    log = tmp_path / "log"
+    squares = [Case(str(x), square, {"x": x, "log": str(log)}) for x in (-1, 1)]
     for _ in range(2):
-        outcome = measure_all(cases, tmp_path, jobs=1, quiet=True)
+        outcome = measure_all(squares, tmp_path / "kept")
         assert outcome.figures == {"1": {"square": 1}}
         assert outcome.failed == {"-1": "ValueError: no negative numbers"}
-    assert [line.split()[0] for line in Path(log).read_text().splitlines()] == ["-1", "1", "-1"]
+    assert logged(log) == ["-1", "1", "-1"]
 
 
 def test_two_cases_of_one_name_are_a_mistake(tmp_path: Path) -> None:

@@ -9,9 +9,11 @@ import pytest
 from rich.console import Console
 
 from deploy.bench.benchmark import Benchmark, report
+from deploy.bench.study import STUDIES, comparison, study
 from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.cli import BENCHMARKS
 from deploy.revision import ROOT
+from protocol.errors import InputError
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -84,3 +86,23 @@ def test_a_table_is_divided_to_fit_a_terminal_and_loses_no_figure(width: int) ->
     assert (sum("office" in line for line in lines) == 1) == (width == 200)
     for k in range(13, 20):
         assert sum(f"{k} !" in line for line in lines) == 2
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_study_is_compared_with_what_is_published(name: str) -> None:
+    text = (ROOT / f"results/{STUDIES[name]}.json").read_text()
+    before, now = json.loads(text), json.loads(text)
+    rows = comparison(before, now).section({}).rows
+    assert [row["table"] for row in rows] == list(before["sections"])
+    assert all(row["same"] == row["values"] > 0 and row["then"] == row["now"] for row in rows)
+    first = rows[0]["table"]
+    row = now["sections"][first]["rows"][0]
+    row[next(key for key in row if key != "missed")] = "other"
+    del now["sections"][rows[1]["table"]]
+    again = comparison(before, now).section({}).rows
+    assert again[0]["same"] == rows[0]["same"] - 1 and again[1]["same"] == 0 and again[2:] == rows[2:]
+
+
+def test_a_study_does_not_overwrite_what_it_is_compared_with() -> None:
+    with pytest.raises(InputError, match="choose another folder"):
+        study("trust", ROOT / "results", None)

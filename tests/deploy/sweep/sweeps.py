@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from deploy.sweep.measure import Row
 from deploy.sweep.store import read_rows
+from deploy.sweep.work import Row
 from tests.tiny import ROOM
 
 RUNS = 8

@@ -14,9 +14,10 @@ import pytest
 
 from deploy.revision import revision, sources
 from deploy.sweep.command import sweep
-from deploy.sweep.measure import FAILED, measure
+from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job, read_jobs
 from deploy.sweep.store import Store, read_rows
+from deploy.sweep.work import FAILED, work
 from protocol.errors import InputError
 from tests.deploy.sweep.sweeps import RUNS, comparable, write_sweep
 
@@ -27,7 +28,7 @@ def undisturbed(folder: Path) -> dict[str, object]:
     """Results that no Dask was needed for."""
     store = Store(folder / "undisturbed", revision())
     for job in read_jobs(folder / "sweep.yaml"):
-        store.keep(measure(job, sources()))
+        store.keep(work(task_of(job), sources()))
     return dict(comparable(store.place))
 
 
@@ -122,7 +123,7 @@ def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp
 
 def test_a_worker_with_other_sources_refuses() -> None:
     with pytest.raises(RuntimeError, match="another version"):
-        measure(Job("key", {}, {}), "0123")
+        work(task_of(Job("key", {}, {})), "0123")
 
 
 @pytest.mark.parametrize("address", ["tls://10.0.0.1:8786", "tcp://10.0.0.1:8786", "10.0.0.1"])

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.sweep.measure import FAILED, OK, Row
 from deploy.sweep.statistics import difference, median
 from deploy.sweep.store import Store
 from deploy.sweep.tables import against, compared, medians, select, show, to_csv, to_latex
+from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
 
 NAMES = ["team.t_90", "mean.path_m"]
@@ -25,7 +25,7 @@ def row(range_m: float, seed: int, t_90: float | None, path_m: float, status: st
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Ten seeds of two ranges; the longer one is 10 s faster, but for seed 9, and drives 1 m more."""
-    store = Store(tmp_path, "abc")
+    store = Store(tmp_path / "abc", "abc")
     for seed in range(10):
         store.keep(row(2, seed, 100.0 + seed, 20.0 + seed))
         store.keep(row(4, seed, 90.0 + seed if seed < 9 else None, 21.0 + seed))
@@ -97,7 +97,7 @@ def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Pa
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
-    store = Store(tmp_path, "abc")
+    store = Store(tmp_path / "abc", "abc")
     store.keep(row(2, 0, None, 0.0, FAILED))
     sheet = medians(select(str(tmp_path))[0], ["team.t_90"])
     assert "-" in to_latex(sheet) and "revision" not in to_csv(sheet)

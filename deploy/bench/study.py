@@ -1,0 +1,54 @@
+"""A published experiment made again: its benchmark in full, and which values of its tables came out the same."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from deploy.bench.benchmark import Benchmark
+from deploy.bench.tables import VERDICTS, Row, Table
+from deploy.revision import ROOT
+from protocol.errors import InputError
+from protocol.status import Status
+
+STUDIES = {"trust": "alignment", "maps": "filter", "exploration": "exploration", "radio": "radio"}
+"""The benchmark of each."""
+PUBLISHED = ROOT / "results"
+
+
+def study(name: str, folder: Path, jobs: int | None) -> Status:
+    """Make an experiment again and compare its tables with the published ones; as `Benchmark.run`.
+
+    Raises InputError where there is nothing to compare with.
+    """
+    published = PUBLISHED / f"{STUDIES[name]}.json"
+    if not published.is_file() or folder.resolve() == PUBLISHED:
+        raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
+    status = Benchmark(STUDIES[name]).run(False, folder, jobs)
+    before, now = (json.loads(file.read_text(encoding="utf-8")) for file in (published, folder / published.name))
+    comparison(before, now).section({}).print(Console())
+    return status
+
+
+def comparison(before: Mapping[str, Any], now: Mapping[str, Any]) -> Table:
+    """A row for each table of a published document: how many of its values are the same in another one."""
+    rows: list[Row] = []
+    for name, section in before["sections"].items():
+        values, again = _values(section), _values(now["sections"].get(name, {"rows": []}))
+        same = sum(again.get(place) == value for place, value in values.items())
+        verdicts = {which: VERDICTS[found["met"].get(name)] for which, found in (("then", before), ("now", now))}
+        rows.append({"table": name, "values": len(values), "same": same, **verdicts})
+    title = "Values as published; times are the machine's, and others change with the sources"
+    return Table("published", title, lambda _: rows, "table; values; same; then: bars then; now: bars now")
+
+
+def _values(section: Mapping[str, Any]) -> dict[tuple[int, str], Any]:
+    """Values of a table by row and column."""
+    return {
+        (number, key): value
+        for number, row in enumerate(section["rows"])
+        for key, value in row.items()
+        if key != "missed"
+    }
