@@ -36,6 +36,7 @@ PIECE = np.dtype(
         ("residual", "f8"),  # m2, the same across it: how well the hits fit the line
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
+        ("face", "f8", (2,)),  # m before an occlusion end that may be of a small face beyond the wall's corner
         ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1

@@ -10,7 +10,7 @@ NAME = re.compile(r"generated-(\d{1,3})x(\d{1,3})-(\d{1,9})")
 """Name of a generated world: generated-WIDTHxHEIGHT-SEED, sides in metres."""
 MIN_SIDE_M, MAX_SIDE_M = 8.0, 100.0  # smaller mazes have no branches; larger ones have more wall than a world may
 
-CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls
+CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls where nothing else is asked for
 
 
 def named(name: str) -> dict[str, Any] | None:
@@ -22,7 +22,13 @@ def named(name: str) -> dict[str, Any] | None:
 
 
 def generate(
-    width_m: float, height_m: float, rng: np.random.Generator, *, loops: float = 0.15, robots: int = 6
+    width_m: float,
+    height_m: float,
+    rng: np.random.Generator,
+    *,
+    loops: float = 0.15,
+    robots: int = 6,
+    thickness_m: float = THICKNESS_M,
 ) -> dict[str, Any]:
     """Fields of a world file with a maze of this outer size, lower left corner at the origin (ours).
 
@@ -32,8 +38,8 @@ def generate(
     for side in (width_m, height_m):
         if not MIN_SIDE_M <= side <= MAX_SIDE_M:
             raise ValueError(f"a maze has sides of {MIN_SIDE_M:g} to {MAX_SIDE_M:g} m, not {side:g} m")
-    columns, rows = (round((side - THICKNESS_M) / (CORRIDOR_M + THICKNESS_M)) for side in (width_m, height_m))
-    pitch = np.array([(width_m - THICKNESS_M) / columns, (height_m - THICKNESS_M) / rows])
+    columns, rows = (round((side - thickness_m) / (CORRIDOR_M + thickness_m)) for side in (width_m, height_m))
+    pitch = np.array([(width_m - thickness_m) / columns, (height_m - thickness_m) / rows])
     # east[i, j]: a wall between cells (i, j) and (i + 1, j); north[i, j]: between (i, j) and (i, j + 1)
     east, north = np.ones((columns - 1, rows), bool), np.ones((columns, rows - 1), bool)
     _carve(east, north, rng)
@@ -42,7 +48,7 @@ def generate(
         opened = rng.permutation(len(left))[: round(loops * len(left))]
         walls[tuple(left[opened].T)] = False
 
-    half = THICKNESS_M / 2
+    half = thickness_m / 2
     # grid lines on even millimetres, so that centres and lengths are short numbers and walls stay flush
     lines_x, lines_y = (
         np.round((half + np.arange(n + 1) * step) / 0.002) * 0.002
@@ -54,8 +60,8 @@ def generate(
         """A box along the line from one grid corner to another; both ends fill their corner."""
         x0, x1, y0, y1 = lines_x[i0], lines_x[i1], lines_y[j0], lines_y[j1]
         yaw = 0.0 if j0 == j1 else round(math.pi / 2, 12)
-        length = abs(x1 - x0) + abs(y1 - y0) + THICKNESS_M
-        boxes.append([_mm((x0 + x1) / 2), _mm((y0 + y1) / 2), yaw, _mm(length), THICKNESS_M])
+        length = abs(x1 - x0) + abs(y1 - y0) + thickness_m
+        boxes.append([_mm((x0 + x1) / 2), _mm((y0 + y1) / 2), yaw, _mm(length), thickness_m])
 
     for ends in ((0, 0, columns, 0), (0, rows, columns, rows), (0, 0, 0, rows), (columns, 0, columns, rows)):
         wall(*ends)

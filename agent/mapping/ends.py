@@ -30,8 +30,14 @@ def outlasted(e: Record, side: int, patience: float) -> bool:
 
 
 @kernel
-def see_end(edges: Records, k: int, side: int, label: int, t: float, slack: float, patience: float) -> None:
-    """Fuse one view of an open end: its label, its coordinate t along wall k and its slack, metres."""
+def see_end(
+    edges: Records, k: int, side: int, label: int, t: float, slack: float, face: float, patience: float
+) -> None:
+    """Fuse one view of an open end: its label, its coordinate t along wall k, and its slack, metres.
+
+    face: metres before t that may be of a small face beyond the corner: the view moves a known end outward only as
+    far as is sure.
+    """
     e, was = edges[k], edges[k].label[side]
     outward = 1.0 if side == 1 else -1.0
     seen, known = outward * t, outward * tip_at(e, side)  # coordinates that count outward: a larger one is more wall
@@ -54,7 +60,7 @@ def see_end(edges: Records, k: int, side: int, label: int, t: float, slack: floa
     else:
         e.conflict[side] = max(e.conflict[side] - 1.0, 0.0)
         if was == OCCLUSION:
-            low, high = max(known, seen), min(reach, seen + slack)
+            low, high = max(known, seen - face), min(reach, seen + slack)
             if low > high:
                 low = high = 0.5 * (low + high)
             set_tip(e, side, outward * low)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
 from agent.geometry.chains import chained
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
@@ -30,6 +30,8 @@ from agent.mapping.layers import Layer, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.scan_merge import merge_scan
+from agent.mapping.small_faces import close_small_faces
+from agent.mapping.squares import square_short_walls
 from agent.mapping.views import MARGIN_M, View
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
@@ -305,11 +307,11 @@ class WireframeFilter:
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
-        return Wireframe(*_published(self._walls()))
+        return Wireframe(*_published(self._walls(), self._noise))
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m))))
+        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""
@@ -317,15 +319,22 @@ class WireframeFilter:
 
 
 @kernel
-def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
-    """The arrays of that wireframe, in the order of its fields."""
+def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
+    """The arrays of that wireframe, in the order of its fields: short walls square, small faces between walls closed.
+
+    noise: m, standard deviation of a range.
+    """
     place, m = np.full(len(edges), -1), 0
     for k in range(len(edges)):
         if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
             place[k] = m
             m += 1
-    tips, labels, following = np.empty((m, 2, 2)), np.empty((m, 2), np.uint8), np.empty(m, np.int64)
-    likelihood, own = np.empty(m, np.float32), np.empty(m, np.bool_)
+    edges = edges.copy()
+    square_short_walls(edges, place, noise)
+    joined = close_small_faces(edges, place)
+    total = m + int((joined >= 0).sum())
+    tips, labels, following = np.empty((total, 2, 2)), np.empty((total, 2), np.uint8), np.empty(total, np.int64)
+    likelihood, own = np.empty(total, np.float32), np.empty(total, np.bool_)
     for k in range(len(edges)):
         w = place[k]
         if w < 0:
@@ -338,5 +347,16 @@ def _published(edges: Records) -> tuple[Floats, Labels, NDArray[np.int32], NDArr
         following[w] = place[e.link[1]] if e.link[1] >= 0 else -1
         likelihood[w] = min(max((e.seen + 1.0) / (e.due + 2.0), 0.0), 1.0)
         own[w] = e.own == 1
+    face = m
+    for k in range(len(edges)):
+        if joined[k] < 0:
+            continue
+        before, after = place[k], place[joined[k]]
+        tips[face, 0], tips[face, 1] = tips[before, 1], tips[after, 0]
+        labels[before, 1], labels[face, 0], labels[face, 1], labels[after, 0] = NOMINAL, NOMINAL, NOMINAL, NOMINAL
+        following[before], following[face] = face, after
+        likelihood[face] = min(likelihood[before], likelihood[after])
+        own[face] = own[before] and own[after]
+        face += 1
     points, names, chains = chained(tips, labels, following)
     return points, names, chains, likelihood, own

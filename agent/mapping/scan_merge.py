@@ -83,12 +83,12 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
     p, e = pieces[k], walls[k]
     t = along(edges[e], p.x, p.y)
     for side in range(2):
-        label, slack = p.label[side], p.slack[side]
+        label, slack, face = p.label[side], p.slack[side], p.face[side]
         if label == NOMINAL:
             if _is_wall(edges, walls[p.link[side]]):
                 continue
             label, slack = OCCLUSION, 0.0
-        see_end(edges, e, side, label, t + p.end[side], slack, patience)
+        see_end(edges, e, side, label, t + p.end[side], slack, face, patience)
     if p.label[1] == NOMINAL and _is_wall(edges, walls[p.link[1]]):
         see_corner(edges, e, walls[p.link[1]], p.gap[1], pieces[p.link[1]].gap[0], patience)
 

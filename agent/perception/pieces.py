@@ -18,6 +18,7 @@ STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is non
 EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the lidar's range may give no return
 GROWN_EDGE_SIGMAS = 3.5
 """The same where noise grows with range: in `symmetric` one far end of ten was called a corner that was none."""
+UNSEEN_FACE_SIGMAS = 3.0  # hits so near behind a wall's line are taken for the wall's, two stray beams cost as much
 MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
 
 
@@ -59,6 +60,7 @@ def pieces_of(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
             if p.label[side] != NOMINAL and p.hits >= TELLING_HITS:
                 p.label[side], decided = _predicted_label(turn, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
+                    p.face[side] = _on_small_face(p, turn, ends[k, side], side)
                     p.slack[side] = abs(_on_ray(p, turn.beams, decided) - p.end[side])
     return pieces, explained
 
@@ -162,7 +164,8 @@ def _fill(piece: Record, turn: Turn, cut: Ints, ends: Ints, total: Floats) -> No
     piece.bearing[1] = piece.bearing[0] + width_of(beams, ends[0], ends[1])
     for side in range(2):
         piece.end[side] = _on_ray(piece, beams, ends[side])
-        piece.label[side], piece.link[side], piece.slack[side], piece.gap[side] = FRONTIER, -1, 0.0, 0.0
+        piece.label[side], piece.link[side], piece.slack[side] = FRONTIER, -1, 0.0
+        piece.gap[side], piece.face[side] = 0.0, 0.0
 
 
 @kernel
@@ -172,6 +175,20 @@ def _on_ray(piece: Record, beams: Beams, k: int) -> float:
     c, s, x, y = beams.rays[k, 0], beams.rays[k, 1], beams.origins[k, 0], beams.origins[k, 1]
     cross = c * piece.uy - s * piece.ux
     return math.inf if abs(cross) < 1e-6 else -(c * (piece.y - y) - s * (piece.x - x)) / cross
+
+
+@kernel
+def _on_small_face(piece: Record, turn: Turn, beam: int, side: int) -> float:
+    """Metres by which a wall may end before its last beam meets its line, as that beam may have hit the face beyond.
+
+    A lidar that stands beyond the end of a thin wall sees its tip, too, whose hits lie behind the line within noise.
+    """
+    k = beam % len(turn.hidden)
+    c, s = turn.beams.rays[k, 0], turn.beams.rays[k, 1]
+    outward = (c * piece.ux + s * piece.uy) * (1.0 if side == 1 else -1.0)
+    across = abs(c * piece.uy - s * piece.ux)
+    behind = UNSEEN_FACE_SIGMAS * turn.noise[k]
+    return min(behind * max(-outward, 0.0) / max(across, 1e-6), 0.5 * (piece.end[1] - piece.end[0]))
 
 
 @kernel
