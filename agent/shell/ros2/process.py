@@ -7,6 +7,7 @@ where something fails, and when this process ends.
 import math
 import time
 import zlib
+from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any
@@ -34,6 +35,8 @@ LOOK_S = 0.05
 """So often the shell looks whether scans cease."""
 TELL_S = 1.0
 """Between two diagnostics; a robot that stands is told to stop as often."""
+PATIENCE = 5
+"""Diagnostics after which a reason to stand is said on stderr, too: at the start, topics come one after the other."""
 MOST_WAITING = 4000
 """Messages that wait, of which all are taken between two steps: odometry of 1 kHz in four seconds."""
 THERE_S = 1.0
@@ -139,6 +142,8 @@ class Ros2Shell:
         self._complete = False
         self._held_at = -math.inf
         self._spoke_at = self._drew_at = -math.inf
+        self._hindered = Counter[str]()
+        """Diagnostics in which the robot stood, by reason."""
         self._stands = True
         """Whether the last command was to stop."""
         self._takers: dict[str, set[str]] = {kind: set() for kind in COMMANDS}
@@ -235,6 +240,8 @@ class Ros2Shell:
             return f"no scan has come on {self._ros2.scan_topic} yet"
         if now - last > self._ros2.silence_s:
             return f"no scan comes for {self._ros2.silence_s:g} s"
+        if math.isinf(self._sensing.wheels.until_s):
+            return f"no odometry has come on {self._ros2.odometry_topic} yet"
         if dead_man_s is not None and now - self._held_at > dead_man_s:
             return f"nobody says true on {DEAD_MAN}"
         if not any(self._takers.values()):
@@ -254,6 +261,9 @@ class Ros2Shell:
             self._spoke_at = now
             if hindrance:
                 self.stop()
+                self._hindered[hindrance] += 1
+                if self._hindered[hindrance] == PATIENCE:
+                    say(f"{self._robot} stands: {hindrance}")
             self._tell(hindrance)
 
     def _tell(self, hindrance: str) -> None:
@@ -276,7 +286,8 @@ class Ros2Shell:
             if kind == wire.TWIST:
                 publisher.put(showing.twist_of(speed_mps, turn_rps))
             else:
-                publisher.put(showing.twist_stamped_of(speed_mps, turn_rps, self._now_s()))
+                frame = self._sensing.wheels.robot_frame
+                publisher.put(showing.twist_stamped_of(speed_mps, turn_rps, self._now_s(), frame))
 
     def _step(self, seen: SensedScan) -> None:
         """Take a step on a scan, unless the robot must stand: a mind that cannot drive would think that it is stuck."""

@@ -45,8 +45,8 @@ class Wheelpath:
     def __init__(self, spec: RobotSpec, skip: Callable[[str], None]) -> None:
         """skip: is told why a message cannot be used."""
         self._spec, self._skip = spec, skip
-        self.frame = ""
-        """Of the odometry, as its first message names it."""
+        self.frame, self.robot_frame = "odom", "base_link"
+        """Of the odometry and of the robot, as the first message names them (REP 105 where it does not)."""
         self._rows: list[tuple[float, float, float, float]] = []
         """Time and pose; theta is not wrapped."""
         self._fix: Pose = (0.0, 0.0, 0.0)
@@ -67,9 +67,11 @@ class Wheelpath:
             return self._skip("odometry that is no number")
         if 1 - 2 * (x * x + y * y) / size < LEVEL:
             return self._skip("odometry of a robot that is not level")
+        frame = told.header.frame_id.lstrip("/")
         if not self._rows:
-            self.frame = told.header.frame_id.lstrip("/")
-        elif told.header.frame_id.lstrip("/") != self.frame:
+            self.frame = frame or self.frame
+            self.robot_frame = told.child_frame_id.lstrip("/") or self.robot_frame
+        elif frame not in ("", self.frame):
             return self._skip("odometry of another frame")
         pose = (float(place.x), float(place.y), math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
         if stamp_s <= self.until_s:

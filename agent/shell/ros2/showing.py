@@ -232,8 +232,6 @@ def twist_of(speed_mps: float, turn_rps: float) -> Any:
     return _make("geometry_msgs/msg/Twist", linear=ahead, angular=around)
 
 
-def twist_stamped_of(speed_mps: float, turn_rps: float, stamp_s: float) -> Any:
+def twist_stamped_of(speed_mps: float, turn_rps: float, stamp_s: float, frame: str) -> Any:
     """geometry_msgs/TwistStamped."""
-    return _make(
-        "geometry_msgs/msg/TwistStamped", header=header(stamp_s, "base_link"), twist=twist_of(speed_mps, turn_rps)
-    )
+    return _make("geometry_msgs/msg/TwistStamped", header=header(stamp_s, frame), twist=twist_of(speed_mps, turn_rps))

@@ -23,7 +23,7 @@ class Body:
 
     def __init__(self, endpoint: str, namespace: str, kind: str = wire.TWIST) -> None:
         self.endpoint, self.namespace, self.kind = endpoint, namespace, kind
-        self.talks = True
+        self.talks = self.rolls = True
         self.commands: list[tuple[float, float]] = []
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._talk)
@@ -53,7 +53,8 @@ class Body:
         while not self._ended.wait(PERIOD_S):
             if self.talks:
                 now = time.time()
-                self.wheels.put(odometry(now))
+                if self.rolls:
+                    self.wheels.put(odometry(now))
                 self.scans.put(scan(now))
 
     def drives(self) -> bool:

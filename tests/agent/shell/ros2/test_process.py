@@ -88,6 +88,27 @@ def test_it_drives_only_while_somebody_holds_the_dead_mans_switch(endpoint: str)
         until(body.stands)
 
 
+def test_what_is_missing_is_said(
+    endpoint: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agent.shell.ros2.process.TELL_S", 0.02)
+    sentences = []
+
+    def said_so(what: str) -> bool:
+        sentences.extend(capfd.readouterr().err.splitlines())
+        return f"wireswarm: r1 stands: {what}" in sentences
+
+    with Agent(endpoint, "r1", Goer):
+        until(lambda: said_so("no scan has come on scan yet"))
+        with Body(endpoint, "/r1") as body:
+            body.rolls = False
+            until(lambda: said_so("no odometry has come on odom yet"))
+            body.rolls = True
+            until(body.drives)
+    with Body(endpoint, "/r1"), Agent(endpoint, "r1", Goer, command_topic="wheels/cmd_vel"):
+        until(lambda: said_so("nobody takes commands on wheels/cmd_vel"))
+
+
 def test_a_mind_that_fails_leaves_the_robot_standing(endpoint: str) -> None:
     class Failing(Goer):
         def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
@@ -97,8 +118,8 @@ def test_a_mind_that_fails_leaves_the_robot_standing(endpoint: str) -> None:
 
     with Body(endpoint, "/r1") as body, Agent(endpoint, "r1", Failing) as agent:
         until(body.drives)
+        until(lambda: agent.error == "a mistake")
         until(body.stands)
-        assert agent.error == "a mistake"
 
 
 def test_the_map_is_there_for_who_comes_later_and_tf_places_it(endpoint: str) -> None:
