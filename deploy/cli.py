@@ -109,6 +109,7 @@ def run(
     ] = False,
     config: ConfigFile = None,
     set_: Set = None,
+    view: Annotated[bool, Option("--view", help="Show the run in the browser while it goes on.")] = False,
     pairs: Pairs = False,
     quiet: Quiet = False,
 ) -> None:
@@ -116,17 +117,24 @@ def run(
     from deploy import forks
 
     forks.begin()
+    if view:
+        import rerun_cli  # noqa: F401  (tells before the run that the extra is missing)
     from agent.limits import doubts
     from deploy.interrupts import on_interrupt
     from deploy.launcher import launch, run_directory
     from deploy.live import Display, print_summary
+    from deploy.view.beside import beside
 
     settings, bodies = _settings(context), None
     if as_ros2:
         settings, bodies = _of_ros2(settings)
     for doubt in doubts(settings.spec):
         say(f"a complete map is not to be expected: {doubt}")
-    with run_directory(out, settings.world, settings.seed) as directory, on_interrupt(partial(_leave, directory)):
+    with (
+        run_directory(out, settings.world, settings.seed) as directory,
+        beside(directory) if view else nullcontext(),
+        on_interrupt(partial(_leave, directory)),
+    ):
         with Display(settings.world, str(settings.radio), quiet) as display:
             result = launch(settings, directory, show=display.show, make_mind=bodies)
         for error in result.errors:
@@ -138,7 +146,7 @@ def run(
             print_summary(directory, pairs)
             raise Exit(result.status)
         _draw(directory, pairs)
-        if not quiet:
+        if not (quiet or view):
             name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
             say(f"`{name} view {directory}` shows it as a moving picture")
         raise Exit(result.status)
@@ -500,29 +508,33 @@ def export(
 
 @app.command(epilog="Example: wireswarm view runs/maze-15-0")
 def view(
-    run: Annotated[Path, Argument(help="Run directory.", metavar="DIR")],
+    run: Annotated[
+        Path | None, Argument(help="Run directory.", metavar="[DIR]", show_default="the newest in runs/")
+    ] = None,
+    connect: Annotated[str | None, Option(help="Endpoint of a world elsewhere, in place of DIR.")] = None,
+    secrets: Annotated[Path | None, Option(help="File of secrets with the viewer's line.")] = None,
+    certs: Certs = None,
     save: Annotated[
-        Path | None, Option(help="Write the recording for Rerun's own viewer instead.", metavar="FILE.rrd")
+        Path | None, Option(help="Write a finished run for Rerun's own viewer instead.", metavar="FILE.rrd")
     ] = None,
     browser: Annotated[bool, Option(help="Open it in the browser; else the address is printed only.")] = True,
+    beside: Annotated[
+        bool, Option("--beside", help="Come before the run, and end with its command.", hidden=True)
+    ] = False,
 ) -> None:
-    """Show a run in the browser: world, robots, what each has mapped, whom it tries and trusts, at every tick."""
-    from deploy.view.replay import record
-    from deploy.view.show import show
-    from protocol.files import write_whole
-    from protocol.inbox import Inbox
+    """Show a run in the browser: world, robots, what each has mapped, whom it tries and trusts.
 
-    recording = record(run)
-    if save is not None:
-        write_whole(save, recording)
+    A run that is under way is shown as it goes on, a finished one from its begin.
+    """
+    from deploy.view import command
+
+    if connect is not None:
+        command.view_elsewhere(connect, secrets, certs, browser)
+    elif save is not None:
+        command.save(command.newest() if run is None else run, save)
         print(printable(str(save)))
-        return
-    stop_on_signals(inbox := Inbox())
-    with show(browser) as tape:
-        tape.add(recording)
-        tape.end()
-        while not inbox.stopped:
-            inbox.next()
+    else:
+        command.view(command.newest() if run is None else run, browser, beside)
 
 
 @app.command("import", epilog="Example: wireswarm import home.world --out home.yaml --close 2")

@@ -5,6 +5,7 @@ from pathlib import Path
 from deploy import manifest
 from deploy.bandwidth.replay import config_of
 from deploy.config import RunConfig
+from deploy.view.invitation import withdraw
 from protocol.files import remove_parts
 from protocol.records import UNREADABLE
 from world.checkpoint import NAME, CheckpointError
@@ -39,5 +40,6 @@ def finish(run: Path) -> bool:
         except UNREADABLE as error:
             raise CheckpointError(f"{run / NAME} is damaged ({type(error).__name__})") from error
     remove_parts(run)
+    withdraw(run)
     manifest.finish(run, ended=episode.ended if left else "interrupted")
     return True

@@ -21,8 +21,9 @@ from deploy.finish import finish
 from deploy.interrupts import on_interrupt
 from deploy.logs import Log
 from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
+from deploy.view.invitation import invite, withdraw
 from protocol.configuration import ConfigError
-from protocol.files import remove_parts
+from protocol.files import UnwritableError, remove_parts
 from protocol.inbox import SIGNAL_S
 from protocol.messages import Progress
 from protocol.secrets import new_secrets
@@ -203,6 +204,7 @@ class Children:
                 os.kill(cast(int, child.process.pid), signal.SIGKILL)
 
     def _leave(self) -> None:
+        withdraw(self._out)
         for child in self._children:
             child.pipe.close()
         deadline = time.monotonic() + LEAVE_S
@@ -271,6 +273,8 @@ class Children:
             self._listening = True
             if not self._endpoint:
                 self._endpoint = value
+                with suppress(UnwritableError):  # the run goes on without viewers
+                    invite(self._out, value, self._secrets)
                 for robot in self._config.robot_ids:
                     self._start_robot(robot)
             for robot in self._gone:  # a world that is there again may not know

@@ -22,6 +22,14 @@ def of_robot(robot: str | None, secrets: Path | None, certs: Path | None) -> Cre
     return None if secrets is None else read_secrets(secrets, None if robot is None else [robot])
 
 
+def of_viewer(secrets: Path | None, certs: Path | None) -> Credentials | None:
+    """Those of a viewer. Raises InputError."""
+    _one_of(secrets, certs)
+    if certs is not None:
+        return Certificates(certs, [VIEWER])
+    return None if secrets is None else read_secrets(secrets, [VIEWER])
+
+
 @contextmanager
 def of_all(
     robots: Sequence[str], secrets: Path | None, certs: Path | None, *, world: bool

@@ -30,6 +30,8 @@ WORLD_ALIVE = "world/pub/alive"  # liveliness token of the world, by which robot
 CLOCK = "world/pub/clock"  # tick and status of the robots, for anybody
 LINKS = "world/pub/links"  # who hears whom, for anybody; positions are not in it
 PROGRESS = "world/truth/progress"  # coverage. It is judged against the truth, so no robot may read it
+SITE = "world/truth/site"  # the walls, the robots' bodies and frames, for viewers
+WHEREABOUTS = "world/truth/whereabouts"  # where the robots are and what their lidars read, for viewers
 
 
 def to_robot(robot: str, channel: str = "**") -> str:

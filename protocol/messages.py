@@ -253,11 +253,14 @@ class End(Message):
     """`complete`, `time` or `interrupted` end the run for all; another reason is why this robot was given up."""
 
 
+Ranges = Annotated[bytes, Field(max_length=4 * MAX_BEAMS), AfterValidator(_ranges)]
+
+
 class Observation(Message):
     """World to robot, the last of a tick's messages on robots/ID/in/**. Its stamp is the end of the lidar's turn."""
 
     tick: Tick
-    ranges: Annotated[bytes, Field(max_length=4 * MAX_BEAMS), AfterValidator(_ranges)]
+    ranges: Ranges
     """float32 little-endian metres, one per beam; inf where nothing came back, NaN where nothing was measured."""
     odometry: FinitePose
     """At the stamp, in the robot's own frame, which is its start pose."""
@@ -275,12 +278,17 @@ class Observation(Message):
 
     def scan(self) -> Floats:
         """Ranges as (beams,) float64 metres; inf where nothing came back, NaN where nothing was measured."""
-        return np.frombuffer(self.ranges, "<f4").astype(np.float64)
+        return scan_of(self.ranges)
 
     def poses(self) -> Floats:
         """(k, 3) poses of `way`; of the stamp alone where there is none."""
         poses = self.way or np.array(self.odometry, "<f8").tobytes()
         return np.frombuffer(poses, "<f8").astype(np.float64).reshape(-1, 3)
+
+
+def scan_of(ranges: bytes) -> Floats:
+    """The ranges of a message as `Observation.scan` gives them."""
+    return np.frombuffer(ranges, "<f4").astype(np.float64)
 
 
 class Heard(Message):
@@ -410,3 +418,24 @@ class Progress(Message):
     """The union of all robots."""
     late_ticks: Count = 0
     """Ticks that a robot missed in real time."""
+
+
+class Site(Message):
+    """World to viewers with its credential, once a second while one reads: what stays the same in a run."""
+
+    world: Text
+    """The world's name."""
+    solid: Payload
+    """Its walls and obstacles, as the WKB of polygons (OGC 06-103r4), metres."""
+    spec: RobotSpec
+    frames: dict[RobotId, FinitePose]
+    """Per robot, in their order: the pose of its own frame in the world."""
+
+
+class Whereabouts(Message):
+    """World to viewers with its credential, ten times a second at most while one reads: where the robots truly are."""
+
+    tick: Tick
+    poses: dict[RobotId, FinitePose]
+    ranges: dict[RobotId, Ranges]
+    """Of live robots, as in their observations."""

@@ -21,6 +21,7 @@ from world.episode import Episode
 from world.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
 from world.participants import Participants
 from world.roll_call import count
+from world.showing import Showing
 from world.tick import BadOutputsError, Inputs, Outputs
 from world.wire import Wire
 
@@ -149,6 +150,7 @@ class Shell:
         self._clock, self._links, self._progress = (
             declare(session.declare_publisher(key)) for key in (keys.CLOCK, keys.LINKS, keys.PROGRESS)
         )
+        self._showing = Showing(self.episode, session, self._declared)
         for channel in keys.NEEDED:
             declare(session.declare_subscriber(keys.from_robot("*", channel), at_once(self.inbox.hear)))
         declare(session.liveliness().declare_subscriber(keys.ALL_ALIVE, self.inbox.watch, history=True))
@@ -205,10 +207,11 @@ class Shell:
         begin = self.episode.tick
         self.tell()
         while self.episode.ended is None:
-            tick = self.episode.tick
-            for robot, inputs in self.episode.inputs().items():
+            tick, given = self.episode.tick, self.episode.inputs()
+            for robot, inputs in given.items():
                 if robot in self._here:  # one that is about to join would answer ticks that nobody waits for
                     self._say_tick(robot, inputs)
+            self._showing.show(given)
             self.episode.book()
             if self.config.real_time is None:
                 self._wait_for_all()

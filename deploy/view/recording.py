@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,7 +42,7 @@ HEARD, TRIED = 0x7B879490, 0xE8B500FF  # colours of radio links and of maps on t
 REPLAY_S = 60.0  # in which a replay shows the whole run, unless the viewer's speed is changed
 SEEN_FROM = (0.0, -0.15, 1.1)
 """Where the eye is, in the world's longer sides from its middle."""
-BEAMS_APART = 3  # beams drawn: each third one, as all of them would hide the rest
+BEAMS_APART = 4  # beams drawn: each fourth one, as all of them would hide the rest
 LEVELS = {"rejected": "WARN", "unmerged": "WARN", "dead": "ERROR"}
 """Of the log, where an event is more than INFO; what is no part of the story of trust is DEBUG."""
 BONDS = ("proposed", "accepted", "rejected", "unmerged")
@@ -69,17 +70,22 @@ class ViewRecording:
     Each method takes rows in one call, with the tick of each: one for what just came, all of a run for a replay.
     """
 
-    def __init__(self, robots: Sequence[str], frames: Mapping[str, Floats], period_s: float) -> None:
-        """frames: by robot, (3,) the pose of its own frame in the world."""
+    def __init__(self, file: Path, robots: Sequence[str], frames: Mapping[str, Floats], period_s: float) -> None:
+        """file: where it is written, an .rrd. frames: by robot, (3,) the pose of its own frame in the world."""
         self._stream = rr.RecordingStream("wireswarm", send_properties=False)
-        self._sink = rr.binary_stream(self._stream)
+        self._stream.set_sinks(rr.FileSink(file))
         self._robots, self._frames, self._period_s = list(robots), dict(frames), period_s
+        self._styled: set[str] = set()
         self._merged: defaultdict[str, set[str]] = defaultdict(set)
         self._trials: defaultdict[str, set[str]] = defaultdict(set)
 
-    def read(self) -> bytes:
-        """What was added since the last call, as a piece of an .rrd file."""
-        return self._sink.read() or b""
+    def flush(self) -> None:
+        """Write what was added."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Write the file's end."""
+        self._stream.disconnect()
 
     def scene(self, solid: BaseGeometry, radius_m: float, play: rrb.TimePanel) -> None:
         """The true walls, the robots' bodies, and how the viewer shows all and plays it."""
@@ -97,6 +103,7 @@ class ViewRecording:
             )
             self._always(f"world/{robot}/heading", ahead)
             x, y, theta = self._frames[robot].tolist()
+            self._always(f"world/maps/{robot}/vertices", rr.Points3D.from_fields(show_labels=False))
             self._always(f"world/maps/{robot}", rr.Transform3D(translation=(x, y, 0), quaternion=_turned([theta])[0]))
         for name in (*self._robots, TEAM):
             colour = _rgba(style.FAINT) if name == TEAM else self._colour(name)
@@ -139,7 +146,6 @@ class ViewRecording:
         radii = np.array([LABELS[label][1] for label in Label])[labels]
         columns = rr.Points3D.columns(positions=points, radii=radii, class_ids=labels)  # named where the mouse is
         self._send(f"{path}/vertices", ticks, columns, [len(one.vertices) for one in moved])
-        self._send(f"{path}/vertices", ticks, rr.Points3D.columns(show_labels=[False] * len(moved)))
 
     def radio(self, ticks: Ticks, links: Sequence[Floats]) -> None:
         """Who hears whom: for each tick the places (links, 2, 2) of both ends."""
@@ -204,12 +210,13 @@ class ViewRecording:
         said: str | None = None,
     ) -> None:
         """For each tick lines from place to place, (n, 2, 2), that replace those of the tick before."""
-        count = len(rows)
+        if path not in self._styled:
+            self._styled.add(path)
+            self._always(path, rr.LineStrips3D.from_fields(colors=_paint(colour), radii=[half_width]))
         strips = _raised(np.concatenate(rows).reshape(-1, 2), z).reshape(-1, 2, 3).astype(np.float32)
         self._send(path, ticks, rr.LineStrips3D.columns(strips=strips), [len(row) for row in rows])
-        self._send(path, ticks, rr.LineStrips3D.columns(colors=_paint(colour, count), radii=[half_width] * count))
         if said is not None:
-            self._send(path, ticks, rr.LineStrips3D.columns(labels=[said] * count, show_labels=[True] * count))
+            self._send(path, ticks, rr.LineStrips3D.columns(labels=[said], show_labels=[True]))
 
     def _send(
         self, path: str, ticks: Ticks, columns: rr.ComponentColumnList, lengths: Sequence[int] | None = None

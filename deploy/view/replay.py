@@ -17,11 +17,8 @@ from world.recorder import TEAM
 BEAMS_S = 1.0  # between the scans that are drawn: all five of a second would make ten times as many bytes
 
 
-def record(path: Path) -> bytes:
-    """The recording of a run directory, as the bytes of an .rrd file.
-
-    Raises InputError where it has no world, frames or paths.
-    """
+def record(path: Path, file: Path) -> None:
+    """Write the recording of a run directory. Raises InputError where it has no world, frames or paths."""
     if not path.is_dir():
         raise InputError(f"{path} is no run directory")
     run = read_run(path)
@@ -29,7 +26,7 @@ def record(path: Path) -> bytes:
     if run.world is None or not robots:
         raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
     period_s = 1 / run.lidar.rate_hz
-    recording = ViewRecording(robots, run.frames, period_s)
+    recording = ViewRecording(file, robots, run.frames, period_s)
     recording.scene(run.world.solid, run.radius, replayed(run.duration))
     maps = run.snapshots
     for robot in robots:
@@ -51,7 +48,7 @@ def record(path: Path) -> bytes:
         known = maps.get(peer, []) if isinstance(peer, str) else []
         now = bisect_right(known, event["t"], key=lambda one: one[0]) - 1
         recording.trust(tick, event, known[now][1] if now >= 0 else None)
-    return recording.read()
+    recording.close()
 
 
 def _ticks(t: Floats, period_s: float) -> Ints:

@@ -23,6 +23,7 @@ KINDS = {
     ".wasm": "application/wasm",
 }
 RECORDING = "run.rrd"
+PIECE_BYTES = 1 << 20
 HEADERS = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; connect-src 'self'; "
@@ -36,15 +37,17 @@ HEADERS = {
 
 
 class Tape:
-    """The bytes of a recording: one writes, any number read from its begin and wait for more."""
+    """A recording in a file: one writes, any number read from its begin and wait for more."""
 
-    def __init__(self) -> None:
-        self._bytes, self._ended, self._more = bytearray(), False, threading.Condition()
+    def __init__(self, file: Path) -> None:
+        """file: made here, empty."""
+        self.file = file
+        self._ended, self._more = False, threading.Condition()
+        file.touch()
 
-    def add(self, data: bytes | None) -> None:
-        """Append what was recorded."""
+    def grown(self) -> None:
+        """Tell readers that there is more."""
         with self._more:
-            self._bytes += data or b""
             self._more.notify_all()
 
     def end(self) -> None:
@@ -55,16 +58,14 @@ class Tape:
 
     def read(self) -> Iterator[bytes]:
         """All pieces until the end."""
-        at = 0
-        while True:
-            with self._more:
-                while len(self._bytes) == at and not self._ended:
-                    self._more.wait()
-                piece = bytes(self._bytes[at:])
-            if not piece:
-                return
-            at += len(piece)
-            yield piece
+        with self.file.open("rb") as stream:
+            while True:
+                with self._more:
+                    while not (piece := stream.read(PIECE_BYTES)) and not self._ended:
+                        self._more.wait()
+                if not piece:
+                    return
+                yield piece
 
 
 @contextmanager

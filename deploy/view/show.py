@@ -11,14 +11,10 @@ from deploy.view.web_viewer import viewer_files
 
 
 @contextmanager
-def show(browser: bool) -> Iterator[Tape]:
-    """Serve what is added to the tape, from its begin to all who come. Raises LinkError where Rerun does not start."""
-    tape = Tape()
+def show(tape: Tape, browser: bool) -> Iterator[None]:
+    """Serve a tape, from its begin to all who come. Raises LinkError where Rerun does not start."""
     with served(tape, viewer_files()) as (address, once):
         print(f"{address}\nThe address is a key to the truth of this run. Ctrl-C ends the view.", flush=True)
         if browser and (sys.platform in ("darwin", "win32") or {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys()):
             webbrowser.open(once)  # without a display it would be a browser in this terminal
-        try:
-            yield tape
-        finally:
-            tape.end()
+        yield

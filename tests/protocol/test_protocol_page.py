@@ -24,7 +24,16 @@ def test_every_field_of_every_message_is_on_the_page(kind: type[Message]) -> Non
 def test_the_page_has_every_key_and_the_version() -> None:
     assert f"This is version {PROTOCOL_VERSION}." in TEXT
     services = (keys.service("ID", name) for name in (keys.JOIN, keys.LEAVE))
-    told = [keys.WORLD_ALIVE, keys.CLOCK, keys.LINKS, keys.PROGRESS, keys.alive("ID"), *services]
+    told = [
+        keys.WORLD_ALIVE,
+        keys.CLOCK,
+        keys.LINKS,
+        keys.PROGRESS,
+        keys.SITE,
+        keys.WHEREABOUTS,
+        keys.alive("ID"),
+        *services,
+    ]
     told += [keys.to_robot("ID", channel) for channel in keys.INPUTS]
     told += [keys.from_robot("ID", channel) for channel in (*keys.NEEDED, keys.SCAN)]
     assert [key for key in told if f"`{key}`" not in TEXT] == []

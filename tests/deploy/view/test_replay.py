@@ -37,7 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def found(run: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rows]:
     file = tmp_path_factory.mktemp("recording") / "run.rrd"
     with strict():
-        file.write_bytes(record(run))
+        record(run, file)
     return read_back(file)
 
 
@@ -90,7 +90,7 @@ def test_a_line_joins_robots_while_they_hear_each_other(found: dict[str, Rows]) 
 def test_beams_that_met_something_are_drawn_once_a_second(found: dict[str, Rows]) -> None:
     beams = found["world/r2/beams"]["LineStrips3D:strips"]
     assert list(beams) == [0, 5, 10]
-    assert len(beams[0][0]) == 119  # of each third of 360, all but the first
+    assert len(beams[0][0]) == 89  # of each fourth of 360, all but the first
     assert np.hypot(*np.array(beams[0][0])[:, 1, :2].T) == pytest.approx(1.0)
 
 
@@ -101,6 +101,6 @@ def test_coverage_of_robots_and_team_is_a_curve(found: dict[str, Rows]) -> None:
 
 def test_without_a_world_there_is_nothing_to_replay(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no world"):
-        record(tmp_path)
+        record(tmp_path, tmp_path / "run.rrd")
     with pytest.raises(InputError, match="no run directory"):
-        record(tmp_path / "absent")
+        record(tmp_path / "absent", tmp_path / "run.rrd")

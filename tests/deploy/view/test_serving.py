@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
@@ -31,9 +32,15 @@ class Place:
             connection.close()
 
 
+def add(tape: Tape, data: bytes) -> None:
+    with tape.file.open("ab") as stream:
+        stream.write(data)
+    tape.grown()
+
+
 @pytest.fixture
-def place() -> Iterator[Place]:
-    tape = Tape()
+def place(tmp_path: Path) -> Iterator[Place]:
+    tape = Tape(tmp_path / "run.rrd")
     with served(tape, VIEWER) as (address, once):
         yield Place(tape, address, once)
         tape.end()
@@ -68,13 +75,13 @@ def test_the_address_for_the_browser_leads_to_the_page_once(place: Place) -> Non
 
 
 def test_a_recording_is_read_from_its_begin_while_it_grows(place: Place) -> None:
-    place.tape.add(b"one ")
+    add(place.tape, b"one ")
     with ThreadPoolExecutor(2) as pool:
         readers = [pool.submit(place.get, place.path + "run.rrd") for _ in range(2)]
         time.sleep(0.1)
-        place.tape.add(b"two ")
+        add(place.tape, b"two ")
         assert not any(reader.done() for reader in readers)
-        place.tape.add(b"three")
+        add(place.tape, b"three")
         place.tape.end()
         assert [reader.result(10)[1] for reader in readers] == [b"one two three"] * 2
     assert place.get(place.path + "run.rrd")[1] == b"one two three"

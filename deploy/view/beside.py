@@ -1,0 +1,36 @@
+"""`wireswarm run --view`: a view in a process of its own, so that the run pays nothing for it."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from typer import Exit
+
+from deploy.interrupts import on_interrupt
+from protocol.command import say
+from protocol.status import Status
+
+READY = "ready"
+"""First word of that process on its stdout."""
+
+
+@contextmanager
+def beside(run: Path) -> Iterator[None]:
+    """A view of the run that is made inside, in a process of its own; after the run it stays until a signal."""
+    command = [sys.executable, "-m", "wireswarm", "view", str(run), "--beside"]
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()  # READY, so that it misses nothing; or its end
+        yield
+    except Exit as ended:
+        if ended.exit_code not in (Status.INTERRUPTED, Status.USAGE) and process.poll() is None:
+            say("the view stays until Ctrl-C")
+            with on_interrupt(process.terminate):
+                process.wait()
+        raise
+    finally:
+        process.terminate()
+        process.wait()

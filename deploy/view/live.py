@@ -1,0 +1,143 @@
+"""A run that is under way, as a recording that grows: the newest of each thing ten times a second, and every event."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from deploy.report.rundir import Map
+from deploy.view.recording import ViewRecording, followed
+from deploy.view.serving import Tape
+from protocol import keys
+from protocol.access import VIEWER, Credentials
+from protocol.codec import decode
+from protocol.errors import ProtocolError
+from protocol.inbox import Arrival, Inbox
+from protocol.messages import Action, LinkReport, LinkTable, MapReport, Progress, Site, Whereabouts, scan_of
+from protocol.session import at_once, open_client
+from protocol.text import all_printable
+from protocol.wireframe import decode_wireframe
+from world.recorder import TEAM
+
+SHOW_S = 0.1  # between two looks at what came: a screen needs no more
+REACH_S = 10.0  # to reach the world
+_SITE, _WHEREABOUTS, _LINKS, _PROGRESS = map(keys.channel_of, (keys.SITE, keys.WHEREABOUTS, keys.LINKS, keys.PROGRESS))
+
+
+def follow(endpoint: str, credentials: Credentials | None, tape: Tape, inbox: Inbox) -> None:
+    """Record what a world and its robots publish until the run ends or the inbox is stopped.
+
+    It reads and writes nothing; robots send it no more than they send the world. Raises LinkError where no world
+    answers.
+    """
+    with open_client(endpoint, REACH_S, VIEWER, credentials) as session:
+        for key in (keys.ALL_TRUTH, keys.LINKS, keys.from_robot("*", keys.ACT), keys.from_robot("*", keys.MAP)):
+            session.declare_subscriber(key, at_once(inbox.hear))
+        view, arrivals = None, list[Arrival]()
+        while not inbox.stopped and (view is None or not view.ended):
+            arrivals += _arrivals(inbox)
+            view = view or _begun(arrivals, tape.file)
+            if view is not None:
+                view.take(arrivals)
+                arrivals.clear()
+                tape.grown()
+    if view is not None:
+        view.recording.close()
+
+
+def _arrivals(inbox: Inbox) -> Iterator[Arrival]:
+    """What comes within SHOW_S."""
+    deadline = time.monotonic() + SHOW_S
+    while (arrival := inbox.take(deadline)) is not None:
+        yield arrival
+
+
+def _begun(arrivals: Iterable[Arrival], file: Path) -> _Live | None:
+    """The view of a run, once its site has come. Raises ProtocolError for one that cannot be read."""
+    for arrival in arrivals:
+        if arrival.what == _SITE:
+            return _Live(decode(Site, arrival.payload), file)
+    return None
+
+
+class _Live:
+    """What is known of a run from what came."""
+
+    def __init__(self, site: Site, file: Path) -> None:
+        self.ended = False
+        frames = {robot: np.array(pose) for robot, pose in site.frames.items()}
+        self.recording = ViewRecording(file, list(frames), frames, 1 / site.spec.lidar.rate_hz)
+        self._lidar = site.spec.lidar
+        self._maps: dict[str, Map] = {}
+        self._links: list[LinkReport] = []
+        self._dead: set[str] = set()
+        try:
+            self.recording.scene(shapely.from_wkb(site.solid), site.spec.radius_m, followed())
+        except shapely.errors.ShapelyError as error:
+            raise ProtocolError(f"the world's walls cannot be read: {error}") from None
+
+    def take(self, arrivals: Iterable[Arrival]) -> None:
+        """Draw what came: of robots' answers all events, of the rest the newest."""
+        newest: dict[tuple[str, str], bytes] = {}
+        for arrival in arrivals:
+            if arrival.what == keys.ACT:
+                with suppress(ProtocolError):  # the world gives such a robot up
+                    self._act(arrival.robot, decode(Action, arrival.payload))
+            else:
+                newest[arrival.what, arrival.robot] = arrival.payload
+        for (what, robot), payload in newest.items():
+            with suppress(ProtocolError):
+                self._draw(what, robot, payload)
+        self.recording.flush()
+
+    def _act(self, robot: str, action: Action) -> None:
+        for event in action.events:
+            self._happened(action.tick, robot, event.event, event.data)
+
+    def _draw(self, what: str, robot: str, payload: bytes) -> None:
+        if what == _WHEREABOUTS:
+            self._see(decode(Whereabouts, payload))
+        elif what == _LINKS:
+            self._links = decode(LinkTable, payload).links
+        elif what == _PROGRESS:
+            self._progress(decode(Progress, payload))
+        elif what == keys.MAP:
+            self._map(robot, decode(MapReport, payload))
+
+    def _see(self, seen: Whereabouts) -> None:
+        for robot, pose in seen.poses.items():
+            self.recording.drive(robot, [seen.tick], np.array([pose]))
+        for robot, ranges in seen.ranges.items():
+            self.recording.beams(robot, [seen.tick], [scan_of(ranges)], self._lidar)
+        places = {robot: pose[:2] for robot, pose in seen.poses.items()}
+        ends = [(places[link.sender], places[link.receiver]) for link in self._links]
+        self.recording.radio([seen.tick], [np.array(ends).reshape(-1, 2, 2)])
+
+    def _progress(self, progress: Progress) -> None:
+        clock = progress.clock
+        for name, share in (*progress.coverage.items(), (TEAM, progress.team)):
+            self.recording.coverage(name, [clock.tick], np.array([share]))
+        for robot, status in clock.status.items():
+            if status == "dead" and robot not in self._dead:
+                self._dead.add(robot)
+                self._happened(clock.tick, robot, status, {})
+        self.ended = clock.ended is not None
+
+    def _map(self, robot: str, report: MapReport) -> None:
+        wireframe = decode_wireframe(report.wireframe)
+        heard = frozenset(np.flatnonzero(~wireframe.own).tolist())
+        drawn = Map(wireframe.points, wireframe.labels, wireframe.edges.astype(np.int64), heard)
+        self._maps[robot] = drawn
+        self.recording.maps(robot, [report.tick], [drawn])
+
+    def _happened(self, tick: int, robot: str, name: str, data: dict[str, Any]) -> None:
+        event = all_printable(data) | {"tick": tick, "robot": robot, "event": name}
+        self.recording.events([tick], [event])
+        peer = event.get("peer")
+        self.recording.trust(tick, event, self._maps.get(peer) if isinstance(peer, str) else None)

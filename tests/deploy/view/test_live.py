@@ -1,0 +1,141 @@
+"""A view beside a run that is under way."""
+
+import json
+import os
+import re
+import signal
+import stat
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rerun", reason="the extra view is not installed")
+
+from deploy.launcher import launch
+from deploy.view import invitation, live
+from deploy.view.command import newest
+from deploy.view.serving import Tape
+from protocol.errors import InputError, LinkError
+from protocol.inbox import Inbox
+from protocol.secrets import Secrets
+from protocol.status import Status
+from tests.deploy.view.read_back import Rows, read_back
+from tests.tiny import digests, tiny_config
+
+LIMIT_S = 60
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of 8 s that nobody views."""
+    folder = tmp_path_factory.mktemp("unseen")
+    assert launch(tiny_config(folder, until=8.0), folder / "out").status == Status.OK
+    return folder / "out"
+
+
+@pytest.fixture(scope="module")
+def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Path]]:
+    """The same run with a viewer, and what that recorded."""
+    folder = tmp_path_factory.mktemp("viewed")
+    out, tape = folder / "out", Tape(folder / "live.rrd")
+
+    def view() -> None:
+        deadline = time.monotonic() + LIMIT_S
+        while not (out / invitation.FILE).exists() and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert stat.S_IMODE((out / invitation.FILE).stat().st_mode) == 0o600
+        live.follow(*invitation.invited(out), tape, Inbox())
+
+    with ThreadPoolExecutor(1) as pool:
+        viewing = pool.submit(view)
+        assert launch(tiny_config(folder, until=8.0), out).status == Status.OK
+        viewing.result(LIMIT_S)
+    yield out, tape.file
+
+
+@pytest.fixture(scope="module")
+def found(viewed: tuple[Path, Path]) -> dict[str, Rows]:
+    return read_back(viewed[1])
+
+
+def test_a_run_writes_the_same_bytes_with_a_viewer(run: Path, viewed: tuple[Path, Path]) -> None:
+    assert digests(viewed[0]) == digests(run)  # and no invitation is left
+
+
+def test_a_viewer_sees_robots_where_they_truly_are(viewed: tuple[Path, Path], found: dict[str, Rows]) -> None:
+    for robot in ("r1", "r2", "r3"):
+        true = np.loadtxt(viewed[0] / "trajectories" / f"{robot}.tum")
+        places = found[f"world/{robot}"]["Transform3D:translation"]
+        assert len(places) > 3
+        for tick, value in places.items():
+            assert tick is not None and value[0][0][:2] == pytest.approx(true[tick, 1:3], abs=1e-6)
+        assert len(found[f"world/{robot}/beams"]["LineStrips3D:strips"]) == len(places)
+
+
+def test_a_viewer_sees_maps_coverage_and_all_events(viewed: tuple[Path, Path], found: dict[str, Rows]) -> None:
+    events = [json.loads(line) for line in (viewed[0] / "events.jsonl").read_text().splitlines()]
+    shown = [tick for tick, values in found["events"]["TextLog:text"].items() for _ in values]
+    assert sorted(shown) == sorted(event["tick"] for event in events)
+    last = max(tick for tick in found["world/maps/r1/own"]["LineStrips3D:strips"] if tick is not None)
+    assert len(found["world/maps/r1/own"]["LineStrips3D:strips"][last][0]) >= 4
+    assert len(found["coverage/team"]["Scalars:scalars"]) > 3
+
+
+def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "REACH_S", 0.1)
+    invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
+    with pytest.raises(LinkError, match=r"no world answers at tcp/127\.0\.0\.1:9"):
+        live.follow(*invitation.invited(tmp_path), Tape(tmp_path / "run.rrd"), Inbox())
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"endpoint": 1, "secret": null}', '{"endpoint": "a", "secret": []}'])
+def test_a_broken_invitation_is_a_sentence(tmp_path: Path, text: str) -> None:
+    (tmp_path / invitation.FILE).write_text(text)
+    with pytest.raises(InputError, match="no invitation of a run"):
+        invitation.invited(tmp_path)
+
+
+def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match="has no run"):
+        newest()
+    for age, name in enumerate(("new", "old")):
+        (folder := tmp_path / "runs" / name).mkdir(parents=True)
+        for file in ("manifest.json", "world.yaml"):
+            (folder / file).touch()
+            os.utime(folder / file, (1e9 - age, 1e9 - age))
+    assert newest() == Path("runs/new")
+
+
+def test_run_with_a_view_stays_until_it_is_interrupted(tmp_path: Path) -> None:
+    tiny_config(tmp_path)
+    command = [sys.executable, "-m", "wireswarm", "run", "--world", str(tmp_path / "tiny.yaml"), "--robots", "2"]
+    command += ["--until", "3", "--out", str(tmp_path / "out"), "--quiet", "--view"]
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=bare)
+    try:
+        assert process.stderr is not None
+        said = ""
+        while "stays until Ctrl-C" not in said or "http://" not in said:
+            line = process.stderr.readline()
+            assert line, said
+            said += line
+        address = re.search(r"http://\S+/", said)
+        assert address is not None
+        with urllib.request.urlopen(f"{address[0]}run.rrd", timeout=LIMIT_S) as reply:
+            (tmp_path / "seen.rrd").write_bytes(reply.read())
+        assert len(read_back(tmp_path / "seen.rrd")["world/r2"]["Transform3D:translation"]) > 0
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(LIMIT_S) == Status.OK
+        assert (
+            process.stdout is not None and process.stdout.read().splitlines()[-1] == f"{tmp_path / 'out'}/report.html"
+        )
+    finally:
+        process.kill()
