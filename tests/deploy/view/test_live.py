@@ -73,7 +73,7 @@ def test_a_viewer_sees_robots_where_they_truly_are(viewed: tuple[Path, Path], fo
     for robot in ("r1", "r2", "r3"):
         true = np.loadtxt(viewed[0] / "trajectories" / f"{robot}.tum")
         places = found[f"world/{robot}"]["Transform3D:translation"]
-        assert len(places) > 3
+        assert len(places) > 1
         for tick, value in places.items():
             assert tick is not None and value[0][0][:2] == pytest.approx(true[tick, 1:3], abs=1e-6)
         assert len(found[f"world/{robot}/beams"]["LineStrips3D:strips"]) == len(places)
@@ -85,7 +85,7 @@ def test_a_viewer_sees_maps_coverage_and_all_events(viewed: tuple[Path, Path], f
     assert sorted(shown) == sorted(event["tick"] for event in events)
     last = max(tick for tick in found["world/maps/r1/own"]["LineStrips3D:strips"] if tick is not None)
     assert len(found["world/maps/r1/own"]["LineStrips3D:strips"][last][0]) >= 4
-    assert len(found["coverage/team"]["Scalars:scalars"]) > 3
+    assert len(found["coverage/team"]["Scalars:scalars"]) > 1
 
 
 def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
