@@ -29,9 +29,13 @@ if TYPE_CHECKING:
     from protocol.messages import Progress
     from world.config import WorldConfig
 
-EXTRAS = {"pymunk": "world", "ezdxf": "export", "defusedxml": "export", "rosbags": "bags"} | dict.fromkeys(
-    ("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy"
-)
+EXTRAS = {
+    "pymunk": "world",
+    "ezdxf": "export",
+    "defusedxml": "export",
+    "foxglove": "export",
+    "rosbags": "bags",
+} | dict.fromkeys(("cryptography", "matplotlib", "PIL", "psutil", "rich"), "deploy")
 EXTRAS |= dict.fromkeys(("dask", "distributed", "pyarrow"), "sweep")  # what brings a package
 EXTRAS |= dict.fromkeys(("rerun", "rerun_cli"), "view")
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
@@ -480,7 +484,7 @@ def map_(
 def export(
     path: Annotated[Path, Argument(help="A run directory, or a map file of it.", metavar="DIR|MAP")],
     to: Annotated[
-        Literal["map_server", "geojson", "dxf", "svg", "carmen", "video"],
+        Literal["map_server", "geojson", "dxf", "svg", "carmen", "video", "mcap"],
         Option(help="The form; carmen needs a run with --set scans=true."),
     ],
     frame: Annotated[
@@ -488,22 +492,34 @@ def export(
     ] = None,
     out: Annotated[Path | None, Option(help="Folder for the files.", show_default="PATH/FORM")] = None,
 ) -> None:
-    """Write maps for other programs, a run's scans as CARMEN logs with the true paths, or a run as a moving picture."""
+    """Write maps for other programs, a run's scans as CARMEN logs, or a run as a moving picture or for Foxglove."""
     from deploy.exchange import FORMS
     from deploy.exchange.maps import export_maps
-    from deploy.exchange.video import write_video
-    from deploy.recorded.written import write_carmen
     from protocol.errors import InputError
 
     folder = out or (path if path.is_dir() else path.parent) / to
-    if to in ("carmen", "video"):
+    if to in ("carmen", "video", "mcap"):
         if frame is not None:
             raise InputError("--frame: it is for maps, leave it out")
-        made = write_carmen(path, folder) if to == "carmen" else write_video(path, folder)
+        made = _exported_run(path, to, folder)
     else:
         made = export_maps(path, folder, frame or "own", FORMS[to])
     for file in made:
         print(printable(str(file)))
+
+
+def _exported_run(run: Path, to: str, folder: Path) -> list[Path]:
+    if to == "carmen":
+        from deploy.recorded.written import write_carmen
+
+        return write_carmen(run, folder)
+    if to == "video":
+        from deploy.exchange.video import write_video
+
+        return write_video(run, folder)
+    from deploy.exchange.mcap import write_mcap
+
+    return write_mcap(run, folder)
 
 
 @app.command(epilog="Example: wireswarm view runs/maze-15-0")
