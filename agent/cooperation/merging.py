@@ -16,9 +16,11 @@ from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Merged, Proposed
+from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.transform import apart
 from agent.mapping.layers import Layer, layer_of
 from protocol.arrays import Bools, Floats
+from protocol.wireframe import Wireframe
 
 SAME_WALL_M = 0.06
 """A received wall this near to an own one is the same: the error of the transform and of both walls."""
@@ -40,12 +42,12 @@ AGREED_SHARE = 0.6
 """A newer map must agree with the own one along this share of what the merged map agrees along."""
 
 
-def merge(peer: Proposed, tick: int) -> Merged:
+def merge(peer: Proposed, tick: int, own: Wireframe) -> Merged:
     """Accept a proposal: the map on trial becomes part of the robot's."""
     peer.log.map_is_news = True
-    walls, transform = peer.trial.walls, peer.trial.transform
-    hidden, layer = _laid(peer.map, transform, walls)
-    return Merged(peer.log, peer.map, transform, peer.fit_m, walls, hidden, layer, tick, tick)
+    walls, fit = peer.trial.walls, fit_on_walls(own, peer.map.wireframe, peer.trial.transform)
+    hidden, layer = _laid(peer.map, fit.transform, walls)
+    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, hidden, layer, tick, tick)
 
 
 def hide_seen_through(peer: Merged) -> Merged:
@@ -68,9 +70,9 @@ def contradiction(peer: Merged) -> Figures | None:
 
 
 def update(
-    peer: Merged, tick: int, maps: tuple[PreparedMap, PreparedMap] | None, config: AlignmentConfig
+    peer: Merged, tick: int, own: Wireframe, maps: tuple[PreparedMap, PreparedMap] | None, config: AlignmentConfig
 ) -> tuple[Merged, Figures]:
-    """Take the newest map of a merged peer and refine the transform; refuse a map that contradicts the own one.
+    """Take the newest map of a merged peer and fit the transform anew; refuse a map that contradicts the own one.
 
     maps: the own one and the peer's, made ready. Returns how well the two agree, too, in metres of wall.
     """
@@ -81,14 +83,14 @@ def update(
     if maps is None or not all(len(prepared.corners.walls) for prepared in maps):
         return peer, {}
     mine, theirs = maps
-    transform = _refined(peer.transform, mine, theirs, config.min_inliers)
-    agreed, conflict = agreement(mine.walls, theirs.walls, transform)
+    fit = fit_on_walls(own, newest.wireframe, _refined(peer.transform, mine, theirs, config.min_inliers))
+    agreed, conflict = agreement(mine.walls, theirs.walls, fit.transform)
     figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
     if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
-    hidden, layer = _laid(newest, transform, peer.walls)
-    peer = replace(peer, map=newest, transform=transform, hidden=hidden, layer=layer)
+    hidden, layer = _laid(newest, fit.transform, peer.walls)
+    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre), hidden=hidden, layer=layer)
     return replace(peer, agreed_m=agreed, refused=0), figures
 
 

@@ -211,7 +211,7 @@ class Team:
         if isinstance(peer, Merged):
             if not log.map_is_news or tick - peer.updated < self._ticks(REFINE_S):
                 return False
-            new, figures = update(peer, tick, self.aligner.both(log, own), self.aligner.config)
+            new, figures = update(peer, tick, own, self.aligner.both(log, own), self.aligner.config)
             self._replace(peer, new)
             if new.refused >= REFUSED_MAPS:
                 self.undo(new, "its later maps contradict it", figures)
@@ -294,7 +294,7 @@ class Team:
                 self._reject(peer, "its walls do not fit")
             elif verdict:
                 self._say("accepted", peer.log, "the evidence decides", peer.transform, peer.trial.figures())
-                self.merge(peer, tick)
+                self.merge(peer, tick, own)
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
 
@@ -342,10 +342,10 @@ class Team:
         peer.log.growth = REJECTED_GROWTH
         self.peers[peer.log.name] = Met(peer.log)
 
-    def merge(self, peer: Proposed, tick: int) -> None:
+    def merge(self, peer: Proposed, tick: int, own: Wireframe) -> None:
         """Make the map of a peer of the queue part of the robot's: T = T + transform."""
         self._leave_queue(peer)
-        self.peers[peer.log.name] = merge(peer, tick)
+        self.peers[peer.log.name] = merge(peer, tick, own)
         self.changed = True
 
     def undo(self, peer: Merged, reason: str, figures: Figures) -> None:

@@ -25,7 +25,8 @@ PARTS = {
     "lockstep": "lockstep",
     "filter": "filter.runs filter.trials filter.ambiguous filter.storage speed filter.cost filter.sweep",
     "exploration": "exploration.runs exploration.teams exploration.mazes exploration.tours exploration.dense speed",
-    "alignment": "alignment.trials alignment.cost alignment.live alignment.forced alignment.hostile",
+    "alignment": "alignment.trials alignment.cost alignment.live alignment.exact alignment.thin alignment.forced "
+    "alignment.hostile",
     "sensing": "sensing",
     "radio": "radio.codec radio.traffic radio.cost",
 }

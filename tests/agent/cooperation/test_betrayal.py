@@ -60,7 +60,7 @@ class Betrayed(Robot):
         peer = self.team.peers.get("x")
         if isinstance(peer, Met) and peer.log.map is not None and len(self.own.edges) > 8:
             there = relative(self.frame, (0.0, 0.0, 0.0))
-            self.team.merge(self.team.propose(peer, there, self.own, {}), tick)
+            self.team.merge(self.team.propose(peer, there, self.own, {}), tick, self.own)
         assert len(step.sends) <= 256 and len(self.wireframe.points) < MAX_VERTICES
         sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of this peer
         return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))

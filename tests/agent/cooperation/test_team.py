@@ -96,7 +96,7 @@ def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> No
         if isinstance(peer, Met) and not events and peer.log.map is not None:
             x, y, _ = peer.log.pose
             there = (-x + 1.0, -y + 0.5, 0.4)  # anywhere but where it is
-            team.merge(team.propose(peer, there, robot.own, {}), observation.tick)
+            team.merge(team.propose(peer, there, robot.own, {}), observation.tick, robot.own)
 
     explore({**MEET, "seed": seed}, {}, watch)
     assert undone == [True]
