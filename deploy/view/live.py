@@ -26,6 +26,7 @@ from protocol.wireframe import decode_wireframe
 from world.recorder import TEAM
 
 SHOW_S = 0.1  # between two looks at what came: a screen needs no more
+STILL = 5  # looks from one drawing of maps and coverage to the next: browsers without a GPU take few things a second
 REACH_S = 10.0  # to reach the world
 _SITE, _WHEREABOUTS, _LINKS, _PROGRESS = map(keys.channel_of, (keys.SITE, keys.WHEREABOUTS, keys.LINKS, keys.PROGRESS))
 
@@ -71,12 +72,15 @@ class _Live:
 
     def __init__(self, site: Site, file: Path) -> None:
         self.ended = False
-        frames = {robot: np.array(pose) for robot, pose in site.frames.items()}
+        self._robots, frames = set(site.frames), {robot: np.array(pose) for robot, pose in site.frames.items()}
         self.recording = ViewRecording(file, list(frames), frames, 1 / site.spec.lidar.rate_hz)
         self._lidar = site.spec.lidar
         self._maps: dict[str, Map] = {}
         self._links: list[LinkReport] = []
         self._dead: set[str] = set()
+        self._newest: dict[tuple[str, str], bytes] = {}
+        """By what it is and whose, what came and is not drawn yet."""
+        self._looks = 0
         try:
             self.recording.scene(shapely.from_wkb(site.solid), site.spec.radius_m, followed())
         except shapely.errors.ShapelyError as error:
@@ -84,16 +88,17 @@ class _Live:
 
     def take(self, arrivals: Iterable[Arrival]) -> None:
         """Draw what came: of robots' answers all events, of the rest the newest."""
-        newest: dict[tuple[str, str], bytes] = {}
         for arrival in arrivals:
             if arrival.what == keys.ACT:
                 with suppress(ProtocolError):  # the world gives such a robot up
                     self._act(arrival.robot, decode(Action, arrival.payload))
             else:
-                newest[arrival.what, arrival.robot] = arrival.payload
-        for (what, robot), payload in newest.items():
-            with suppress(ProtocolError):
-                self._draw(what, robot, payload)
+                self._newest[arrival.what, arrival.robot] = arrival.payload
+        self._looks += 1
+        for what, robot in list(self._newest):
+            if what == _WHEREABOUTS or self._looks % STILL == 0:
+                with suppress(ProtocolError):
+                    self._draw(what, robot, self._newest.pop((what, robot)))
         self.recording.flush()
 
     def _act(self, robot: str, action: Action) -> None:
@@ -104,10 +109,11 @@ class _Live:
         if what == _WHEREABOUTS:
             self._see(decode(Whereabouts, payload))
         elif what == _LINKS:
-            self._links = decode(LinkTable, payload).links
+            links = decode(LinkTable, payload).links
+            self._links = [link for link in links if {link.sender, link.receiver} <= self._robots]
         elif what == _PROGRESS:
             self._progress(decode(Progress, payload))
-        elif what == keys.MAP:
+        elif what == keys.MAP and robot in self._robots:
             self._map(robot, decode(MapReport, payload))
 
     def _see(self, seen: Whereabouts) -> None:
