@@ -158,8 +158,11 @@ def run(
 
 def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:
     """The settings of a run by the clock, and what takes the place of minds."""
-    from deploy.ros2 import Ros2Robots
+    from deploy.ros2 import JOIN_S, Ros2Robots
+    from protocol.session import open_ros2_client
 
+    with open_ros2_client(settings.ros2.router, JOIN_S):
+        pass  # each robot opens its own; without a router nothing is begun
     real_time = settings.server.real_time or 1.0
     server = settings.server.model_copy(update={"real_time": real_time})
     return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, real_time)

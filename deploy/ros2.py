@@ -44,7 +44,7 @@ from protocol.wireframe import Wireframe, encode_wireframe
 
 ANSWER_SHARE = 0.7  # of a tick, after which the command that came last holds: a mind takes some ms
 COMMAND_S = 0.5  # a command that is older holds no longer, as on a TurtleBot3
-JOIN_S = 10.0  # within which the router must answer
+JOIN_S = 5.0  # within which the router must answer
 MAX_EVENTS = 500  # of a tick
 ODOM, BASE, LIDAR = "odom", "base_footprint", "base_scan"  # frames, as on a TurtleBot3
 KINDS: dict[str, type[Message]] = {

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from agent.config import AgentConfig
 from agent.robot import Step
 from agent.shell.ros2 import showing, wire
 from agent.shell.ros2.config import Ros2Config
+from deploy import cli
 from deploy.ros2 import Ros2Robots, SimulatedRobot
+from protocol.errors import LinkError
 from protocol.messages import Heard, LidarSpec, Observation, RobotSpec
 from protocol.session import open_ros2_client, open_router
 from protocol.wireframe import decode_wireframe
@@ -89,6 +92,15 @@ def test_a_twist_drives_it_for_half_a_second(endpoint: str, stamped: bool) -> No
         session.put(key, wire.to_bytes(kind, twist))
         run.until(lambda step: (step.action.speed_mps, step.action.turn_rps) == (0.1, -0.5))
         run.until(lambda step: (step.action.speed_mps, step.action.turn_rps) == (0.0, 0.0))
+
+
+def test_without_a_router_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.ros2.JOIN_S", 0.1)
+    monkeypatch.setattr("sys.argv", ["wireswarm", "run", "--ros2", "--set", "ros2.router=tcp/127.0.0.1:9"])
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(LinkError, match="no router of ROS 2 answers at tcp/127.0.0.1:9 within 0.1 s: start `ros2 run"):
+        cli.app(standalone_mode=False)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_our_mind_drives_it_and_its_radio_and_map_pass_the_world(endpoint: str) -> None:

@@ -38,7 +38,7 @@ from protocol.secrets import read_secrets
 from protocol.talk import Ack, Beacon, Part, in_parts
 from protocol.viewpoints import AskViews, Views, decode_views
 from protocol.wireframe import decode_wireframe, encode_wireframe
-from tests.fuzz import maps
+from tests.fuzz import maps, ros2
 from tests.tiny import ROOM, tiny_config
 from world import checkpoint
 from world.config import WorldConfig
@@ -73,6 +73,7 @@ def a_message(data: bytes) -> None:
 def _messages() -> list[bytes]:
     event = messages.Event(event="accepted", data={"peer": "r2", "transform": [1.0, 2.0, 0.5], "list": [{"a": None}]})
     mate = messages.TeammatePose(robot="r2", tick=4, pose=(1.0, 2.0, 3.0), covariance=(0.1,) * 9, status="merged")
+    place = messages.SharedPlace(x_m=1.0, y_m=-2.0)
     clock = messages.Clock(tick=5, t=1.0, status={"r1": "exploring"})
     link = messages.LinkReport(sender="r1", receiver="r2", loss=0.5, bytes=7)
     made: list[Message] = [
@@ -83,6 +84,7 @@ def _messages() -> list[bytes]:
         messages.Send(tick=1, to="*", kind="map", payload=b"abc"),
         messages.Action(tick=1, speed_mps=0.1, turn_rps=0.2, sent=1, events=[event], merged={"r2": 3}),
         messages.PoseReport(tick=1, pose=(0.0, 1.0, 2.0), teammates=[mate]),
+        place,
         clock,
         messages.LinkTable(tick=1, links=[link]),
         messages.Progress(clock=clock, coverage={"r1": 0.5}, team=0.5),
@@ -461,6 +463,7 @@ TARGETS = {
     "reports": Target(a_report, _files),
     "checkpoints": Target(a_checkpoint, _checkpoints),
     "minds": Target(a_mind, _minds),
+    "ros2": Target(ros2.fuzz_one, ros2.seeds),
 }
 """By name."""
 

@@ -5,6 +5,7 @@ hears what that lets through instead.
 """
 
 import math
+import re
 from collections import Counter
 
 import zenoh
@@ -14,12 +15,13 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ProtocolError
 from protocol.inbox import Inbox
-from protocol.messages import EVERYONE, Heard, Send, SharedPlace
+from protocol.messages import EVERYONE, ID, Heard, Send, SharedPlace
 from protocol.session import at_once
 from protocol.talk import MAX_SENDS
 
 HEARD_FOR_S = 3.0  # a place that was told longer ago is none: at 0.2 m/s a robot is 0.6 m away by then
 MAX_ROBOTS = 500  # whose places are kept
+MOST_HEARD = 5000  # messages of all robots in a step: 6 MB
 
 
 class Air:
@@ -50,14 +52,19 @@ class Air:
 
     def hear(self, robot: str, channel: str, payload: bytes, now: float) -> None:
         """Take a message from another robot's key, or from the gate. Raises ProtocolError for bytes that are none."""
+        if not re.fullmatch(ID, robot):
+            raise ProtocolError("a message of no possible robot")
         if self._gated:
             heard = decode(Heard, payload)
             self._take(heard.sender, heard.kind, heard.payload)
         elif robot == self._robot:
             return
         elif channel == keys.PLACE:
+            place = decode(SharedPlace, payload)
+            if len(self._places) >= MAX_ROBOTS:
+                self._places = {one: told for one, told in self._places.items() if now - told[1] <= HEARD_FOR_S}
             if robot in self._places or len(self._places) < MAX_ROBOTS:
-                self._places[robot] = decode(SharedPlace, payload), now
+                self._places[robot] = place, now
         else:
             send = decode(Send, payload)
             if send.to in (EVERYONE, self._robot) and self._in_range(robot, now):
@@ -65,7 +72,7 @@ class Air:
 
     def _take(self, sender: str, kind: str, payload: bytes) -> None:
         self._said[sender] += 1
-        if self._said[sender] > MAX_SENDS or len(payload) > self._mtu_bytes:
+        if self._said[sender] > MAX_SENDS or len(self._heard) >= MOST_HEARD or len(payload) > self._mtu_bytes:
             raise ProtocolError("messages on the radio that are too many or too long")
         self._heard.append(Heard(tick=0, sender=sender, kind=kind, payload=payload))
 
@@ -82,6 +89,10 @@ class Air:
     def take(self, tick: int) -> list[Heard]:
         """What was heard since the last time, for the step of a tick."""
         heard = [one.model_copy(update={"tick": tick}) for one in self._heard]
+        self.forget()
+        return heard
+
+    def forget(self) -> None:
+        """Leave out what was heard since the last step."""
         self._heard = []
         self._said.clear()
-        return heard

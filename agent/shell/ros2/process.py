@@ -35,6 +35,8 @@ LOOK_S = 0.05
 """So often the shell looks whether scans cease."""
 TELL_S = 1.0
 """Between two diagnostics; a robot that stands is told to stop as often."""
+MOST_TAKERS = 1000
+"""Subscribers of commands that are counted."""
 PATIENCE = 5
 """Diagnostics after which a reason to stand is said on stderr, too: at the start, topics come one after the other."""
 MOST_WAITING = 4000
@@ -214,7 +216,7 @@ class Ros2Shell:
             if came:
                 self._sensing.skip("subscribers of commands of another type than Twist and TwistStamped")
             return
-        if came:
+        if came and len(self._takers[kind]) < MOST_TAKERS:
             self._takers[kind].add(told[1:].decode())
         else:
             self._takers[kind].discard(told[1:].decode())
@@ -235,13 +237,13 @@ class Ros2Shell:
 
     def _hindrance(self, now: float) -> str:
         """Why the robot must stand; empty where it may drive."""
-        dead_man_s, last = self._ros2.dead_man_s, self._sensing.last_scan
-        if last is None:
+        dead_man_s = self._ros2.dead_man_s
+        if not self._sensing.knows_lidar:
             return f"no scan has come on {self._ros2.scan_topic} yet"
-        if now - last > self._ros2.silence_s:
-            return f"no scan comes for {self._ros2.silence_s:g} s"
         if math.isinf(self._sensing.wheels.until_s):
             return f"no odometry has come on {self._ros2.odometry_topic} yet"
+        if now - self._sensing.last_seen > self._ros2.silence_s:
+            return f"no scan with its odometry comes for {self._ros2.silence_s:g} s"
         if dead_man_s is not None and now - self._held_at > dead_man_s:
             return f"nobody says true on {DEAD_MAN}"
         if not any(self._takers.values()):
@@ -254,6 +256,8 @@ class Ros2Shell:
         if hindrance and not self._stands:
             self._sensing.skip(f"times at which the robot was stopped: {hindrance}")
             self.stop()
+        if hindrance:
+            self._air.forget()
         for reason in self._sensing.news:
             say(f"{self._robot}: {reason}; such cases are counted from here on")
         self._sensing.news.clear()
@@ -276,9 +280,9 @@ class Ros2Shell:
 
     def _now_s(self) -> float:
         """Now by the clock of the robot's stamps."""
-        if self._last is None or self._sensing.last_scan is None:
+        if self._last is None:
             return time.time()
-        return self._last.stamp_s + max(0.0, time.monotonic() - self._sensing.last_scan)
+        return self._last.stamp_s + max(0.0, time.monotonic() - self._sensing.last_seen)
 
     def _drive(self, speed_mps: float, turn_rps: float) -> None:
         self._stands = speed_mps == turn_rps == 0.0

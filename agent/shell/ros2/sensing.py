@@ -123,8 +123,8 @@ class Sensing:
         """What could not be used, by reason."""
         self.news: list[str] = []
         """Reasons that occurred for the first time, for whoever tells them."""
-        self.last_scan: float | None = None
-        """When the last scan came that can be used, by the clock."""
+        self.last_seen = -math.inf
+        """When the last observation was made, by the clock."""
         self._upside_down, self._clock = upside_down, clock
         self.wheels = Wheelpath(spec, self.skip)
         self._rays: LidarRays | None = None
@@ -178,8 +178,7 @@ class Sensing:
         self._back = 0
         if self._pending is not None:
             self.skip("scans that came too fast to be used")
-        self.last_scan = self._clock()
-        self._pending = turn, self.last_scan
+        self._pending = turn, self._clock()
         return None
 
     def _meet_lidar(self, turn: LidarTurn, told: Any) -> bool:
@@ -225,6 +224,7 @@ class Sensing:
             odometry=(px, py, heading),
             way=poses.astype("<f8").tobytes(),
         )
+        self.last_seen = self._clock()
         return SensedScan(observation, end_s, self.wheels.told(last))
 
     def _next_tick(self, end_s: float) -> int | None:

@@ -4,16 +4,15 @@ The wireframe is the map. The grid is drawn of it: walls are occupied, and what 
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from agent.geometry.cells import wall_cells
 from agent.geometry.visibility import visible_ring
 from agent.shell.ros2.wire import DIAGNOSTICS, GRID, MARKERS, ODOMETRY, SCAN, TRANSFORMS, types
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
@@ -21,6 +20,7 @@ from protocol.wireframe import Label, Wireframe
 CELL_M = 0.05  # as most maps of Nav2
 STAND_M = 0.3  # distance between the places on the robot's path from which its view is drawn
 VIEW_RAYS = 90  # of a view, besides those past the ends of walls
+REACH_M = 8.0  # of a view, whatever the lidar's range: drawn in 8 ms among 300 walls
 MARGIN_CELLS = 4
 MAX_CELLS = 25_000_000  # of a grid: a square of 250 m
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100  # as in nav_msgs/msg/OccupancyGrid
@@ -29,22 +29,21 @@ OK, WARN = 0, 1  # levels of diagnostic_msgs/msg/DiagnosticStatus
 LINES, POINTS = 5, 8  # kinds of visualization_msgs/msg/Marker
 
 
-class CellView(NamedTuple):
-    """The cells that are in view from one place."""
-
-    low: tuple[int, int]  # column and row of the first, counted from the map's origin
-    cells: NDArray[np.bool_]  # (rows, columns)
-
-
 class SeenArea:
     """What was in view of the robot's path, as cells. A view is drawn once, of the walls that were known then."""
 
     def __init__(self, range_m: float) -> None:
-        self._range_m = range_m
-        self._views: list[CellView] = []
+        self._reach_m = min(range_m, REACH_M)
         self._last = np.full(2, np.inf)
-        self.low, self.high = np.zeros(2, np.int64), np.ones(2, np.int64)
-        """Column and row of the first cell, and of the one behind the last."""
+        self.low = np.zeros(2, np.int64)
+        """Column and row of the first cell, counted from the map's origin."""
+        self.seen = np.zeros((1, 1), np.bool_)
+        """(rows, columns)"""
+
+    @property
+    def high(self) -> Ints:
+        """Column and row behind the last cell."""
+        return self.low + self.seen.shape[::-1]
 
     def look(self, pose: Pose, wireframe: Wireframe) -> None:
         """Take what is in view from a pose, if it is apart from the last."""
@@ -52,19 +51,25 @@ class SeenArea:
         if np.hypot(*(here - self._last)) < STAND_M:
             return
         self._last = here
-        ring = visible_ring(here[0], here[1], wireframe.segments(), self._range_m, VIEW_RAYS)
-        area = shapely.Polygon(ring).buffer(0)
+        ring = visible_ring(here[0], here[1], wireframe.segments(), self._reach_m, VIEW_RAYS)
         low, high = (np.floor(edge / CELL_M).astype(np.int64) for edge in (ring.min(0), ring.max(0) + CELL_M))
-        x, y = np.meshgrid(*(CELL_M * (np.arange(a, b) + 0.5) for a, b in zip(low, high, strict=True)))
+        if not self._grow(np.minimum(self.low, low), np.maximum(self.high, high)):
+            return
+        area = shapely.Polygon(ring).buffer(0)
         shapely.prepare(area)
-        self._views.append(CellView((int(low[0]), int(low[1])), shapely.contains_xy(area, x, y)))
-        self.low, self.high = np.minimum(self.low, low), np.maximum(self.high, high)
+        x, y = np.meshgrid(*(CELL_M * (np.arange(a, b) + 0.5) for a, b in zip(low, high, strict=True)))
+        (left, bottom), (right, top) = (low - self.low).tolist(), (high - self.low).tolist()
+        self.seen[bottom:top, left:right] |= shapely.contains_xy(area, x, y)
 
-    def draw(self, cells: NDArray[np.int8], corner: NDArray[np.int64]) -> None:
-        """Make what was seen free in cells (rows, columns), of which the first is `corner`."""
-        for (column, row), seen in self._views:
-            left, low = column - int(corner[0]), row - int(corner[1])
-            cells[low : low + seen.shape[0], left : left + seen.shape[1]][seen] = FREE
+    def _grow(self, low: Ints, high: Ints) -> bool:
+        """Have cells from one to before another; false where they would be too many."""
+        if np.prod(high - low) > MAX_CELLS:
+            return False
+        (left, bottom), (right, top) = (self.low - low).tolist(), (high - self.high).tolist()
+        if left or bottom or right or top:
+            self.seen = np.pad(self.seen, ((bottom, top), (left, right)))
+            self.low = low
+        return True
 
 
 def _make(kind: str, **fields: Any) -> Any:
@@ -100,7 +105,8 @@ def grid_of(wireframe: Wireframe, seen: SeenArea, stamp_s: float, frame: str) ->
     if width * height > MAX_CELLS:
         return None
     cells = np.full((height, width), UNKNOWN, np.int8)
-    seen.draw(cells, low)
+    (left, bottom), (rows, columns) = (seen.low - low).tolist(), seen.seen.shape
+    cells[bottom : bottom + rows, left : left + columns][seen.seen] = FREE
     x, y = (float(CELL_M * edge) for edge in low)
     column, row = wall_cells(walls, (x, y), CELL_M).T
     cells[row, column] = OCCUPIED

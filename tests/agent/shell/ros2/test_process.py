@@ -1,6 +1,9 @@
 """The shell on a ROS 2 robot: commands by scans, stops, maps, radio, and bytes that make no sense."""
 
+import subprocess
+import sys
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,8 +16,9 @@ from agent.shell.mind import OwnMind
 from agent.shell.ros2 import wire
 from agent.shell.ros2.showing import FREE, OCCUPIED, UNKNOWN
 from protocol import keys
+from protocol.codec import encode
 from protocol.geometry import Pose
-from protocol.messages import Heard, Observation, PoseReport, RobotSpec
+from protocol.messages import Heard, Observation, PoseReport, RobotSpec, Send
 from protocol.session import open_client, open_ros2_client, open_router
 from protocol.wireframe import certain
 from tests.agent.shell.ros2.bodies import PATIENCE_S, Agent, Body, heard, until
@@ -63,12 +67,27 @@ def test_it_drives_by_the_type_that_the_robot_declares_and_stops_at_its_end(endp
         assert agent.error == ""
 
 
-def test_it_stops_where_scans_cease_and_goes_on_with_them(endpoint: str) -> None:
+def test_a_signal_leaves_the_robot_standing(endpoint: str) -> None:
+    mind = f"mind={{'*': '{Goer.__module__}:Goer'}}"
+    command = [sys.executable, "-m", "agent", "--ros2", "r1", "--connect", endpoint, "--set", mind]
+    with Body(endpoint, "/r1") as body:
+        process = subprocess.Popen(command, cwd=Path(__file__).parents[4], stdout=subprocess.PIPE, text=True)
+        until(body.drives)
+        process.terminate()
+        until(body.stands)
+        assert process.communicate(timeout=PATIENCE_S)[0] == "r1: interrupted\n" and process.returncode == 130
+
+
+def test_it_stops_where_scans_or_odometry_cease_and_goes_on_with_them(endpoint: str) -> None:
     with Body(endpoint, "/r1") as body, Agent(endpoint, "r1", Goer):
         until(body.drives)
         body.talks = False
         until(body.stands)
         body.talks = True
+        until(body.drives)
+        body.rolls = False  # scans alone are none
+        until(body.stands)
+        body.rolls = True
         until(body.drives)
 
 
@@ -206,6 +225,7 @@ def test_bytes_that_make_no_sense_are_counted_and_harm_nobody(endpoint: str, cap
             rogue.put(scan_key, payload, attachment=b"short")
             rogue.put(keys.from_robot("r7", keys.RADIO), payload)
             rogue.put(keys.from_robot("r7", keys.PLACE), payload)
+            rogue.put(keys.from_robot("R 7", keys.RADIO), encode(Send(tick=1, to="*", kind="name", payload=b"")))
         rogue.liveliness().declare_token(
             wire.token(0, "ab", 1, wire.SUBSCRIBER, "/r1", "x", "%r1%cmd_vel/a::msg::dds_::B_/h/q")
         )
@@ -216,7 +236,7 @@ def test_bytes_that_make_no_sense_are_counted_and_harm_nobody(endpoint: str, cap
         assert (status.name, status.message, status.level) == ("wireswarm: r1", "explores", 0)
         assert counts["messages that cannot be read on /r1/scan"] == "8"
         assert counts["messages of a second publisher of /r1/scan"] == "4"
-        assert counts["messages of other robots that cannot be read"] == "8"
+        assert counts["messages of other robots that cannot be read"] == "12"
         assert counts["subscribers of commands of another type than Twist and TwistStamped"] == "1"
     sentences = capfd.readouterr().err.splitlines()
     assert len([one for one in sentences if "cannot be read on /r1/scan; such cases are counted" in one]) == 1
