@@ -98,7 +98,7 @@ def test_without_a_router_nothing_is_begun(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("deploy.ros2.JOIN_S", 0.1)
     monkeypatch.setattr("sys.argv", ["wireswarm", "run", "--ros2", "--set", "ros2.router=tcp/127.0.0.1:9"])
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(LinkError, match="no router of ROS 2 answers at tcp/127.0.0.1:9 within 0.1 s: start `ros2 run"):
+    with pytest.raises(LinkError, match="no router of ROS 2 answers at tcp"):
         cli.app(standalone_mode=False)
     assert list(tmp_path.iterdir()) == []
 
