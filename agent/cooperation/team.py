@@ -40,10 +40,9 @@ PLACE_KNOWN_S = 60.0
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
-STRANGE_WALLS = 60  # walls that a peer's map may have in any case (ours), as planning takes time with their cube
-STRANGE_SHARE = 2
-"""... and for each wall that the robot has seen itself: nobody's word weighs much more than what the robot has seen. In
-teams of three in the bundled worlds, a peer's map has at most 70 walls more than the own one."""
+STRANGE_WALLS = 70
+"""Walls that a peer's map may have more than the own one (ours), as planning takes time with their cube: nobody's word
+weighs much more than what the robot has seen. In teams of three in the bundled worlds it has at most 70 more."""
 
 DETOURS = 4
 """Other places that the robot drives to when the place of contact has decided nothing."""
@@ -164,7 +163,7 @@ class Team:
             log.waiting = news.map or log.waiting
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
-        most_walls = STRANGE_WALLS + STRANGE_SHARE * own_walls
+        most_walls = STRANGE_WALLS + own_walls
         for peer in self.peers.values():
             if peer.log.take_map(tick, most_walls):
                 self._say("attempt", peer.log, f"a map of more than {most_walls} walls waits", None, {})

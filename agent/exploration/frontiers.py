@@ -8,9 +8,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Bools, Floats, Ints
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
@@ -42,7 +41,8 @@ class Ends(NamedTuple):
     points: Floats  # (g, 2) metres
     along: Floats  # (g, 2) unit: where the wall goes on
     free: Floats  # (g, 2) unit: off the wall, on its free side
-    frontier: NDArray[np.bool_]  # (g,): the wall goes on; else it turns away (occlusion)
+    frontier: Bools  # (g,): the wall goes on; else it turns away (occlusion)
+    heard: Bools  # (g,): only others saw the wall
 
 
 class Stands(NamedTuple):
@@ -65,7 +65,9 @@ def open_ends(wireframe: Wireframe) -> Ends:
     along = along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
     sign = np.where(np.arange(len(ends)) < len(head), 1.0, -1.0)[:, None]
     free = sign * np.stack((-along[:, 1], along[:, 0]), 1)
-    return Ends(points, along, free, wireframe.labels[ends] == Label.FRONTIER)
+    heard = np.zeros(len(wireframe.points), np.bool_)
+    heard[wireframe.edges[~wireframe.own]] = True
+    return Ends(points, along, free, wireframe.labels[ends] == Label.FRONTIER, heard[ends])
 
 
 def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:

@@ -27,6 +27,7 @@ SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall
 SAME_DIRECTION_RAD = 0.8
 """They also go on in directions that differ by less: 45 degrees, as opposite faces and corners differ by 90."""
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest that are left: a map of hostile peers has hundreds
+MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 
 
@@ -102,13 +103,18 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
-        if len(self._tried) > MOST_ENDS:
-            away = np.hypot(*(self.ends.points - scene.here).T)
-            nearest = np.sort(np.lexsort((away, self._tried >= 0))[:MOST_ENDS])
-            points, along, free, frontier = self.ends
-            self.ends = Ends(points[nearest], along[nearest], free[nearest], frontier[nearest])
-            self._recall()
+        if len(self._tried) > MOST_HEARD:
+            self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
+
+    def _keep_nearest(self, here: Floats) -> None:
+        """Forget open ends that are too many, those far from here (2,) and those that were given up first."""
+        order = np.lexsort((np.hypot(*(self.ends.points - here).T), self._tried >= 0))
+        heard = self.ends.heard[order]
+        kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD)][:MOST_ENDS])
+        points, along, free, frontier, heard = self.ends
+        self.ends = Ends(points[kept], along[kept], free[kept], frontier[kept], heard[kept])
+        self._recall()
 
     def _recall(self) -> None:
         self._tried = self.memory.find(self.ends.points, self.ends.along)
@@ -164,7 +170,7 @@ class Goals:
             route = roads.nearest(points[here], extra[here])
             if route is not None:
                 k = here[route.goal]
-                place, along, _, frontier = (of_ends[goal_of[k]] for of_ends in self.ends)
+                place, along, _, frontier, _ = (of_ends[goal_of[k]] for of_ends in self.ends)
                 kind: Kind = "frontier" if frontier else "occlusion"
                 begins = kept >= 0 and bool(once[kept] == wall)
                 tasks.append(Task(kind, place, points[k], along, extra_m=float(extra[k]), begun=begins))

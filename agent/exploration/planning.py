@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.exploration.frontiers import Ends, open_ends
-from agent.geometry.clearance import crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
+from agent.geometry.clearance import barred_by, crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
@@ -88,15 +88,24 @@ def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Fl
 
 
 @kernel
-def _motion(ax: float, ay: float, bx: float, by: float, clearance: float, terrain: Terrain) -> float:
-    """Metres of the straight motion a-b, tolls included; inf if it does not keep the clearance from walls."""
-    if not keeps_clear(ax, ay, bx, by, terrain.walls, clearance):
-        return math.inf
-    hurdles, cost = terrain.hurdles, math.hypot(bx - ax, by - ay)
+def _motion(
+    ax: float, ay: float, bx: float, by: float, clearance: float, walls: Floats, hurdles: Floats, likely: int
+) -> tuple[float, int]:
+    """Metres of the straight motion a-b, tolls included; inf, and by which row of walls, if one is too near.
+
+    likely: the row that is looked at first, or -1. What bars one motion often bars those to the next nodes.
+    """
+    bar = barred_by(ax, ay, bx, by, walls, clearance, likely)
+    if bar >= 0:
+        return math.inf, bar
+    along_x, along_y = bx - ax, by - ay
+    cost = math.hypot(along_x, along_y)
     for k in range(hurdles.shape[0]):
-        if crosses(ax, ay, bx, by, hurdles[k, 0], hurdles[k, 1], hurdles[k, 2], hurdles[k, 3]):
+        cx, cy, dx, dy = hurdles[k, 0], hurdles[k, 1], hurdles[k, 2], hurdles[k, 3]
+        beside = ((cx - ax) * along_y - (cy - ay) * along_x) * ((dx - ax) * along_y - (dy - ay) * along_x) > 0.0
+        if not beside and crosses(ax, ay, bx, by, cx, cy, dx, dy):
             cost += FRONTIER_TOLL_M
-    return cost
+    return cost, -1
 
 
 @kernel
@@ -112,23 +121,25 @@ def _unasked(points: Floats, nodes: Floats) -> Floats:
 @kernel
 def _shortest(start: Floats, start_clearance: float, terrain: Terrain) -> tuple[Floats, Ints]:
     """Dijkstra from start (2,): `cost` and `before` of an Origin."""
+    walls, hurdles, clearance = terrain.walls, terrain.hurdles, terrain.clearance
     nodes, motions, joined = terrain.nodes, terrain.motions, terrain.joined
-    n = nodes.shape[0]
+    n, (x, y), bar = nodes.shape[0], start, -1
     cost, before = np.empty(n), np.full(n, _FROM_START)
     for j in range(n):
-        cost[j] = _motion(start[0], start[1], nodes[j, 0], nodes[j, 1], start_clearance, terrain)
+        cost[j], bar = _motion(x, y, nodes[j, 0], nodes[j, 1], start_clearance, walls, hurdles, bar)
     ahead = cost.copy()  # inf where a node is settled
     for _ in range(n):
         at = int(np.argmin(ahead))
         if ahead[at] == math.inf:
             break
         ahead[at] = math.inf
-        kept = 0
+        x, y = nodes[at]
+        kept, bar = 0, -1
         for i in range(terrain.counts[at]):
             j = joined[at, i]
             if cost[at] + abs(motions[at, j]) < cost[j]:
                 if motions[at, j] < 0.0:
-                    motion = _motion(nodes[at, 0], nodes[at, 1], nodes[j, 0], nodes[j, 1], terrain.clearance, terrain)
+                    motion, bar = _motion(x, y, nodes[j, 0], nodes[j, 1], clearance, walls, hurdles, bar)
                     motions[at, j] = motions[j, at] = motion
                 if cost[at] + motions[at, j] < cost[j]:
                     cost[j] = ahead[j] = cost[at] + motions[at, j]
@@ -146,17 +157,18 @@ def _reach(origin: Origin, terrain: Terrain, goal: Floats, motions: Floats, wors
 
     motions: (k,) from each node to the goal, as those of a terrain, filled in as they are asked.
     """
-    start, nodes = origin.point, terrain.nodes
-    best, last = worst, _NO_WAY
-    if math.hypot(goal[0] - start[0], goal[1] - start[1]) < best:
-        direct = _motion(start[0], start[1], goal[0], goal[1], origin.clearance, terrain)
+    walls, hurdles, clearance = terrain.walls, terrain.hurdles, terrain.clearance
+    start, nodes, (x, y) = origin.point, terrain.nodes, goal
+    best, last, bar = worst, _NO_WAY, -1
+    if math.hypot(x - start[0], y - start[1]) < best:
+        direct, bar = _motion(start[0], start[1], x, y, origin.clearance, walls, hurdles, bar)
         if direct < best:
             best, last = direct, _FROM_START
     for j in range(nodes.shape[0]):
         if origin.cost[j] + abs(motions[j]) >= best:
             continue
         if motions[j] < 0.0:
-            motions[j] = _motion(nodes[j, 0], nodes[j, 1], goal[0], goal[1], terrain.clearance, terrain)
+            motions[j], bar = _motion(nodes[j, 0], nodes[j, 1], x, y, clearance, walls, hurdles, bar)
         if origin.cost[j] + motions[j] < best:
             best, last = origin.cost[j] + motions[j], j
     return best, last

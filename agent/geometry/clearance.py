@@ -55,12 +55,22 @@ def crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
 @kernel
 def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float) -> bool:
     """Whether the motion a-b stays at least the clearance (metres) away from every wall."""
+    return barred_by(ax, ay, bx, by, walls, clearance, -1) < 0
+
+
+@kernel
+def barred_by(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float, likely: int) -> int:
+    """Row of a wall nearer than the clearance (metres) to the motion a-b, -1 if none is.
+
+    likely: the row that is looked at first, or -1.
+    """
     limit2 = clearance * clearance
     left, right = min(ax, bx) - clearance, max(ax, bx) + clearance
     low, high = min(ay, by) - clearance, max(ay, by) + clearance
     along_x, along_y = bx - ax, by - ay
     beyond2 = 1.000001 * limit2 * (along_x * along_x + along_y * along_y)
-    for k in range(walls.shape[0]):
+    for i in range(0 if likely < 0 else -1, walls.shape[0]):
+        k = likely if i < 0 else i
         cx, cy, dx, dy = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
         if (cx < left and dx < left) or (cx > right and dx > right):
             continue
@@ -77,8 +87,8 @@ def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clear
             or _point_to_wall2(ax, ay, cx, cy, dx, dy) < limit2
             or _point_to_wall2(bx, by, cx, cy, dx, dy) < limit2
         ):
-            return False
-    return True
+            return k
+    return -1
 
 
 @kernel

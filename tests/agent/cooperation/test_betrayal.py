@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from agent.cooperation.peer import Met
-from agent.cooperation.team import STRANGE_SHARE, STRANGE_WALLS
+from agent.cooperation.team import STRANGE_WALLS
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.explored import explore
@@ -53,9 +53,9 @@ class Betrayed(Robot):
     def step(self, observation: Observation, heard: Any) -> Step:
         tick = observation.tick
         said = self._said(tick) if len(self.own.edges) else []
-        began = time.process_time()
+        began = time.thread_time()
         step = super().step(observation, [Heard(tick=tick, sender="x", kind=kind, payload=data) for kind, data in said])
-        self.seconds.append(time.process_time() - began)
+        self.seconds.append(time.thread_time() - began)
         self.most_walls = max(self.most_walls, len(self.wireframe.edges))
         peer = self.team.peers.get("x")
         if isinstance(peer, Met) and peer.log.map is not None and len(self.own.edges) > 8:
@@ -78,7 +78,7 @@ class Betrayed(Robot):
         if tick % PERIOD_TICKS:
             return said
         if merged and self.kind != "honest":
-            most = STRANGE_WALLS + STRANGE_SHARE * len(self.own.edges)
+            most = STRANGE_WALLS + len(self.own.edges)
             walls = {"poison": 950, "huge map": 950, "deltas": 5, "below": most - 5 - len(told.edges)}[self.kind]
             told = crowded(told, walls, self.kind == "huge map", self.rng)
         return said + [
@@ -87,7 +87,8 @@ class Betrayed(Robot):
 
 
 @cache
-def beside(kind: str, again: bool = False) -> Betrayed:
+def beside(kind: str, time: int = 0) -> Betrayed:
+    """The robot after LIMIT_S beside such a peer. It does the same each time."""
     run = explore(
         {"world": "apartment", "robots": 1, "seed": 0, "starts": "random", "until": LIMIT_S},
         {},
@@ -98,18 +99,22 @@ def beside(kind: str, again: bool = False) -> Betrayed:
     return robot
 
 
+def cpu_ms(kind: str) -> float:
+    """CPU time of a step: the mean over the ticks, of each the least of three times, as noise only adds to it."""
+    return 1e3 * float(np.mean(np.min([beside(kind, time).seconds for time in (1, 2, 3)], axis=0)))
+
+
 @pytest.mark.parametrize("kind", ["poison", "huge map", "deltas", "below"])
 def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) -> None:
-    beside("honest")  # also loads the kernels
-    honest, before = beside("honest", again=True), psutil.Process().memory_info().rss
+    honest, before = beside("honest"), psutil.Process().memory_info().rss  # it also loads the kernels
     hostile = beside(kind)
     assert psutil.Process().memory_info().rss - before < 64e6
-    bound = STRANGE_WALLS + STRANGE_SHARE * len(honest.own.edges) if kind == "below" else 20
+    bound = STRANGE_WALLS + len(honest.own.edges) if kind == "below" else 20
     assert hostile.most_walls <= honest.most_walls + bound
     assert kind != "below" or hostile.most_walls > 3 * len(hostile.own.edges)
-    print(kind, hostile.most_walls, *(f"{1e3 * np.mean(robot.seconds):.2f} ms a step" for robot in (honest, hostile)))
-    # twice is the bar; without bounds it is hundreds of times, and a busy machine must not fail this
-    assert np.mean(hostile.seconds) < 4.0 * np.mean(honest.seconds)
+    usual_ms, hostile_ms = cpu_ms("honest"), cpu_ms(kind)
+    print(f"{kind}: {hostile.most_walls} walls, {hostile_ms:.2f} ms a step, else {usual_ms:.2f}")
+    assert hostile_ms < 2.0 * usual_ms
 
 
 def test_more_than_a_map_may_have_cannot_even_be_said() -> None:
