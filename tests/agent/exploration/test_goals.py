@@ -1,0 +1,43 @@
+"""Open ends as goals: what a robot found itself is not crowded out by what others tell."""
+
+import numpy as np
+
+from agent.exploration.config import DrivingConfig
+from agent.exploration.goals import MOST_ENDS, MOST_HEARD, Goals
+from agent.exploration.surroundings import Situation, Surroundings
+from protocol.messages import RobotSpec
+from protocol.wireframe import Label, Wireframe
+
+SPEC = RobotSpec()
+
+
+def strewn(own: int, heard: int) -> Wireframe:
+    """Walls of 0.3 m with two open ends each, beside each other along y; the heard ones are nearer to the origin."""
+    count = own + heard
+    y = 0.5 * np.arange(count, 0, -1)
+    start, end = np.column_stack([np.ones(count), y]), np.column_stack([np.full(count, 1.3), y])
+    return Wireframe(
+        np.stack((start, end), 1).reshape(-1, 2),
+        np.full(2 * count, Label.FRONTIER, np.uint8),
+        np.arange(2 * count, dtype=np.int32).reshape(-1, 2),
+        np.ones(count, np.float32),
+        np.arange(count) < own,
+    )
+
+
+def goals_of(wireframe: Wireframe) -> Goals:
+    goals = Goals(2, SPEC)
+    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)))
+    goals.read(Surroundings(DrivingConfig(), SPEC).look(situation))
+    return goals
+
+
+def test_many_near_ends_that_others_tell_of_do_not_crowd_out_far_own_ones() -> None:
+    ends = goals_of(strewn(own=4, heard=100)).ends
+    assert (~ends.heard).sum() == 8 and ends.heard.sum() == MOST_HEARD
+    assert ends.points[ends.heard, 1].max() <= 0.5 * MOST_HEARD / 2  # the nearest
+
+
+def test_few_ends_are_all_goals_whoever_saw_the_walls() -> None:
+    assert len(goals_of(strewn(own=5, heard=MOST_HEARD // 2)).ends.points) == 10 + MOST_HEARD
+    assert len(goals_of(strewn(own=MOST_ENDS, heard=0)).ends.points) == MOST_ENDS
