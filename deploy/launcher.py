@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import signal
 import time
@@ -34,6 +35,7 @@ from world.worldfile import load
 RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
 LEAVE_S = 5.0  # children that have not ended this long after the run are killed
 FAREWELL_S = 1.0  # likewise after an interrupted one, which is to be gone within 5 s
+LAST_S = 10.0  # a world that has not ended so long after it was interrupted hangs, and is killed
 
 MAX_RUNS = 100_000  # directories runs/WORLD-SEED, -2, -3, ... of one world and seed
 
@@ -90,9 +92,10 @@ def launch(
 ) -> Result:
     """Run to the end and write the run directory `out` with its manifest; leaves no process behind.
 
-    Ctrl-C or SIGTERM ends the run; a second one kills it; when it has ended, both are the caller's again. A run that
-    cannot begin, because an option or a file is wrong, leaves nothing in it. Raises WorldFileError for a world that
-    cannot be loaded, and ConfigError for more robots than this machine has room for, before anything is started;
+    Ctrl-C or SIGTERM ends the run; a second one kills it, as does LAST_S after the first; when it has ended, both are
+    the caller's again. A run that cannot begin, because an option or a file is wrong, leaves nothing in it. Raises
+    WorldFileError for a world that cannot be loaded, and ConfigError for more robots than this machine has room for,
+    before anything is started;
     UnwritableError where the run directory cannot be written.
     """
     capacity.check(config.robots)
@@ -154,9 +157,15 @@ class Children:
             self._start("world", world_process, self._config, self._out, self._secrets)
             if self._interrupted:  # while the world started
                 self._tell_all(STOP)
-            deadline = None
+            deadline, hangs_at = None, math.inf
             while self._talking and (deadline is None or time.monotonic() < deadline):
                 world = self._world()
+                if self._interrupted and world:
+                    hangs_at = min(hangs_at, time.monotonic() + LAST_S)
+                    if time.monotonic() >= hangs_at:
+                        hangs_at = math.inf
+                        self._errors.append(f"world: it did not end within {LAST_S:g} s and was killed")
+                        self._kill(world)
                 if deadline is None and not world:
                     self._tell_all(STOP)  # nobody needs to wait for a world that has ended
                     deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)

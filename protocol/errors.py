@@ -13,5 +13,9 @@ class LinkError(RuntimeError):
     """There is no session, or the other side is gone; the text says what to check."""
 
 
+class Interrupted(Exception):  # noqa: N818
+    """Somebody asked this process to stop; no error."""
+
+
 class RefusedError(LinkError):
     """The world answered and does not let this robot in; the text says why."""

@@ -12,15 +12,18 @@ import resource
 import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, nullcontext, suppress
 from functools import reduce
+from threading import Thread
 from typing import Any
 
 import zenoh
 
 from protocol.access import Credentials
 from protocol.codec import MAX_FRAME_BYTES
-from protocol.errors import InputError, LinkError
+from protocol.errors import InputError, Interrupted, LinkError
+from protocol.inbox import SIGNAL_S
 
 # Zenoh's log is never initialised, because it would go to stdout, which is for tables and JSON.
 
@@ -68,6 +71,27 @@ def _config(mode: str, settings: dict[str, object]) -> str:
 def _open(settings: dict[str, object]) -> zenoh.Session:
     """A client's session. Raises ZError."""
     return zenoh.open(zenoh.Config.from_json5(_config("client", settings)))
+
+
+def _open_unless(stopped: Callable[[], bool], settings: dict[str, object]) -> zenoh.Session:
+    """The same; raises Interrupted when `stopped` says so.
+
+    Zenoh does not return before a router that says nothing is given up, and no handler of a signal runs until then: so
+    it waits in a thread, which ends with the process.
+    """
+    opened: Future[zenoh.Session] = Future()
+
+    def work() -> None:
+        try:
+            opened.set_result(_open(settings))
+        except zenoh.ZError as error:
+            opened.set_exception(error)
+
+    Thread(target=work, daemon=True).start()
+    while not wait([opened], SIGNAL_S).done:
+        if stopped():
+            raise Interrupted
+    return opened.result()
 
 
 def check_endpoint(endpoint: str, credentials: Credentials | None = None) -> None:
@@ -153,18 +177,22 @@ def _doors() -> dict[str, object]:
 
 @contextmanager
 def open_client(
-    connect: str, timeout_s: float, name: str = "", credentials: Credentials | None = None
+    connect: str,
+    timeout_s: float,
+    name: str = "",
+    credentials: Credentials | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Iterator[zenoh.Session]:
     """Open a session with the world's router at an endpoint such as tcp/127.0.0.1:7447.
 
     name and credentials: of this robot, viewer or world, where the router asks for them. Raises LinkError when no
     session opens within timeout_s seconds (0: tried once), with the cause as far as it can be known, and where another
-    session has this name's place.
+    session has this name's place; Interrupted where `stopped` becomes true before.
     """
     check_endpoint(connect, credentials)
     settings = _to(connect, timeout_s, name, credentials)
     try:
-        session = _open(settings)
+        session = _open_unless(stopped, settings)
     except zenoh.ZError as error:
         if "nable to connect" not in str(error):
             raise LinkError(f"cannot connect to {connect}: {_cause(error)}") from None
@@ -258,11 +286,16 @@ def is_read(publisher: zenoh.Publisher) -> bool:
     return bool(status.matching)
 
 
-def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float) -> None:
-    """Wait until each publisher has a subscriber, as its messages are lost before. LinkError on a time-out."""
+def wait_for_matching(publishers: Iterable[zenoh.Publisher], timeout_s: float, stopped: Callable[[], bool]) -> None:
+    """Wait until each publisher has a subscriber, as its messages are lost before.
+
+    Raises LinkError on a time-out, Interrupted where `stopped` becomes true.
+    """
     deadline = time.monotonic() + timeout_s
     for publisher in publishers:
         while not is_read(publisher):
+            if stopped():
+                raise Interrupted
             if time.monotonic() > deadline:
                 raise LinkError(f"nobody reads {publisher.key_expr} within {timeout_s:g} s")
             time.sleep(0.002)

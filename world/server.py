@@ -11,7 +11,7 @@ import zenoh
 from protocol import keys
 from protocol.access import WORLD, Credentials
 from protocol.codec import encode
-from protocol.errors import InputError, LinkError, ProtocolError
+from protocol.errors import InputError, Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Clock, End, LinkTable, Progress, Refused
 from protocol.session import at_once, open_client, open_router, wait_for_matching
@@ -41,10 +41,6 @@ PROGRESS_S = 0.2
 OnProgress = Callable[[Progress], None]
 
 
-class Interrupted(Exception):  # noqa: N818
-    """Somebody asked the world to stop; no error."""
-
-
 def serve(
     config: WorldConfig,
     server: ServerConfig,
@@ -68,7 +64,7 @@ def serve(
     CheckpointError where no run can go on.
     """
     inbox = inbox or WorldInbox()
-    with _opened(server, credentials) as (session, endpoint):
+    with suppress(Interrupted), _opened(server, credentials, inbox) as (session, endpoint):
         known = None if credentials is None else credentials.session_id
         if settle_s is not None:
             listening(endpoint)
@@ -90,17 +86,23 @@ def serve(
                 pass
             finally:
                 shell.close(ended)
-    return ended
+        return ended
+    return "interrupted"
 
 
 @contextmanager
-def _opened(server: ServerConfig, credentials: Credentials | None) -> Iterator[tuple[zenoh.Session, str]]:
-    """The world's session, a router or a client of one, with the endpoint where robots find it."""
+def _opened(
+    server: ServerConfig, credentials: Credentials | None, inbox: WorldInbox
+) -> Iterator[tuple[zenoh.Session, str]]:
+    """The world's session, a router or a client of one, with the endpoint where robots find it.
+
+    Raises Interrupted where the world is to stop before it has one.
+    """
     if server.connect is None:
         with open_router(server.listen, credentials, insecure=server.insecure) as opened:
             yield opened
         return
-    with open_client(server.connect, server.join_timeout_s, WORLD, credentials) as session:
+    with open_client(server.connect, server.join_timeout_s, WORLD, credentials, lambda: inbox.stopped) as session:
         if any(reply.ok for reply in session.liveliness().get(keys.WORLD_ALIVE, timeout=OTHER_WORLD_S)):
             raise InputError(f"a world is at {server.connect} already: a router serves one at a time")
         yield session, server.connect
@@ -185,7 +187,8 @@ class Shell:
                     f"{', '.join(missing)} did not join within {timeout_s:g} s: start each by `{command}{certs}`"
                 )
         ready = self._participants.ready
-        wait_for_matching((put for (robot, _), put in self._put.items() if robot in ready), timeout_s)
+        to_robots = [put for (robot, _), put in self._put.items() if robot in ready]
+        wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
         self._wire.begin(self._ports())
         self._began = time.monotonic()
         self._away = {robot: self._began for robot in self.episode.live if robot in self._here and robot not in ready}

@@ -19,7 +19,7 @@ from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.access import Credentials
 from protocol.codec import decode, encode
-from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
+from protocol.errors import InputError, Interrupted, LinkError, ProtocolError, RefusedError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, Welcome
 from protocol.session import at_once, is_read, open_as_first, open_client, wait_for_matching
@@ -95,7 +95,11 @@ def run_agent(
             welcome = entry.welcome
             make = partial(make_mind, robot, welcome.spec, config, welcome.seed)
             life = Life(revived(make, checkpoints, robot, welcome.run, welcome.tick), entry, robot, checkpoints)
-            with declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers:
+            ended: str | None = "interrupted"
+            with (
+                suppress(Interrupted),
+                declared(session, robot, welcome.lockstep, inbox, patience.join_timeout_s) as publishers,
+            ):
                 ended = life.live(publishers, inbox)
                 while ended is None:  # the link was lost: this process, the world or the network stood still
                     entry = join(session, robot, inbox, patience.reconnect_s)
@@ -192,13 +196,14 @@ def declared(
 ) -> Iterator[dict[str, zenoh.Publisher]]:
     """Declare a welcomed robot's subscriber, publishers and liveliness token, with which the world may begin.
 
-    The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out.
+    The token comes last, when every publisher that the world needs has its reader; LinkError on a time-out, Interrupted
+    where the robot is to stop before.
     """
     with ExitStack() as stack:
         declare = stack.enter_context
         declare(session.declare_subscriber(keys.to_robot(robot), at_once(inbox.hear)))
         publishers = {channel: declare(one) for channel, one in publishers_of(session, robot, lockstep).items()}
-        wait_for_matching((publishers[channel] for channel in keys.NEEDED), timeout_s)
+        wait_for_matching([publishers[channel] for channel in keys.NEEDED], timeout_s, lambda: inbox.stopped)
         declare(session.liveliness().declare_token(keys.alive(robot)))
         yield publishers
 

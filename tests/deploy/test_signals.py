@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -12,7 +13,8 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.disturbed import BEGUN_S, REPO, Command, handles
+from tests.disturbed import AS_TERMINAL, BEGUN_S, REPO, Command, handles
+from tests.tiny import ROOM
 
 ENDED_S = 5.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # 5 s of a machine that is not
 
@@ -125,6 +127,53 @@ def test_a_second_signal_kills_what_the_first_does_not_end(command: Any) -> None
     run.popen.send_signal(signal.SIGINT)
     assert run.ended(ENDED_S)[0] == 130
     assert run.manifest()["ended"] == "interrupted"
+
+
+@SIGNALS
+def test_a_world_that_waits_for_a_silent_router_hears_a_signal(tmp_path: Path, number: signal.Signals) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        silent.settimeout(BEGUN_S)
+        router = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
+        options = ("--world", "tiny.yaml", "--out", "out", "--connect", router, "--set", "join_timeout_s=600")
+        world = subprocess.Popen(
+            [*AS_TERMINAL, sys.executable, "-m", "wireswarm", "world", *options],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(REPO)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        with silent.accept()[0]:
+            world.send_signal(number)
+            errors = world.communicate(timeout=ENDED_S)[1]
+    assert (world.returncode, errors) == (130, "")
+    assert '"ended": "interrupted"' in (tmp_path / "out" / "manifest.json").read_text()
+
+
+def test_an_interrupted_world_that_hangs_is_killed(tmp_path: Path) -> None:
+    hangs = """
+import os, signal, sys
+from pathlib import Path
+import psutil
+from deploy import launcher
+from tests.tiny import tiny_config
+from tests.wanderer import Wanderer
+launcher.LAST_S = 1.0
+def show(progress):
+    for process in psutil.Process().children(recursive=True):
+        if any(c.status == psutil.CONN_LISTEN for c in process.net_connections("tcp")):
+            process.suspend()
+            os.kill(os.getpid(), signal.SIGINT)
+folder = Path(sys.argv[1])
+config = tiny_config(folder, until=5000.0)
+status, ended, errors = launcher.launch(config, folder / "out", show=show, make_mind=Wanderer)
+assert (status, ended) == (130, "interrupted")
+sys.exit(errors[0])
+"""
+    command = [*AS_TERMINAL, sys.executable, "-c", hangs, str(tmp_path)]
+    done = subprocess.run(command, cwd=REPO, capture_output=True, text=True, timeout=BEGUN_S)
+    assert (done.returncode, done.stderr.strip()) == (1, "world: it did not end within 1 s and was killed")
+    assert '"ended": "interrupted"' in (tmp_path / "out" / "manifest.json").read_text()
 
 
 def test_a_child_whose_launcher_dies_before_it_says_what_to_do_ends_without_a_word() -> None:

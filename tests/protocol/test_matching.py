@@ -8,7 +8,7 @@ import pytest
 from agent.config import AgentConfig
 from agent.shell.process import answer
 from protocol import keys
-from protocol.errors import LinkError
+from protocol.errors import Interrupted, LinkError
 from protocol.messages import Observation, RobotSpec
 from protocol.session import open_client, open_router, wait_for_matching
 from tests.wanderer import Wanderer
@@ -35,9 +35,11 @@ def test_who_waits_for_a_reader_waits_until_there_is_one() -> None:
         key = keys.from_robot("r1", keys.ACT)
         publisher = robot.declare_publisher(key)
         with pytest.raises(LinkError, match=f"nobody reads {key} within 0.2 s"):
-            wait_for_matching([publisher], 0.2)
+            wait_for_matching([publisher], 0.2, lambda: False)
+        with pytest.raises(Interrupted):
+            wait_for_matching([publisher], JOIN_S, lambda: True)
         with world.declare_subscriber(key, lambda sample: None):
-            wait_for_matching([publisher], JOIN_S)
+            wait_for_matching([publisher], JOIN_S, lambda: False)
 
 
 def test_scans_and_poses_leave_a_robot_only_while_somebody_subscribes() -> None:
