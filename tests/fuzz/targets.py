@@ -21,8 +21,6 @@ from agent.shell.checkpoint import revived, save
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.config import load
 from deploy.pairs import fates
-from deploy.recorded.carmen import read_carmen
-from deploy.recorded.lidar_log import Given
 from deploy.report import page, plan
 from deploy.report.rundir import Run, read_run
 from deploy.report.words import headline, subtitle
@@ -38,7 +36,7 @@ from protocol.secrets import read_secrets
 from protocol.talk import Ack, Beacon, Part, in_parts
 from protocol.viewpoints import AskViews, Views, decode_views
 from protocol.wireframe import decode_wireframe, encode_wireframe
-from tests.fuzz import maps, ros2
+from tests.fuzz import foreign, maps, ros2
 from tests.tiny import ROOM, tiny_config
 from world import checkpoint
 from world.config import WorldConfig
@@ -359,23 +357,6 @@ def _files() -> list[bytes]:
     return [bytes([k]) + content for k, content in enumerate(FILES.values())]
 
 
-def a_log(data: bytes) -> None:
-    """A recorded lidar log."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "some.log"
-        file.write_bytes(data)
-        with suppress(InputError):
-            read_carmen(file, Given())
-
-
-def _logs() -> list[bytes]:
-    pose, robotlaser = b" 1 2 0.5 1 2 0.5 ", b"ROBOTLASER1 0 -1.57 3.14 0.0174 30.0 0.01 0 10"
-    return [
-        b"FLASER 10" + b" 2.5" * 10 + pose + b"0 host 0\n" + b"FLASER 10" + b" 2.5" * 10 + pose + b"1 host 1\n",
-        robotlaser + b" 3" * 10 + b" 0" + pose + b"0.1 0 0.3 0.2 9 12.5 host 12.5\n",
-    ]
-
-
 def a_checkpoint(data: bytes) -> None:
     """What a killed world left, whose checkpoint is anything; by the first byte also one with right checksums."""
     config, files = _killed()
@@ -458,7 +439,9 @@ TARGETS = {
     "settings": Target(a_setting, _settings),
     "secrets": Target(some_secrets, lambda: [b"r1:0123456789abcdef\nviewer:0123456789abcdef\n"]),
     "rosters": Target(a_roster, _rosters),
-    "logs": Target(a_log, _logs),
+    "logs": Target(foreign.a_log, foreign.logs),
+    "bags": Target(foreign.a_bag, foreign.bags),
+    "imports": Target(foreign.an_import, foreign.imports),
     "runs": Target(a_run_directory, _files),
     "reports": Target(a_report, _files),
     "checkpoints": Target(a_checkpoint, _checkpoints),
@@ -473,7 +456,7 @@ BROKE = {
     "documents": [b"[" * 100_000, b"!!bool abc", b'!!int ""', b"? [a]\n: 1", b"\x00", b"&a [*a]"],
     "worlds": [b"boxes: [[0, 0, 0, 1, 1e-9]]", b"polygons: [[[[0, 0], [1e-9, 0], [0, 1e-9]]]]"],
     "settings": [b"seed=2026-13-45", b"seed=" + b"[" * 100_000, b"seed=0x" + b"f" * 5000],
-    "logs": [b"FLASER 0 1 2\n", b"FLASER -5 1 2\n", _logs()[0].replace(b"1 2 0.5", b"1e999 2 inf")],
+    "logs": [b"FLASER 0 1 2\n", b"FLASER -5 1 2\n", foreign.logs()[0].replace(b"1 2 0.5", b"1e999 2 inf")],
     "runs": [bytes([k]) + b"[" * 100_000 for k in range(len(FILES))],
     "reports": [b"> "],  # a path without poses
 }
