@@ -159,11 +159,14 @@ from deploy import launcher
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 launcher.LAST_S = 1.0
+hanging = []
 def show(progress):
-    for process in psutil.Process().children(recursive=True):
-        if any(c.status == psutil.CONN_LISTEN for c in process.net_connections("tcp")):
-            process.suspend()
-            os.kill(os.getpid(), signal.SIGINT)
+    if hanging:
+        return  # a second signal would kill it
+    processes = psutil.Process().children(recursive=True)
+    hanging.extend(p for p in processes if any(c.status == psutil.CONN_LISTEN for c in p.net_connections("tcp")))
+    hanging[0].suspend()
+    os.kill(os.getpid(), signal.SIGINT)
 folder = Path(sys.argv[1])
 config = tiny_config(folder, until=5000.0)
 status, ended, errors = launcher.launch(config, folder / "out", show=show, make_mind=Wanderer)
