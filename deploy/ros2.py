@@ -126,8 +126,8 @@ class SimulatedRobot:
         node = self._stack.enter_context(RosNode(session, config.domain, f"/{robot}", "body"))
         self._scan = node.publisher(config.scan_topic, wire.SCAN)
         self._odometry = node.publisher(config.odometry_topic, wire.ODOMETRY)
-        self._tf = node.publisher("tf", wire.TRANSFORMS)
-        self._tf_static = node.publisher("tf_static", wire.TRANSFORMS, latched=True)
+        self._tf = node.publisher(config.tf_topic, wire.TRANSFORMS)
+        self._tf_static = node.publisher(f"{config.tf_topic}_static", wire.TRANSFORMS, latched=True)
         self._radio = session.declare_publisher(keys.to_robot(robot, keys.RADIO), express=True)
         kind = wire.TWIST_STAMPED if config.stamped else wire.TWIST
         node.subscribe(config.command_topic, kind, _reader(kind, driver.command))

@@ -33,6 +33,8 @@ class Ros2Config(Config):
     """Topic of nav_msgs/Odometry."""
     command_topic: Topic = "cmd_vel"
     """Topic of Twist or TwistStamped, whichever the robot subscribes to."""
+    tf_topic: Topic = "tf"
+    """Topic of tf: /tf where all robots share one tree."""
     map_frame: Frame = "map"
     """Frame of the map, which is where the robot's odometry was at the first scan. Robots of one tf tree need names of
     their own, such as r1/map."""

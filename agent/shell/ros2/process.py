@@ -163,7 +163,7 @@ class Ros2Shell:
         self._place = stack.enter_context(session.declare_publisher(keys.from_robot(robot, keys.PLACE)))
         self._grid = node.publisher("map", wire.GRID, latched=True)
         self._markers = node.publisher("wireframe", wire.MARKERS, latched=True)
-        self._tf = node.publisher("tf", wire.TRANSFORMS)
+        self._tf = node.publisher(ros2.tf_topic, wire.TRANSFORMS)
         self._diagnostics = node.publisher("/diagnostics", wire.DIAGNOSTICS)
         for subscriber in self._air.declare(session, inbox):
             stack.enter_context(subscriber)

@@ -11,11 +11,14 @@ from agent.shell.ros2.config import Ros2ProcessConfig
 from agent.shell.ros2.node import RosNode
 from agent.shell.ros2.process import RosInbox, run_ros2
 from protocol.configuration import load
+from protocol.geometry import Pose
 from protocol.session import open_ros2_client
 from tests.agent.shell.ros2.messages import odometry, scan
 
 PATIENCE_S = 20.0
 PERIOD_S = 0.05
+WHEELS: Pose = (1.0, 2.0, 0.5)
+"""Where odometry says that it stands."""
 
 
 class Body:
@@ -54,7 +57,7 @@ class Body:
             if self.talks:
                 now = time.time()
                 if self.rolls:
-                    self.wheels.put(odometry(now))
+                    self.wheels.put(odometry(now, WHEELS))
                 self.scans.put(scan(now))
 
     def drives(self) -> bool:

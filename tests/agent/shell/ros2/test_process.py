@@ -1,5 +1,6 @@
 """The shell on a ROS 2 robot: commands by scans, stops, maps, radio, and bytes that make no sense."""
 
+import math
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -17,11 +18,11 @@ from agent.shell.ros2 import wire
 from agent.shell.ros2.showing import FREE, OCCUPIED, UNKNOWN
 from protocol import keys
 from protocol.codec import encode
-from protocol.geometry import Pose
+from protocol.geometry import Pose, compose
 from protocol.messages import Heard, Observation, PoseReport, RobotSpec, Send
 from protocol.session import open_client, open_ros2_client, open_router
 from protocol.wireframe import certain
-from tests.agent.shell.ros2.bodies import PATIENCE_S, Agent, Body, heard, until
+from tests.agent.shell.ros2.bodies import PATIENCE_S, WHEELS, Agent, Body, heard, until
 from tests.agent.shell.ros2.messages import said
 
 SQUARE = certain(np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]), np.array([(0, 1), (1, 2), (2, 3)]))
@@ -161,7 +162,9 @@ def test_the_map_is_there_for_who_comes_later_and_tf_places_it(endpoint: str) ->
     assert (at(0.0, -1.001), at(1.001, 0.0), at(0.0, 0.0), at(0.0, -1.2)) == (OCCUPIED, OCCUPIED, FREE, UNKNOWN)
     (moved,) = tf[-1].transforms
     assert (moved.header.frame_id, moved.child_frame_id) == ("map", "odom")
-    assert (moved.transform.translation.x, moved.transform.translation.y) == pytest.approx(POSE[:2])
+    place, turn = moved.transform.translation, moved.transform.rotation
+    odometry = place.x, place.y, 2 * math.atan2(turn.z, turn.w)
+    assert compose(odometry, WHEELS) == pytest.approx(POSE)
 
 
 def test_robots_hear_each_other_as_far_as_the_places_that_they_are_told(endpoint: str) -> None:
