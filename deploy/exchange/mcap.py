@@ -20,15 +20,14 @@ from foxglove.channels import FrameTransformsChannel, LaserScanChannel, LogChann
 
 from deploy.recorded.runs import kept_scans, mount_of
 from deploy.report import style
-from deploy.report.rundir import Map, Run, read_run
+from deploy.report.rundir import Map, Run, read_drawable
 from deploy.report.story import sentence
 from protocol.arrays import Floats
-from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Label
 from world.recorder import TEAM
-from world.worldfile import polygons_of
+from world.worldfile import World, polygons_of
 
 WALL_M, VERTEX_M = 0.04, 0.08  # widths as drawn
 OPEN = m.Color(r=0.88, g=0.0, b=0.24, a=1.0)
@@ -38,24 +37,20 @@ LEVELS = {"rejected": m.LogLevel.Warning, "unmerged": m.LogLevel.Warning, "dead"
 
 def write_mcap(path: Path, out: Path) -> list[Path]:
     """Write run.mcap into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
-    if not path.is_dir():
-        raise InputError(f"{path} is no run directory")
-    run = read_run(path)
-    if run.world is None or not run.poses:
-        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
+    run, world = read_drawable(path)
     out.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as folder:
         made, context = Path(folder, "run.mcap"), Context()
         with open_mcap(made, context=context):
-            _write(run, context)
+            _write(run, world, context)
         write_whole(out / "run.mcap", made.read_bytes())
     return [out / "run.mcap"]
 
 
-def _write(run: Run, context: Context) -> None:
+def _write(run: Run, world: World, context: Context) -> None:
     frames = [_transform(0.0, f"{robot}/map", pose_of(run.frames[robot])) for robot in run.placed]
     FrameTransformsChannel("/frames", context=context).log(m.FrameTransforms(transforms=frames), log_time=0)
-    _walls(run, context)
+    _walls(world, context)
     _bodies(run, context)
     for k, robot in enumerate(run.robots):
         red, green, blue = (part / 255 for part in bytes.fromhex(style.colour(k)[1:]))
@@ -72,9 +67,8 @@ def _write(run: Run, context: Context) -> None:
     _coverage(run, context)
 
 
-def _walls(run: Run, context: Context) -> None:
-    assert run.world is not None
-    rings = [ring for part in polygons_of(run.world.solid) for ring in (part.exterior, *part.interiors)]
+def _walls(world: World, context: Context) -> None:
+    rings = [ring for part in polygons_of(world.solid) for ring in (part.exterior, *part.interiors)]
     grey = m.Color(r=0.55, g=0.58, b=0.62, a=1.0)
     lines = [_line(m.LinePrimitiveLineType.LineStrip, np.asarray(ring.coords), grey) for ring in rings]
     scene = m.SceneEntity(timestamp=_stamp(0.0), frame_id="world", id="walls", lines=lines)

@@ -14,12 +14,11 @@ from PIL import Image, ImageColor, ImageDraw, ImageFont
 from shapely import Polygon
 
 from deploy.report import style
-from deploy.report.rundir import Run, read_run
+from deploy.report.rundir import Run, read_drawable
 from deploy.report.words import headline
 from protocol.arrays import Floats
-from protocol.errors import InputError
 from protocol.files import write_whole
-from world.worldfile import polygons_of
+from world.worldfile import World, polygons_of
 
 SIZE_PX = 880  # of the plan's longer side
 HEAD_PX = 44  # for title and time
@@ -35,12 +34,8 @@ WHITE, INK, SOLID, FIRST = range(4)  # places in it; FIRST is the first robot's
 
 def write_video(path: Path, out: Path) -> list[Path]:
     """Write run.gif into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
-    if not path.is_dir():
-        raise InputError(f"{path} is no run directory")
-    run = read_run(path)
-    if run.world is None or not run.paths:
-        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
-    film = _Film(run)
+    run, world = read_drawable(path)
+    film = _Film(run, world)
     first, *rest = [film.frame(t) for t in np.linspace(0, run.duration, FRAMES).tolist()]
     data = io.BytesIO()
     durations = [FRAME_MS] * len(rest) + [LAST_MS]
@@ -53,9 +48,8 @@ def write_video(path: Path, out: Path) -> list[Path]:
 class _Film:
     """What all frames share."""
 
-    def __init__(self, run: Run) -> None:
-        assert run.world is not None
-        x0, y0, x1, y1 = run.world.solid.bounds
+    def __init__(self, run: Run, world: World) -> None:
+        x0, y0, x1, y1 = world.solid.bounds
         self._run, self._low, self._high = run, x0, y1
         self._scale = SIZE_PX / max(x1 - x0, y1 - y0)
         width, height = (round(self._scale * side) + 2 * MARGIN_PX for side in (x1 - x0, y1 - y0))
@@ -65,7 +59,7 @@ class _Film:
         pen = ImageDraw.Draw(self._ground)
         pen.fontmode = "1"
         pen.text((MARGIN_PX, 12), headline(run), INK, self._font)
-        parts = polygons_of(run.world.solid)
+        parts = polygons_of(world.solid)
         for part in sorted(parts, key=lambda part: -Polygon(part.exterior).area):  # islands in holes last
             pen.polygon(self._places(np.asarray(part.exterior.coords)), SOLID)
             for hole in part.interiors:

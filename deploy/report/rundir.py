@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from protocol.arrays import Floats
+from protocol.errors import InputError
 from protocol.geometry import apply
 from protocol.messages import LidarSpec
 from protocol.text import all_printable, printable
@@ -216,6 +217,19 @@ def read_run(directory: str | Path) -> Run:
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
     run.notes = [printable(note) for note in run.notes]
     return run
+
+
+def read_drawable(path: Path) -> tuple[Run, World]:
+    """A run directory with the world and the paths of robots, without which there is nothing to draw.
+
+    Raises InputError.
+    """
+    if not path.is_dir():
+        raise InputError(f"{path} is no run directory")
+    run = read_run(path)
+    if run.world is None or not run.poses:
+        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
+    return run, run.world
 
 
 def _object(file: Path) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deploy.recorded.runs import kept_scans
-from deploy.report.rundir import Run, read_run
+from deploy.report.rundir import Run, read_drawable
 from deploy.view.recording import ViewRecording, replayed
 from protocol.arrays import Bools, Floats, Ints
 from protocol.errors import InputError
@@ -19,15 +19,13 @@ BEAMS_S = 1.0  # between the scans that are drawn: all five of a second would ma
 
 def record(path: Path, file: Path) -> None:
     """Write the recording of a run directory. Raises InputError where it has no world, frames or paths."""
-    if not path.is_dir():
-        raise InputError(f"{path} is no run directory")
-    run = read_run(path)
+    run, world = read_drawable(path)
     robots = [robot for robot in run.placed if robot in run.poses]
-    if run.world is None or not robots:
-        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
+    if not robots:
+        raise InputError(f"{path}: truth.json tells of no robot where its own frame is")
     period_s = 1 / run.lidar.rate_hz
     recording = ViewRecording(file, robots, run.frames, period_s)
-    recording.scene(run.world.solid, run.radius, replayed(run.duration))
+    recording.scene(world.solid, run.radius, replayed(run.duration))
     maps = run.snapshots
     for robot in robots:
         poses = run.poses[robot]
