@@ -677,7 +677,7 @@ def compare(
 
 BENCHMARKS = {
     "lidar": "Rays a second in the bundled worlds.",
-    "lockstep": "Ticks a second over Zenoh with robots that do not think.",
+    "lockstep": "Ticks a second over Zenoh with robots that do not think, and what a robot costs in a crowd.",
     "filter": "Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours.",
     "alignment": "Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours.",
     "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes hours.",

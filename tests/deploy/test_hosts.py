@@ -16,6 +16,7 @@ from deploy import inprocess
 from deploy.certs import issue, revoke
 from deploy.launcher import launch
 from tests.agent.shell.test_process import events
+from tests.deploy.sweep.sweeps import RUNS, comparable, results, undisturbed, write_sweep
 from tests.tiny import digests, tiny_config
 from world.checkpoint import NAME
 
@@ -57,9 +58,9 @@ class Hosts:
     def plug(self, robot: str, state: str) -> None:
         ip("-n", self.namespace("world"), "link", "set", robot, state)
 
-    def start(self, host: str, *words: str) -> subprocess.Popen[str]:
-        """A command of wireswarm on one of the hosts."""
-        inside = ["ip", "netns", "exec", self.namespace(host), sys.executable, "-m", "wireswarm"]
+    def start(self, host: str, *words: str, module: str = "wireswarm") -> subprocess.Popen[str]:
+        """A command of wireswarm, or of another module, on one of the hosts."""
+        inside = ["ip", "netns", "exec", self.namespace(host), sys.executable, "-m", module]
         return subprocess.Popen(
             [*inside, *words], cwd=self.folder, env={**os.environ, "PYTHONPATH": str(REPO)}, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -86,8 +87,8 @@ def hosts(tmp_path: Path) -> Iterator[Hosts]:
     hosts.remove()
 
 
-def last_words(process: subprocess.Popen[str]) -> tuple[int, str]:
-    out, errors = process.communicate(timeout=WAIT_S)
+def last_words(process: subprocess.Popen[str], wait_s: float = WAIT_S) -> tuple[int, str]:
+    out, errors = process.communicate(timeout=wait_s)
     return process.returncode, out + errors
 
 
@@ -155,3 +156,25 @@ def test_a_cable_that_is_cut_for_ten_seconds_costs_time_and_no_byte(hosts: Hosts
     result = launch(tiny_config(hosts.folder, robots=2, until=120.0, seed=7), hosts.folder / "one")
     assert (result.status, result.errors) == (0, [])
     assert_same_bytes(hosts.folder / "one", run)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_sweep_on_three_hosts_has_the_results_of_one_process(hosts: Hosts) -> None:
+    write_sweep(hosts.folder)
+    certs = ("--tls-ca-file=certs/ca.pem", "--tls-cert=certs/world.pem", "--tls-key=certs/world.key")
+    scheduler = ["--protocol", "tls", "--host", "0.0.0.0", "--port", "8786", "--no-dashboard", *certs]
+    worker = ["--nthreads", "1", "--no-dashboard", "--local-directory", str(hosts.folder), *certs]
+    far = [hosts.start("world", *scheduler, module="distributed.cli.dask_scheduler")]
+    try:
+        for robot, address in hosts.world.items():
+            far.append(hosts.start(robot, f"tls://{address}:8786", *worker, module="distributed.cli.dask_worker"))
+        near = ["--scheduler", f"tls://{hosts.world['r1']}:8786", "--certs", "certs", "--quiet"]
+        far.append(client := hosts.start("world", "sweep", "sweep.yaml", "--out", "out", *near))
+        done = last_words(client, 4 * WAIT_S)
+        assert done[0] == 0, done
+    finally:
+        for process in far:
+            process.kill()
+            process.communicate()
+    assert comparable(hosts.folder / "out") == undisturbed(hosts.folder) and len(results(hosts.folder / "out")) == RUNS

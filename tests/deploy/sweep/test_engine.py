@@ -2,61 +2,31 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
 
-from deploy.revision import revision, sources
 from deploy.sweep.command import sweep
 from deploy.sweep.measure import task_of
-from deploy.sweep.plan import Job, read_jobs
-from deploy.sweep.store import Store, read_rows
+from deploy.sweep.plan import Job
+from deploy.sweep.store import read_rows
 from deploy.sweep.work import FAILED, work
 from protocol.errors import InputError
-from tests.deploy.sweep.sweeps import RUNS, comparable, write_sweep
-
-SWEEP = [sys.executable, "-m", "wireswarm", "sweep"]
-
-
-def undisturbed(folder: Path) -> dict[str, object]:
-    """Results that no Dask was needed for."""
-    store = Store(folder / "undisturbed", revision())
-    for job in read_jobs(folder / "sweep.yaml"):
-        store.keep(work(task_of(job), sources()))
-    return dict(comparable(store.place))
-
-
-@contextmanager
-def started(*command: object) -> Iterator[psutil.Popen]:
-    process = psutil.Popen([str(word) for word in command], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    try:
-        yield process
-    finally:
-        for child in (*process.children(recursive=True), process) if process.is_running() else ():
-            child.kill()
-        process.wait(20)
-
-
-def wait_until(true: Callable[[], object], limit_s: float = 100) -> None:
-    end = time.monotonic() + limit_s
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def results(folder: Path) -> list[Path]:
-    return list(folder.rglob("*.parquet"))
-
-
-def a_worker(client: psutil.Process) -> psutil.Process:
-    """One that is at work: the process that has spent the most time."""
-    return max(client.children(recursive=True), key=lambda child: child.cpu_times().user)
+from tests.deploy.sweep.sweeps import (
+    RUNS,
+    SWEEP,
+    a_worker,
+    comparable,
+    results,
+    scheduler_of,
+    started,
+    undisturbed,
+    wait_until,
+    worker_of,
+    write_sweep,
+)
 
 
 def test_a_killed_worker_loses_nothing_and_a_second_start_runs_nothing(tmp_path: Path) -> None:
@@ -92,12 +62,9 @@ def test_a_killed_client_loses_nothing_and_leaves_no_process(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_a_killed_scheduler_loses_nothing_where_it_comes_back(tmp_path: Path) -> None:
-    file, out, address = write_sweep(tmp_path), tmp_path / "out", "tcp://127.0.0.1:18786"
-    scheduler = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", 18786]
-    scheduler += ["--no-dashboard"]
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", 1, "--no-dashboard"]
-    worker += ["--local-directory", tmp_path]
-    with started(*SWEEP, file, "--out", out, "--scheduler", address) as client:
+    file, out, port = write_sweep(tmp_path), tmp_path / "out", 18786
+    scheduler, worker = scheduler_of(port), worker_of(port, tmp_path)
+    with started(*SWEEP, file, "--out", out, "--scheduler", f"tcp://127.0.0.1:{port}") as client:
         with started(*scheduler) as first, started(*worker):
             wait_until(lambda: results(out))
             first.kill()

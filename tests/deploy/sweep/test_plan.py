@@ -1,5 +1,6 @@
 """The file of a sweep: what it asks for, and what is refused."""
 
+import json
 import re
 from pathlib import Path
 
@@ -58,6 +59,12 @@ def test_the_file_in_the_docs_is_a_sweep(tmp_path: Path) -> None:
     (text,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/experiments.md").read_text(), re.S)
     jobs = read_jobs(write_sweep(tmp_path, text.replace("my-world", "tiny")))
     assert len(jobs) == 3 * 10 * 6 * 2 * 5
+
+
+def test_the_thousand_runs_of_the_docs_are_a_thousand() -> None:
+    jobs = read_jobs(ROOT / "docs/examples/thousand-runs.yaml")
+    assert len(jobs) == 1000
+    assert len({json.dumps([job.config["world"], job.config["seed"]]) for job in jobs}) == 100
 
 
 @pytest.mark.parametrize(
