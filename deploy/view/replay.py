@@ -9,6 +9,7 @@ import numpy as np
 
 from deploy.recorded.runs import kept_scans
 from deploy.report.rundir import Run, read_drawable
+from deploy.report.story import bonds
 from deploy.view.recording import ViewRecording, replayed
 from protocol.arrays import Bools, Floats, Ints
 from protocol.errors import InputError
@@ -70,19 +71,19 @@ def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
 def _radio(recording: ViewRecording, run: Run, robots: list[str], period_s: float) -> None:
     """Lines between robots that hear each other, by events `contact` and `lost`."""
     ticks = _ticks(run.poses[robots[0]][:, 0], period_s)
-    hearing: dict[tuple[str, str], Bools] = {}
-    for event in run.events:
-        robot, peer = event["robot"], event.get("peer")
-        if event["event"] in ("contact", "lost") and robot in robots and peer in robots:
-            heard = hearing.setdefault((robot, peer), np.zeros(len(ticks), np.bool_))
-            heard[np.searchsorted(ticks * period_s, event["t"] - period_s / 2) :] = event["event"] == "contact"
+    hearing: dict[tuple[int, int], Bools] = {}
+    for bond in bonds(run):
+        if bond["event"] in ("contact", "lost") and {bond["robot"], bond["peer"]} <= set(robots):
+            pair = robots.index(bond["robot"]), robots.index(bond["peer"])
+            heard = hearing.setdefault(pair, np.zeros(len(ticks), np.bool_))
+            heard[np.searchsorted(ticks * period_s, bond["t"] - period_s / 2) :] = bond["event"] == "contact"
     if not hearing:
         return
     mask = np.array(list(hearing.values())).T  # (ticks, pairs)
-    places = {robot: _at(run.poses[robot], ticks, period_s) for robot in robots}
-    ends = np.array([[places[robot], places[peer]] for robot, peer in hearing])  # (pairs, 2, ticks, 2)
-    lines = ends.transpose(2, 0, 1, 3)[mask]
-    recording.radio(ticks, np.split(lines, np.cumsum(mask.sum(axis=1))[:-1]))
+    rows, pairs = np.nonzero(mask)
+    places = np.array([_at(run.poses[robot], ticks, period_s) for robot in robots])  # (robots, ticks, 2)
+    ends = np.array(list(hearing))[pairs]  # (lines, 2)
+    recording.radio(ticks, np.split(places[ends, rows[:, None]], np.cumsum(mask.sum(axis=1))[:-1]))
 
 
 def _at(poses: Floats, ticks: Ints, period_s: float) -> Floats:
