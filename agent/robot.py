@@ -115,7 +115,9 @@ class Robot:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
         looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
-        ask = [] if command.complete else [peer.log.name for peer in self.team.shares_work_with]
+        ask = (
+            {} if command.complete else {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}
+        )
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)
         if changed:

@@ -34,8 +34,7 @@ class Beacon(NamedTuple):
     def encode(self) -> bytes:
         """15 bytes."""
         x, y, theta = self.pose
-        turn = round(theta / (2 * math.pi) * _TURN) % _TURN
-        return _BEACON.pack(VERSION << 4, self.tick, round(1000 * x), round(1000 * y), turn)
+        return _BEACON.pack(VERSION << 4, self.tick, round(1000 * x), round(1000 * y), turn_of(theta))
 
     @classmethod
     def decode(cls, data: bytes) -> "Beacon":
@@ -46,8 +45,7 @@ class Beacon(NamedTuple):
         _, tick, x, y, turn = _BEACON.unpack(data)
         if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
             raise ProtocolError("a beacon from out of bounds")
-        theta = turn / _TURN * 2 * math.pi
-        return cls(tick, (x / 1000, y / 1000, theta - 2 * math.pi * (theta > math.pi)))
+        return cls(tick, (x / 1000, y / 1000, angle_of(turn)))
 
 
 class Part(NamedTuple):
@@ -121,6 +119,17 @@ def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
     if len(pieces) > MAX_PARTS:
         raise ProtocolError(f"a map of {len(pieces)} parts; at most {MAX_PARTS} travel")
     return [Part(version, base, index, len(pieces), piece) for index, piece in enumerate(pieces)]
+
+
+def turn_of(theta: float) -> int:
+    """An angle in radians as a part of a turn, in two bytes."""
+    return round(theta / (2 * math.pi) * _TURN) % _TURN
+
+
+def angle_of(turn: int) -> float:
+    """The same back, in (-pi, pi]."""
+    theta = turn / _TURN * 2 * math.pi
+    return theta - 2 * math.pi * (theta > math.pi)
 
 
 def first_byte(flags: int) -> bytes:

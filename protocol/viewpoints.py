@@ -4,6 +4,7 @@ Places are on a grid of 10 cm, in the order in which the robot was there. Each i
 last step would lead on. A list covers the ticks (since, until].
 """
 
+import struct
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -12,25 +13,33 @@ import numpy as np
 from protocol.arrays import Floats, Ints
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
-from protocol.talk import check_version, first_byte, take_varint, varint
+from protocol.geometry import Pose
+from protocol.talk import angle_of, check_version, first_byte, take_varint, turn_of, varint
 from protocol.wireframe import MAX_COORDINATE_M
 
 VIEWS = "views"  # kind of message, as in radio.csv
 CELL_M = 0.1  # a robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen
 MAX_VIEWPOINTS = 4000  # of one message: 2 km of path (ours)
-_ASKS = 1  # flag in the lowest bit of the first byte
+_ASKS, _PLACES = 1, 2  # flags in the lowest bits of the first byte: a question; with the asked robot's frame
+_FRAME = struct.Struct("<iiH")
 _COUNT, _FIRST, _STEP = 4, 6, 1
 """Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
 
 
 class AskViews(NamedTuple):
-    """The question for a peer's viewpoints that are not known yet."""
+    """The question for a merged peer's viewpoints that are not known yet."""
 
     since: int  # tick of the last viewpoint that is known; 0 for none
+    frame: Pose | None = None
+    """Where the asked robot's frame lies in the sender's: to 1 mm and 0.006 degrees; None where it knows already."""
 
     def encode(self) -> bytes:
-        """Two to seven bytes."""
-        return first_byte(_ASKS) + varint(self.since)
+        """Two to seven bytes, and ten of the frame."""
+        if self.frame is None:
+            return first_byte(_ASKS) + varint(self.since)
+        x, y, theta = self.frame
+        frame = _FRAME.pack(round(1000 * x), round(1000 * y), turn_of(theta))
+        return first_byte(_ASKS | _PLACES) + varint(self.since) + frame
 
 
 class Views(NamedTuple):
@@ -65,6 +74,11 @@ def decode_views(data: bytes) -> AskViews | Views:
     tick, at = take_varint(data, 1)
     if flags == _ASKS and at == len(data):
         return AskViews(tick)
+    if flags == _ASKS | _PLACES and at + _FRAME.size == len(data):
+        x, y, turn = _FRAME.unpack_from(data, at)
+        if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
+            raise ProtocolError("a frame from out of bounds")
+        return AskViews(tick, (x / 1000, y / 1000, angle_of(turn)))
     if flags:
         raise ProtocolError("a message about viewpoints that is none")
     back, at = take_varint(data, at)

@@ -5,8 +5,9 @@ is the tick at which it was so. Both sides keep the maps that the other may stil
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 
 from agent.communication.config import TalkConfig
@@ -20,6 +21,7 @@ from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beaco
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
+NOBODY: Mapping[str, Pose] = MappingProxyType({})
 NEVER = -(10**9)
 """A tick long ago."""
 MOST_DOUBLINGS = 3
@@ -63,6 +65,8 @@ class News(NamedTuple):
     """A newer map; at the beginning of a contact also the map that is known from an earlier one."""
     views: PeerViews | None = None
     """All its viewpoints, where new ones came."""
+    frame: Pose | None = None
+    """Where it says that the robot's own frame lies in its frame, where it has merged the robot's map."""
 
 
 @dataclass
@@ -88,6 +92,8 @@ class Told:
     """Why the last update could not be sent; empty where it could."""
     current: int = 0
     """Tick until which it has all that was seen."""
+    asked: bool = False
+    """Whether it has asked for viewpoints in this contact, as those do that have merged the robot's map."""
 
     def take_ack(self, ack: Ack) -> None:
         """Note what the peer has, or lacks."""
@@ -157,6 +163,7 @@ class Exchange:
                 news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
+                told.asked = False
                 told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
@@ -167,6 +174,9 @@ class Exchange:
                     one = one._replace(map=said)
                 case PeerViews():
                     one = one._replace(views=said)
+                case AskViews():
+                    self._told[peer].asked = True
+                    one = one._replace(frame=said.frame or one.frame)
             news[peer] = one
         for peer, why in refused.items():  # not in each tick, as there is room for so many events only
             if tick - self._refused.get(peer, NEVER) >= self._period_ticks:
@@ -177,7 +187,7 @@ class Exchange:
         self.contacts = {peer: contact for peer, contact in self.contacts.items() if peer not in lost}
         return [news[peer] for peer in self.contacts if peer in news], events
 
-    def _take(self, tick: int, peer: str, message: Heard) -> Beacon | ReceivedMap | PeerViews | None:
+    def _take(self, tick: int, peer: str, message: Heard) -> Beacon | ReceivedMap | PeerViews | AskViews | None:
         """What a message tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
@@ -199,7 +209,7 @@ class Exchange:
             if isinstance(views, Views):
                 return self._known[peer].take_views(views)
             self._asks[peer] = views.since
-            return None
+            return views
         raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
 
     def talk(
@@ -209,14 +219,15 @@ class Exchange:
         wireframe: Wireframe,
         state: int,
         looked: Looked = NOWHERE,
-        ask: Collection[str] = (),
+        ask: Mapping[str, Pose] = NOBODY,
         in_sight: bool = False,
     ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
         pose and wireframe: the robot's own, looked: where it looked from, for those that ask. state: a number that
-        changes with the wireframe. ask: peers whose viewpoints are wanted, once a beacon's period. in_sight: a peer
-        whose frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
+        changes with the wireframe. ask: peers whose viewpoints are wanted, once a beacon's period, with their frames in
+        the robot's own, which are told those that have not merged its map. in_sight: a peer whose frame is not known
+        may be in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -230,7 +241,7 @@ class Exchange:
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
         return (sends + self._talk_of_views(tick, state, looked, ask))[:MAX_SENDS]
 
-    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Collection[str]) -> list[Send]:
+    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
@@ -244,7 +255,7 @@ class Exchange:
         if tick % self._beacon_ticks == 0:
             for peer in [peer for peer in self.contacts if peer in ask]:
                 self._known[peer].views_asked = True
-                question = AskViews(self._known[peer].views_until)
+                question = AskViews(self._known[peer].views_until, None if self._told[peer].asked else ask[peer])
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 

@@ -6,11 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import numpy as np
+
 from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
+from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial
+from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose
@@ -60,6 +64,19 @@ class PeerLog:
     """Sightings that the last alignment by sight explained."""
     explained_by_proposal: int = 0
     """The same of the last proposal by sight: another one must explain more."""
+
+    told: Floats | None = None
+    """(3,) its frame in the robot's own by its own word, which it gives where it has merged the robot's map."""
+    put_on_trial: Floats | None = None
+    """What of that was proposed: it is not tried again."""
+    told_reason: str = ""
+    """Why the last such word was not proposed."""
+
+    def take_frame(self, mine_in_theirs: Pose) -> None:
+        """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
+        told = inverse(np.array(mine_in_theirs))
+        if self.put_on_trial is None or apart(told, self.put_on_trial, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
+            self.told = told
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick, and what was seen when it said so.

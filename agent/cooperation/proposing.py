@@ -86,6 +86,10 @@ class Aligner:
         meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
         theirs = prepare(log.map.wireframe, self.config)
         said = align_prepared(self.prepared(own), theirs, self.config, self.rng, meeting)
+        return self._in_reach(log, said)
+
+    def _in_reach(self, log: PeerLog, said: Alignment) -> Alignment:
+        """The alignment, without its transform where that puts a message out of the radio's range."""
         if said.transform is None:
             return said
         there = apply(said.transform, np.array([one.theirs[:2] for one in log.encounters]))
@@ -122,6 +126,23 @@ class Aligner:
             return None
         maps = self.both(log, own)
         return None if maps is None else (found, align_by_sight(*maps, found, self.config, LEAST_CORNERS))
+
+    def align_as_told(self, log: PeerLog, own: Wireframe) -> Alignment | None:
+        """The alignment near what the peer says itself; None where it has said nothing, or a map is too large.
+
+        The newest maps must agree there, and all messages must have come from within the radio's range. What does not
+        pass waits for the peer's next word, as maps grow.
+        """
+        told, log.told = log.told, None
+        maps = None if told is None or log.map is None else self.both(log, own)
+        if told is None or maps is None:
+            return None
+        mine, theirs = maps
+        near = Consensus(told, 0, 0, theirs.corners.centre, 0.0)
+        said = self._in_reach(log, align_by_sight(mine, theirs, near, self.config, LEAST_CORNERS))
+        if said.transform is not None:
+            log.put_on_trial = told
+        return said
 
     def walls_fit(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""

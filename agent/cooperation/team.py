@@ -160,6 +160,8 @@ class Team:
                     log.take_sighting(sighting)
                     if isinstance(peer, Proposed):
                         self._meet(peer.trial, sighting)
+            if news.frame is not None:
+                log.take_frame(news.frame)
             log.waiting = news.map or log.waiting
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
@@ -215,6 +217,8 @@ class Team:
             if new.refused >= REFUSED_MAPS:
                 self.undo(new, "its later maps contradict it", figures)
             return True
+        if isinstance(peer, Met) and log.contact is not None and self._align_as_told(peer, own):
+            return True
         growth = log.growth if isinstance(peer, Met) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
             return isinstance(peer, Met) and self._align_by_sight(peer, own)
@@ -239,6 +243,18 @@ class Team:
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
 
+    def _align_as_told(self, peer: Met, own: Wireframe) -> bool:
+        """Propose what a peer that has merged the robot's map says itself, if the walls agree; true if compared."""
+        said = self.aligner.align_as_told(peer.log, own)
+        if said is None:
+            return False
+        if said.transform is not None:
+            self.propose(peer, said.transform, own, said.figures(), said, how="told")
+        elif said.reason != peer.log.told_reason:
+            self._say("attempt", peer.log, f"told, {said.reason}", said.best, said.figures())
+        peer.log.told_reason = said.reason
+        return True
+
     def _align_by_sight(self, peer: Met, own: Wireframe) -> bool:
         """Propose the frame that the sightings of a peer give, if the walls agree; true where walls were compared."""
         log, found = peer.log, self.aligner.align_by_sight(peer.log, own)
@@ -248,7 +264,7 @@ class Team:
         figures = {**said.figures(), "sightings": seen.explained, "rival_sightings": seen.rival}
         if said.transform is not None:
             log.explained_by_proposal = seen.explained
-            self.propose(peer, said.transform, own, figures, said, by_sight=True)
+            self.propose(peer, said.transform, own, figures, said, how="sighted")
             return True
         if seen.explained > log.explained:  # else that was said
             self._say("attempt", log, f"sighted, {said.reason}", said.best, figures)
@@ -257,21 +273,22 @@ class Team:
 
     def propose(
         self, peer: Met, transform: Pose, own: Wireframe, figures: Figures,
-        alignment: Alignment | None = None, by_sight: bool = False,
+        alignment: Alignment | None = None, how: str = "aligned",
     ) -> Proposed:  # fmt: skip
         """Z = Z + proposal: put a transform of a peer whose map is known on trial.
 
-        Earlier sightings count as evidence, but for the two that give the transform in an alignment by sight.
+        Earlier sightings count as evidence. Two of them give the transform in an alignment by sight, and may have given
+        it to the peer that told it: these do not count. how: what the event says of it, `aligned`, `sighted` or `told`.
         """
         log, t, walls = peer.log, np.array(transform), WallEvidence()
         assert log.map is not None
         walls.lay(log.map.wireframe, fresh_pieces(log.map.wireframe, t, own))
-        trial = Trial(self.config.verification, t, walls, 2 if by_sight else 0)
+        trial = Trial(self.config.verification, t, walls, 0 if how == "aligned" else 2)
         for sighting in log.sightings:
             self._meet(trial, sighting)
         proposed = self.peers[log.name] = Proposed(log, log.map, trial, fit_error_m(alignment))
         self.queue.append(proposed)
-        self._say("proposed", log, "sighted" if by_sight else "aligned", transform, figures)
+        self._say("proposed", log, how, transform, figures)
         return proposed
 
     # accept = judge(proposal)

@@ -24,6 +24,18 @@ def test_viewpoints_arrive_as_they_were(cells, since, more) -> None:
     assert decode_views(AskViews(since).encode()) == AskViews(since)
 
 
+@given(st.integers(0, 2**30), st.floats(-900, 900), st.floats(-900, 900), st.floats(-3.14, 3.14))
+def test_who_asks_may_tell_where_the_other_s_frame_lies(since: int, x: float, y: float, theta: float) -> None:
+    got = decode_views(AskViews(since, (x, y, theta)).encode())
+    assert isinstance(got, AskViews) and got.since == since and got.frame is not None
+    assert np.abs(np.subtract(got.frame, (x, y, theta))).max() <= 0.00051
+
+
+def test_a_frame_from_out_of_bounds_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="out of bounds"):
+        decode_views(AskViews(0, (2e6, 0.0, 0.0)).encode())
+
+
 @given(st.binary(max_size=200))
 def test_anything_else_is_refused(data: bytes) -> None:
     try:
@@ -55,6 +67,10 @@ def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> No
     assert looked.between(3990, 4000, 1200) is None
 
 
+FRAME = (1.0, 2.0, 0.5)
+"""Of robot a in that of b."""
+
+
 class Two:
     """Robot a maps and looks, robot b asks; messages take a tick, and some are lost."""
 
@@ -83,7 +99,7 @@ class Two:
                 if name == "a":
                     sends = robot.talk(self.tick, (0, 0, 0), comb(self.rooms), self.rooms, self.looked)
                 else:
-                    sends = robot.talk(self.tick, (0, 0, 0), comb(0), 0, ask=["a"] if ask else [])
+                    sends = robot.talk(self.tick, (0, 0, 0), comb(0), 0, ask={"a": FRAME} if ask else {})
                 for send in sends:
                     self.sent.append((name, send))
                     if send.kind not in kinds_lost and self.rng.random() >= self.loss:
@@ -97,6 +113,23 @@ class Two:
     @property
     def known(self) -> int:
         return len(self.seen.points)
+
+
+def test_a_robot_is_told_its_frame_until_it_asks_itself() -> None:
+    two = Two()
+
+    def told() -> list[bool]:
+        asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
+        two.sent.clear()
+        return [one.frame is not None for one in asked if isinstance(one, AskViews)]
+
+    two.run(100)
+    assert len(first := told()) > 2 and all(first)
+    question = AskViews(0, FRAME).encode()
+    heard, _ = two.b.hear(two.tick, [Heard(tick=two.tick, sender="a", kind=VIEWS, payload=question)])
+    assert heard[0].frame == pytest.approx(FRAME, abs=0.001)
+    two.run(100)
+    assert len(later := told()) > 2 and not any(later)
 
 
 def test_nobody_is_told_who_does_not_ask() -> None:
@@ -120,14 +153,14 @@ def test_who_asks_knows_all_viewpoints_once(loss: float) -> None:
 
 def test_no_viewpoint_is_told_before_the_map_of_what_was_seen_from_there() -> None:
     two = Two()
-    two.run(60)
+    two.run(100)
     before = two.known
     assert before
     two.rooms = 5
     two.run(200, kinds_lost=("map", "delta", "resend"))
     newest = two.b._known["a"].newest
     assert two.known - before <= 3  # those of the time when the map was still the old one
-    two.run(60)
+    two.run(100)
     assert two.b._known["a"].newest > newest
     assert two.known >= 28
     need = two.seen.need
