@@ -12,6 +12,7 @@ APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 
 LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
 MAX_RANGE_M = 100.0  # of a LidarSpec
 MIN_VIEW = math.radians(1)  # of a LidarSpec
+MAX_VIEW = 7.0  # rad: a turn and some directions again
 MAX_TURN_S = 10.0  # of a lidar; a slower one is a unit that is mixed up
 
 
@@ -39,9 +40,11 @@ class LidarTurn(NamedTuple):
 
     @classmethod
     def told(cls, message: Any, stamp_s: float) -> Self:
-        """Of a message with this stamp."""
-        rays = LidarRays(len(message.ranges), message.angle_min, message.angle_increment)
-        return cls(stamp_s, message.time_increment, rays, message.ranges)
+        """Of a message with this stamp. Where the first direction comes again at the end of a turn, it is left out."""
+        count, step = len(message.ranges), message.angle_increment
+        around = round(2 * math.pi / abs(step)) if MIN_VIEW < abs(step) * count < MAX_VIEW else count
+        rays = LidarRays(min(count, around), message.angle_min, step)
+        return cls(stamp_s, message.time_increment, rays, message.ranges[:around])
 
     @property
     def makes_sense(self) -> bool:
@@ -49,7 +52,9 @@ class LidarTurn(NamedTuple):
         count, first, step = self.rays
         around = abs(step) * count  # NaN is in no range
         takes_s = self.between_s * count
-        return 8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < 7 and 0 <= takes_s < MAX_TURN_S
+        return (
+            8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < MAX_VIEW and 0 <= takes_s < MAX_TURN_S
+        )
 
     @property
     def end_s(self) -> float:

@@ -75,6 +75,17 @@ def test_the_lidar_is_known_by_the_first_scan_and_its_mount_by_the_settings() ->
     assert (sensing.spec.lidar.range_min_m, sensing.spec.lidar.range_max_m) == pytest.approx((0.2, 12))
 
 
+def test_a_direction_that_comes_again_at_the_end_of_a_turn_counts_once() -> None:
+    sensing, _ = begun()
+    message = scan(BEGIN_S)
+    message.ranges = np.full(361, 2.0, np.float32)
+    sensing.take_scan(message)
+    sensing.wheels.take(odometry(BEGIN_S + 0.1))
+    seen = sensing.due()
+    assert sensing.spec.lidar.bearings() == pytest.approx(LIDAR.bearings(), abs=1e-5)
+    assert seen is not None and len(seen.observation.scan()) == 360
+
+
 def test_nothing_there_and_nothing_measured_are_told_apart() -> None:
     sensing, _ = begun()
     ranges = np.full(360, 2.0)
