@@ -147,7 +147,11 @@ def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> 
 
 @kernel
 def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, shift: Floats, noise: float) -> None:
-    """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor."""
+    """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor.
+
+    Of an end that points at the robot the next face is in sight, and its first beams lie on the wall's line within the
+    noise: it seems 11 mm too near from 0.3 m and 80 mm from 1.3 m away. Those that point away are right to 2 mm.
+    """
     w, row = edges[e], row_of(e)
     if not related(w):
         return
@@ -179,6 +183,8 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         outward, tip = 1.0 if side == 1 else -1.0, tip_at(w, side)
         off = tip - t - p.end[side] + outward * 0.5 * (w.slack[side] - p.slack[side])
         ex, ey = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
+        if outward * (ex * w.ux + ey * w.uy) < 0.0:  # it points at the robot
+            continue
         sd = math.hypot(0.5 * (p.slack[side] + w.slack[side]) / math.sqrt(3.0), NOISE_FLOOR_M + noise)
         lengthwise, f = (w.ux, w.uy, w.uy * ex - w.ux * ey), w.link[side]
         if f >= 0 and related(edges[f]):

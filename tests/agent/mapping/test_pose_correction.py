@@ -1,0 +1,61 @@
+"""What ends of walls tell of the robot's place along them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agent.corner_scan import OCCLUSION, PIECE
+from agent.mapping.association import OFFSET_GATE_M, Gates
+from agent.mapping.edges import EDGE, WALL
+from agent.mapping.joint import know_walls, relate, row_of
+from agent.mapping.pose_correction import Axis, correct_pose
+
+POSE, NOISE = (0.0, 0.0, 0.0), 0.01
+OFF_M = 0.05
+
+
+def moved_by(side: int, off: float) -> float:
+    """By how much the robot moves along a wall from 2 to 4 m ahead, one end of which (side) is seen `off` m farther.
+
+    It knows its place to 0.1 m and the wall well.
+    """
+    edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
+    wall = edges[0]
+    wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 100.0, 3.0, -1.0, 1.0, 30.0
+    wall["tip"], wall["link"], wall["label"], wall["strength"] = [(2.0, -1.0), (4.0, -1.0)], -1, OCCLUSION, 20.0
+    joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
+    know_walls(edges, 1, joint, POSE, NOISE)
+    end = row_of(0) + 2 + side
+    joint[end, end] = 1e-6
+    joint[0, 0] = 0.1**2
+    relate(edges, 1, joint, POSE)
+    pieces = np.zeros(1, PIECE)
+    piece = pieces[0]
+    piece["hits"], piece["x"], piece["y"], piece["ux"], piece["spread"], piece["moment"] = (
+        30.0,
+        3.0,
+        -1.0,
+        1.0,
+        9.0,
+        1.0,
+    )
+    piece["end"], piece["label"] = (-1.0, 1.0), -1
+    piece["end"][side] += off
+    piece["label"][side] = OCCLUSION
+    shift = np.zeros(len(joint))
+    gates = Gates(NOISE, OFFSET_GATE_M)
+    correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
+    return float(shift[0])
+
+
+def test_an_end_that_points_away_holds_the_robot_along_its_wall() -> None:
+    assert moved_by(1, OFF_M) == pytest.approx(-OFF_M, abs=0.005)
+
+
+def test_an_end_that_points_at_the_robot_does_not() -> None:
+    assert moved_by(0, OFF_M) == 0.0
+
+
+def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:
+    assert moved_by(1, -1.0) == 0.0
