@@ -6,7 +6,7 @@ from typing import NamedTuple
 from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.edges import length, tip_at
+from agent.mapping.edges import length, line_sd, related, tip_at
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 
@@ -68,8 +68,11 @@ def within(sectors: Floats, bearing: float, margin: float) -> bool:
 
 
 @kernel
-def look_at(x: float, y: float, view: View) -> tuple[int, int]:
-    """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1."""
+def look_at(x: float, y: float, view: View, place_sd: float = 0.0) -> tuple[int, int]:
+    """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1.
+
+    place_sd: m, standard deviation of the point's place as the robot knows it from where it is.
+    """
     dx, dy = x - view.pose[0], y - view.pose[1]
     sight = view.sight
     distance = math.hypot(dx, dy)
@@ -86,7 +89,8 @@ def look_at(x: float, y: float, view: View) -> tuple[int, int]:
         off = above(view.pieces[k], x, y)
         p = view.pieces[k]
         t = along(p, x, y)
-        margin = max(view.margin, NOISE_SIGMAS * view.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        sd = math.hypot(place_sd, view.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        margin = max(view.margin, NOISE_SIGMAS * sd)
         if off > margin:
             return (THROUGH, k) if _inside(p, bearing, parallax) else (UNSEEN, -1)
         return (UNSEEN, k) if off < -margin else (ON, k)
@@ -119,7 +123,7 @@ def look_at_wall(wall: Record, t: float, view: View) -> tuple[int, int, bool]:
     UNSEEN also where the ray is so flat that it may have passed beside the wall.
     """
     x, y = wall.x + t * wall.ux, wall.y + t * wall.uy
-    saw, piece = look_at(x, y, view)
+    saw, piece = look_at(x, y, view, line_sd(wall, t, view.noise) if related(wall) else 0.0)
     side = above(wall, view.pose[0], view.pose[1])
     flat = GRAZING * math.hypot(x - view.pose[0], y - view.pose[1])
     return UNSEEN if abs(side) < flat else saw, piece, side > flat
