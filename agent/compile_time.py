@@ -5,7 +5,9 @@ from typing import Any
 import llvmlite.binding as llvm
 import numba.core.codegen
 import numba.core.compiler
+import numba.core.ir
 import numba.core.postproc
+import numba.core.runtime.context
 import numba.core.transforms
 import numba.core.types.functions
 import numba.np.arrayobj
@@ -16,8 +18,11 @@ from agent import kernel_linking
 _core: Any = numba.core  # untyped
 _llvm: Any = llvm
 _function: Any = _core.types.functions.BaseFunction
+_instruction: Any = _core.ir.Inst
+_variable: Any = _core.ir.Var
 _find_call_type = _function.get_call_type
 _call_types: dict[tuple[Any, tuple[Any, ...]], Any] = {}
+_counted: dict[Any, bool] = {}  # by type, whether its values may hold a counter of references
 
 
 def reduce() -> None:
@@ -25,8 +30,10 @@ def reduce() -> None:
     _core.compiler.Flags.values = _changed
     _core.postproc.PostProcessor.run = _find_lifetimes
     _function.get_call_type = _call_type
-    _core.codegen.CPUCodeLibrary._optimize_functions = _optimize_functions
+    _core.codegen.CPUCodeLibrary._optimize_functions = _lay_out
     _core.codegen.CPUCodeLibrary.finalize = kernel_linking.finalize
+    _core.runtime.context.NRTContext.get_meminfos = _counters
+    _instruction._rec_list_vars = _variables
     numba.np.arrayobj.raise_with_shape_context = _sizes_differ
     _llvm.ffi.lib._lock._cblist.clear()  # of timers, which are told of each call of LLVM
 
@@ -63,13 +70,38 @@ def _call_type(self: Any, context: Any, args: tuple[Any, ...], kws: dict[str, An
     return _call_types[self, args]
 
 
-def _optimize_functions(self: Any, module: Any) -> None:
-    """Numba's own, for functions that a module defines, and not for those that it only calls."""
+def _lay_out(self: Any, module: Any) -> None:
+    """Numba's own, without the passes over each function: those over the whole module do all that again."""
     module.data_layout = self._codegen._data_layout
-    passes, builder = self._codegen._function_pass_manager()
-    for function in module.functions:
-        if not function.is_declaration:
-            passes.run(function, builder)
+
+
+def _counters(self: Any, builder: Any, kind: Any, value: Any) -> list[tuple[Any, Any]]:
+    """The counters of references in a value, with their types: numba's own, which unpacks only what may hold one.
+
+    Numba takes arrays apart to the last number of their shape whenever they are counted: a fifth of the code that LLVM
+    reads, all of which it drops again.
+    """
+    models = self._context.data_model_manager
+    model = models[kind]
+    found = [(kind, model.get_nrt_meminfo(builder, value))] if model.has_nrt_meminfo() else []
+    for inner, take in model.traverse(builder):
+        if inner not in _counted:
+            _counted[inner] = models[inner].contains_nrt_meminfo()
+        if _counted[inner]:
+            found += _counters(self, builder, inner, take(value))
+    return found
+
+
+def _variables(self: Any, value: Any) -> list[Any]:
+    """The variables in what an instruction holds: numba's own, which asks a name, too, whether it is one of five."""
+    kind = type(value)
+    if kind is _variable:
+        return [value]
+    if kind is dict:
+        return [variable for item in value.values() for variable in _variables(self, item)]
+    if kind is list or kind is tuple:
+        return [variable for item in value for variable in _variables(self, item)]
+    return value.list_vars() if isinstance(value, _instruction) else []
 
 
 def _sizes_differ(source: Any, target: Any) -> None:

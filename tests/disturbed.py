@@ -1,10 +1,13 @@
-"""A run of the tiny world that is to be disturbed."""
+"""A run of the tiny world that is to be disturbed, and a machine that is busy."""
 
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -84,3 +87,23 @@ def handles(pid: int, number: int, how: str = "SigCgt") -> bool:
         return False
     signals = next(line for line in lines if line.startswith(how))
     return bool(int(signals.split()[1], 16) >> number - 1 & 1)
+
+
+def spin() -> None:
+    """Use a core."""
+    while True:
+        pass
+
+
+@contextmanager
+def loops(number: int) -> Iterator[None]:
+    """So many endless loops beside what is done."""
+    processes = [multiprocessing.Process(target=spin, daemon=True) for _ in range(number)]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()

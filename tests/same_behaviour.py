@@ -41,8 +41,13 @@ def digests(sources: Path, world: str, seed: int) -> dict[str, str]:
         environment = {**os.environ, "PYTHONPATH": str(sources), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
         command = [sys.executable, "-c", RUN, world, str(seed), str(out)]
         subprocess.run(command, cwd=sources, env=environment, check=True, timeout=1800)
-        files = sorted(file for pattern in COMPARED for file in out.glob(pattern))
-        return {str(file.relative_to(out)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+        return of_run(out)
+
+
+def of_run(out: Path) -> dict[str, str]:
+    """SHA-256 by file of what robots wrote into a run directory."""
+    files = sorted(file for pattern in COMPARED for file in out.glob(pattern))
+    return {str(file.relative_to(out)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
 
 
 def of_checkout(sources: Path, cases: list[tuple[str, int]]) -> dict[str, dict[str, str]]:

@@ -6,7 +6,6 @@ status is 1 where one took longer than 5 s, left a process or an unreadable file
 """
 
 import json
-import multiprocessing
 import os
 import random
 import signal
@@ -19,7 +18,7 @@ from subprocess import TimeoutExpired
 import psutil
 
 from protocol.status import Status
-from tests.disturbed import BEGUN_S, Command, handles
+from tests.disturbed import BEGUN_S, Command, handles, loops
 
 WITHIN_S = 5.0
 PATIENCE_S = 60.0  # until what has not ended is killed
@@ -133,19 +132,10 @@ def one(folder: Path, what: str, after_s: float, rng: random.Random) -> bool:
         run.end()
 
 
-def spin() -> None:
-    """Use a core."""
-    while True:
-        pass
-
-
 def main(what: str, times: int, busy: int) -> int:
     """Stop them one after the other, at moments that are spread over a run's time."""
-    loops = [multiprocessing.Process(target=spin, daemon=True) for _ in range(busy)]
-    for loop in loops:
-        loop.start()
     rng, bad = random.Random(0), 0
-    with tempfile.TemporaryDirectory(prefix="wireswarm-stops-") as place:
+    with loops(busy), tempfile.TemporaryDirectory(prefix="wireswarm-stops-") as place:
         run, began = start(Path(place, "undisturbed"))
         run.popen.communicate(timeout=10 * BEGUN_S)
         lasts_s = time.monotonic() - began

@@ -135,7 +135,7 @@ def first_of_tour(tasks: list[Task], roads: Roads, detour_m: float, haste: float
     ends = np.array([False, *(is_end(tasks[k]) for k in near)])
     order = open_tour(table, ends, haste)
     if tasks[near[0]].begun:
-        going_on = np.append(0, 1 + open_tour(table[1:, 1:], ends[1:], haste))
+        going_on = np.append(0, 1 + open_tour(table[1:, 1:].copy(), ends[1:], haste))
         if tour_cost(going_on, table, ends, haste) <= tour_cost(order, table, ends, haste) + SWITCH_GAIN_M:
             return tasks[near[0]]
     visits: list[int] = order.tolist()
