@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.geometry.chains import chained
-from agent.kernels import kernel
+from agent.kernels import shared_kernel
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
@@ -87,7 +87,7 @@ def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
     return np.maximum(range_noise(spec), spec.noise_share * ranges)
 
 
-@kernel
+@shared_kernel
 def to_map_frame(pieces: Records, pose: Pose) -> Records:
     """Pieces (k,) moved from the robot's frame into that of its pose. Bearings stay the robot's."""
     out = pieces.copy()

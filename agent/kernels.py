@@ -21,16 +21,26 @@ def kernel(function: Function) -> Function:
     return cast(Function, Kernel(function))
 
 
+def shared_kernel(function: Function) -> Function:
+    """A kernel that Python calls, and kernels with the same types: one form of it serves both."""
+    return cast(Function, Compiled(function, called_by_python=True, called_by_kernels=True))
+
+
 class Compiled(CPUDispatcher):
     """A function compiled for each combination of types that it is called with, once, and kept (`kernel_cache`)."""
 
-    def __init__(self, function: Callable[..., Any], *, called_by_python: bool) -> None:
-        options = {"nopython": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not called_by_python}
+    def __init__(self, function: Callable[..., Any], *, called_by_python: bool, called_by_kernels: bool) -> None:
+        options = {
+            "nopython": True,
+            "error_model": "numpy",
+            "no_cfunc_wrapper": True,
+            "no_cpython_wrapper": not called_by_python,
+        }
         cache = KernelCache(function, options)
         compiler: Any = partial(NamedCompiler, cache)
         super().__init__(function, targetoptions=options, pipeline_class=compiler)
         self._cache = cache
-        if not called_by_python:
+        if called_by_kernels:
             by_name[cache.name] = self
 
     def add_overload(self, cres: Any) -> None:
@@ -38,23 +48,29 @@ class Compiled(CPUDispatcher):
         cres.library.own = Callee(self._cache.name, cres.signature.args, cres.fndesc.llvm_func_name)
         super().add_overload(cres)
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Types of a call in another kernel, where a literal counts as any number of its type.
+
+        Numba would compile a kernel anew for each number that a call writes as a literal.
+        """
+        unliteral: Any = types.unliteral
+        plain = {name: unliteral(kind) for name, kind in kws.items()}
+        return super().get_call_template(tuple(map(unliteral, args)), plain)
+
 
 class Kernel(Compiled):
     """A kernel as Python calls it, and another form as kernels call it.
 
-    Most kernels are called by kernels alone. Numba would give each of them a wrapper that unpacks Python's objects,
-    and compile it anew for each number that a call writes as a literal.
+    Most kernels are called by kernels alone: they are spared the wrapper that unpacks Python's objects.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function, called_by_python=True)
-        self._for_kernels = Compiled(function, called_by_python=False)
+        super().__init__(function, called_by_python=True, called_by_kernels=False)
+        self._for_kernels = Compiled(function, called_by_python=False, called_by_kernels=True)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Types of a call in another kernel, where a literal counts as any number of its type."""
-        unliteral: Any = types.unliteral
-        plain = {name: unliteral(kind) for name, kind in kws.items()}
-        return self._for_kernels.get_call_template(tuple(map(unliteral, args)), plain)
+        """Types of a call in another kernel."""
+        return self._for_kernels.get_call_template(args, kws)
 
     def get_overload(self, sig: Any) -> Any:
         """The code that a call in another kernel jumps to."""

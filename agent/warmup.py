@@ -69,9 +69,9 @@ def compile_kernels() -> None:
         other.start()
     _plan()
     _explore(_STARTS, TICKS_TO_COMPILE)
-    _align()
     if other is not None:
         other.join()
+    _map_and_align()  # what another failed to compile, or where there is none
 
 
 def _map_and_align() -> None:

@@ -20,7 +20,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import apart, fit, move
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose, wrapped
 
@@ -128,7 +128,7 @@ def _main_way(walls: Floats) -> float:
     return float(np.angle((along**4 / np.maximum(length, 1e-9) ** 3).sum())) / 4.0
 
 
-@kernel
+@shared_kernel
 def _discs_at(t: Floats, places: Floats, first: Ints, discs: Floats, gate_m: float) -> Ints:
     """(n,) the disc on which a transform lays the peer in each sighting, or -1."""
     which = np.full(places.shape[0], -1)

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from agent.exploration.planning import Roads
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 
 Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "wait", "park"]
@@ -66,7 +66,7 @@ def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]
     return [task for task, keep in zip(tasks, np.all(left, axis=0), strict=True) if keep]
 
 
-@kernel
+@shared_kernel
 def tour_cost(order: Ints, cost: Floats, waits: Bools, haste: float) -> float:
     """Cost of a tour: its length where haste is 0, twice the mean way to the places that wait where haste is 1.
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from agent.exploration.frontiers import Ends, open_ends
 from agent.geometry.clearance import barred_by, crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
 from protocol.walls import neighbours
@@ -108,7 +108,7 @@ def _motion(
     return cost, -1
 
 
-@kernel
+@shared_kernel
 def _unasked(points: Floats, nodes: Floats) -> Floats:
     """(n, k) minus the distances between points (n, 2) and nodes (k, 2)."""
     out = np.empty((points.shape[0], nodes.shape[0]))

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.kernels import kernel
+from agent.kernels import shared_kernel
 from protocol.arrays import Floats, Ints, Labels
 
 
@@ -21,7 +21,7 @@ def chains_of(before: Ints, after: Ints) -> list[list[int]]:
     return chains
 
 
-@kernel
+@shared_kernel
 def chained(tips: Floats, labels: Labels, following: Ints) -> tuple[Floats, Labels, NDArray[np.int32]]:
     """Vertices (n, 2), their labels (n,) and edges (m, 2) of m walls.
 

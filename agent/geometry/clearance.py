@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats
 
 
@@ -20,7 +20,7 @@ def _point_to_wall2(px: float, py: float, ax: float, ay: float, bx: float, by: f
     return ex * ex + ey * ey
 
 
-@kernel
+@shared_kernel
 def distance_to_walls(x: float, y: float, walls: Floats) -> float:
     """Distance in metres of the point to the nearest wall; inf without walls."""
     best = math.inf
@@ -52,7 +52,7 @@ def crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
     return 0.0 <= u <= 1.0
 
 
-@kernel
+@shared_kernel
 def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float) -> bool:
     """Whether the motion a-b stays at least the clearance (metres) away from every wall."""
     return barred_by(ax, ay, bx, by, walls, clearance, -1) < 0
@@ -100,7 +100,7 @@ def path_clear(path: Floats, walls: Floats, clearance: float) -> bool:
     return True
 
 
-@kernel
+@shared_kernel
 def walls_near(walls: Floats, x: float, y: float, reach: float) -> Floats:
     """Those of walls (m, 4) whose bounding boxes meet the square around (x, y), reach metres to each side."""
     near, m = np.empty(walls.shape), 0

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats
 from protocol.geometry import apply, wrapped
 
@@ -52,7 +52,7 @@ def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float
     return (ax - bx) ** 2 + (ay - by) ** 2 > limit_m**2
 
 
-@kernel
+@shared_kernel
 def fit(source: Floats, target: Floats, count: int) -> Floats:
     """Least-squares transform (3,) of the first `count` source points (n, 2) onto the targets (n, 2); count >= 1."""
     sx, sy = source[:count, 0].mean(), source[:count, 1].mean()

@@ -41,7 +41,7 @@ def has_rows(joint: Floats) -> int:
 
 @kernel
 def observe(
-    joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float = math.inf
+    joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float
 ) -> None:
     """Take in one number by Kalman's update of joint (m, m) and shift (m,), in place.
 

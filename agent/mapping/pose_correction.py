@@ -106,7 +106,7 @@ def correct_pose(
             sd = gates.noise / math.sqrt(p.spread)
             if sd < AXIS_PIECE_SD and off * off < 9.0 * (sd * sd + axis.sd**2 + joint[2, 2]):
                 slopes = np.array((p.moment, 1.0 - p.moment, -1.0))
-                observe(joint, shift, rows, slopes, off, sd * sd + axis.sd**2)
+                observe(joint, shift, rows, slopes, off, sd * sd + axis.sd**2, math.inf)
 
 
 @kernel
@@ -133,7 +133,7 @@ def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: fl
         off = wrapped(angle - at, 0.5 * math.pi)
         if off * off < 9.0 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
             rows[0], rows[1] = row, AXIS
-            observe(joint, shift, rows, slopes, off, axis.sd**2)
+            observe(joint, shift, rows, slopes, off, axis.sd**2, math.inf)
     return angle
 
 
@@ -165,6 +165,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         np.array((-1.0, -t)),
         -above(w, p.x, p.y),
         noise**2 / p.hits + NOISE_FLOOR_M**2,
+        math.inf,
     )
     turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
     _observe(
@@ -176,6 +177,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         np.array((-1.0,)),
         turn,
         noise**2 / p.spread + WALL_FLOOR**2,
+        math.inf,
     )
     for side in range(2):
         if p.label[side] != OCCLUSION or w.strength[side] < MIN_VIEWS:
@@ -223,7 +225,7 @@ def _observe(
     slopes: Floats,
     off: float,
     variance: float,
-    sigmas: float = math.inf,
+    sigmas: float,
 ) -> None:
     """Take in a number that depends on the pose at a moment of the turn, by_pose, and on other rows (k,)."""
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agent.geometry.lines import Record, above, along
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
 
@@ -77,7 +77,7 @@ def moved(segments: Records, pose: Floats) -> Records:
     return out
 
 
-@kernel
+@shared_kernel
 def samples_along(segments: Records) -> Floats:
     """(k, 4) points every `SAMPLE_M` along segments, at least one each: x, y, and the direction of the segment."""
     count = 0

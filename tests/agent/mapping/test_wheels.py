@@ -72,7 +72,7 @@ def learned(
         shift = np.zeros(WALLS)
         for k, sd in enumerate((PLACE_SD, PLACE_SD, HEADING_SD)):
             off = way[-1, k] + rng.normal(0, sd) - poses[0, k]
-            observe(joint[0], shift, np.array((k,)), np.array((1.0,)), off, sd**2)
+            observe(joint[0], shift, np.array((k,)), np.array((1.0,)), off, sd**2, math.inf)
         poses[0] += shift[:3]
         wheels.constants[0] += shift[3:6]
     x, y, _ = relative(tuple(ways[from_tick - 1][-1].tolist()), tuple(ways[-1][-1].tolist()))
