@@ -105,6 +105,20 @@ def test_a_kernel_that_python_and_kernels_call_is_kept_in_both_forms(tmp_path: P
     here, cache, both = tmp_path / "here", tmp_path / "cache", CALLER + "print(scaled(1.0))\n"
     run(here, cache, both)
     assert run(here, cache, both) == ("4.0 1.0\n2.0", set())
+    assert sum(file.name.startswith("callee.scaled-") for file in cache.iterdir()) == 2
+
+
+def test_a_shared_kernel_has_one_form_for_python_and_kernels(tmp_path: Path) -> None:
+    here, cache, both = tmp_path / "here", tmp_path / "cache", CALLER + "print(scaled(1.0))\n"
+    callee = CALLEE.replace("kernel", "shared_kernel").replace("agent.shared_kernels", "agent.kernels")
+    assert run(here, cache, both, callee)[0] == "4.0 1.0\n2.0"
+    assert run(here, cache, both, callee) == ("4.0 1.0\n2.0", set())
+    assert sum(file.name.startswith("callee.scaled-") for file in cache.iterdir()) == 1
+
+
+def test_a_number_divided_by_zero_is_infinite_as_in_arrays(tmp_path: Path) -> None:
+    divided = CALLER.replace("scaled(x) + rules.width", "x / (rules.width - 1.0)")
+    assert run(tmp_path / "here", tmp_path / "cache", divided)[0] == "inf 1.0"
 
 
 def test_a_file_cut_off_is_compiled_again(tmp_path: Path) -> None:
