@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats
 
 
-@kernel
+@shared_kernel
 def inverse(m: Floats) -> Floats:
     """Inverse of a regular (3, 3) matrix, by cofactors."""
     out = np.empty((3, 3))

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from agent.kernels import kernel, shared_kernel
+from agent.kernels import shared_kernel
 from protocol.arrays import Floats
 from protocol.geometry import apply, wrapped
 
@@ -35,14 +35,14 @@ def distance(a: Floats, b: Floats, centre: Floats) -> tuple[float, float]:
     return math.hypot(gap[0], gap[1]), abs(float(wrapped(a[2] - b[2])))
 
 
-@kernel
+@shared_kernel
 def move(t: Floats, x: float, y: float) -> tuple[float, float]:
     """One point moved by one transform (3,)."""
     c, s = math.cos(t[2]), math.sin(t[2])
     return t[0] + c * x - s * y, t[1] + s * x + c * y
 
 
-@kernel
+@shared_kernel
 def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float) -> bool:
     """Whether two transforms differ by more than the limits, at the map's centre."""
     if abs(wrapped(a[2] - b[2])) > limit_rad:
