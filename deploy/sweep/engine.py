@@ -44,7 +44,7 @@ def local_workers(workers: int) -> Iterator[tuple[str, Security]]:
             n_workers=workers,
             threads_per_worker=1,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # else two sweeps at once argue about a port
             security=security,
             memory_limit=0,  # a run takes what it takes; a limit would kill it
             local_directory=folder,
