@@ -528,7 +528,7 @@ def _exported_run(run: Path, to: str, folder: Path) -> list[Path]:
 @app.command(epilog="Example: wireswarm view runs/maze-15-0")
 def view(
     run: Annotated[
-        Path | None, Argument(help="Run directory.", metavar="[DIR]", show_default="the newest in runs/")
+        Path | None, Argument(help="Run directory.", metavar="DIR", show_default="the newest in runs/")
     ] = None,
     connect: Annotated[str | None, Option(help="Endpoint of a world elsewhere, in place of DIR.")] = None,
     secrets: Annotated[Path | None, Option(help="File of secrets with the viewer's line.")] = None,
