@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from agent.cooperation.evidence import WallEvidence, pieces_of
+from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.geometry.transform import compose, inverse
-from agent.mapping.layers import layer_of
+from agent.mapping.association import Gates
+from agent.mapping.edges import EDGE, WALL
+from agent.mapping.layers import layer_of, merged
 from agent.perception.perceive import perceive
 from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
-from protocol.wireframe import Label, Wireframe
+from protocol.wireframe import Label, Wireframe, certain
 from tests.agent.alignment.test_alignment import moved
 from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest
 
@@ -81,6 +84,23 @@ def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) ->
     both = laid(walk, whole)
     theirs = np.sort(whole.likelihood)[: (~both.own).sum()]
     assert both.likelihood[~both.own].min() > theirs.min() - 0.1
+
+
+@pytest.mark.parametrize("tilt_deg", [-1.0, 0.5, 1.0])
+def test_a_stub_never_turns_ten_metres_that_a_peer_saw(tilt_deg: float) -> None:
+    tilt, length = math.radians(tilt_deg), 0.3
+    u, middle = np.array([math.cos(tilt), math.sin(tilt)]), np.array([0.5 * length, 0.0])
+    stub = np.zeros(1, EDGE)
+    stub["alive"], stub["own"], stub["hits"], stub["seen"], stub["link"] = WALL, 1, 500.0, 50.0, -1
+    stub["x"], stub["y"] = middle
+    stub["ux"], stub["uy"] = u
+    stub["xx"], stub["xy"], stub["yy"] = 500.0 * length**2 / 12 * np.array([u[0] ** 2, u[0] * u[1], u[1] ** 2])
+    stub["tip"], stub["label"] = (middle - 0.5 * length * u, middle + 0.5 * length * u), Label.FRONTIER
+    wall = certain(np.array([(0.0, 0.0), (10.0, 0.0)]), np.array([(0, 1)]))
+    layer = layer_of(wall, np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M)
+    laid = merged(stub, [layer], Gates(0.01, SAME_WALL_M))
+    assert len(laid) == 1 and np.abs(laid["tip"][0, :, 1]).max() < 0.01
+    assert np.abs(laid["tip"][0, :, 0] - (0.0, 10.0)).max() < 0.01
 
 
 def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
