@@ -17,7 +17,7 @@ from deploy.revision import revision, sources
 from deploy.sensing import IDEAL_BENCHMARK
 from deploy.sweep.command import fill
 from deploy.sweep.store import Store
-from deploy.sweep.work import OK, Row, Task
+from deploy.sweep.work import OK, Row, WorkerTask
 
 Figures = dict[str, Any]  # what a case measured: JSON values
 
@@ -83,9 +83,9 @@ def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, qu
     return Outcome(figures, {name: row["reason"] for name, row in rows.items() if row["status"] != OK})
 
 
-def _task(case: Case, key: str) -> Task:
+def _task(case: Case, key: str) -> WorkerTask:
     settings = json.dumps({"case": case.name, **case.arguments}, sort_keys=True)
-    return Task(key, {"settings": settings}, _measure, (case,))
+    return WorkerTask(key, {"settings": settings}, _measure, (case,))
 
 
 def _measure(case: Case) -> Row:

@@ -11,7 +11,7 @@ from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs
 from deploy.sweep.progress import SweepProgress
 from deploy.sweep.store import Store
-from deploy.sweep.work import Row, Task
+from deploy.sweep.work import Row, WorkerTask
 from protocol.status import Status
 
 
@@ -37,7 +37,7 @@ def sweep(
 
 def fill(
     store: Store,
-    tasks: Sequence[Task],
+    tasks: Sequence[WorkerTask],
     workers: int | None = None,
     *,
     scheduler: str | None = None,

@@ -17,7 +17,7 @@ import dask
 from distributed import Client, KilledWorker, LocalCluster, Security, as_completed
 
 from deploy.revision import sources
-from deploy.sweep.work import FAILED, OtherSourcesError, Row, Task, work
+from deploy.sweep.work import FAILED, OtherSourcesError, Row, WorkerTask, work
 from protocol.errors import InputError, LinkError
 
 PATIENCE_S = 300.0
@@ -76,7 +76,7 @@ def cluster(address: str, certs: Path | None) -> Iterator[tuple[str, Security | 
 
 
 def run_all(
-    tasks: Sequence[Task],
+    tasks: Sequence[WorkerTask],
     address: str,
     security: Security | None,
     keep: Callable[[Row], None],
@@ -103,7 +103,7 @@ def run_all(
             time.sleep(RETRY_S)
 
 
-def _results(client: Client, tasks: Sequence[Task]) -> Iterator[Row]:
+def _results(client: Client, tasks: Sequence[WorkerTask]) -> Iterator[Row]:
     """Rows as they come; those whose tasks were lost with the scheduler are missing."""
     by_key = {task.key: task for task in tasks}
     futures = client.map(work, tasks, code=sources(), key=list(by_key), retries=0)

@@ -15,7 +15,7 @@ from deploy.bench.errors import errors, right
 from deploy.config import RunConfig
 from deploy.metrics import score, truth_of
 from deploy.sweep.plan import Job
-from deploy.sweep.work import Row, Task
+from deploy.sweep.work import Row, WorkerTask
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.episode import Episode
@@ -25,10 +25,10 @@ ALIGNMENT = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 EMPTY = encode_wireframe(Wireframe())
 
 
-def task_of(job: Job) -> Task:
+def task_of(job: Job) -> WorkerTask:
     """The run of a job, as a task."""
     settings, config = (json.dumps(part, sort_keys=True) for part in (job.settings, job.config))
-    return Task(job.key, {"settings": settings, "config": config}, measure, (job,))
+    return WorkerTask(job.key, {"settings": settings, "config": config}, measure, (job,))
 
 
 def measure(job: Job) -> Row:

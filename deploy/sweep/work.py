@@ -18,7 +18,7 @@ class OtherSourcesError(RuntimeError):
     """The worker's code is not that of the command that asks it for a task."""
 
 
-class Task(NamedTuple):
+class WorkerTask(NamedTuple):
     """A call of a function that other processes find by its name."""
 
     key: str
@@ -34,7 +34,7 @@ class Task(NamedTuple):
         return {"key": self.key, "status": status, "reason": reason, **self.label}
 
 
-def work(task: Task, code: str) -> Row:
+def work(task: WorkerTask, code: str) -> Row:
     """Do a task in this process. What it raises makes a row that says so. Raises OtherSourcesError.
 
     code: what `deploy.revision.sources` is on the machine that asks.

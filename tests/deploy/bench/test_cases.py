@@ -11,7 +11,7 @@ from deploy.bench import cases
 from deploy.bench.cases import Case, measure_all
 from deploy.revision import sources
 from deploy.sweep.store import Store
-from deploy.sweep.work import Task, work
+from deploy.sweep.work import WorkerTask, work
 
 
 def square(x: int, log: str) -> dict[str, Any]:
@@ -30,7 +30,7 @@ def logged(log: Path) -> list[str]:
 def without_dask(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tasks are done here and now, which is quicker than to start workers."""
 
-    def fill(store: Store, tasks: Sequence[Task], *_: Any, **__: Any) -> None:
+    def fill(store: Store, tasks: Sequence[WorkerTask], *_: Any, **__: Any) -> None:
         for task in tasks:
             if task.key not in store.kept() - store.failed():
                 store.keep(work(task, sources()))
