@@ -299,7 +299,8 @@ def _is_time(value: Any) -> bool:
 
 
 def _trajectory(file: Path) -> Floats | None:
-    rows = [line.split() for line in file.read_text("utf-8").splitlines() if line and line[0] != "#"]
+    lines = file.read_text("utf-8").splitlines()
+    rows = [words for line in lines if (words := line.split()) and line[0] != "#"]
     if not rows:
         return None
     t, x, y, _, _, _, qz, qw = _array(rows, (-1, 8)).T

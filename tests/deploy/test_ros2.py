@@ -74,7 +74,8 @@ def test_scan_odometry_and_tf_lie_under_the_robots_namespace(endpoint: str) -> N
     assert np.isinf(scan.ranges[0]) and np.isnan(scan.ranges[1]) and scan.ranges[2] == 2.0
     assert (scan.angle_increment, scan.scan_time) == pytest.approx((math.radians(1), PERIOD_S))
     stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in odometry]
-    assert np.diff(stamps) == pytest.approx(PERIOD_S / 5, abs=1e-4)
+    apart = np.diff(stamps)  # a tick that comes late on a busy machine leaves a gap
+    assert np.median(apart) == pytest.approx(PERIOD_S / 5, abs=1e-4) and apart.min() > PERIOD_S / 5 - 1e-4
     assert min(abs(one - end_s) for one in stamps) < 1e-3 and abs(end_s - time.time()) < PATIENCE_S
     assert odometry[-1].twist.twist.linear.x == pytest.approx(0.2 * math.cos(0.1), abs=0.01)
     (moved,) = tf[-1].transforms

@@ -1,5 +1,7 @@
 """Pose and walls are known together: what is learned of one moves all that err with it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -28,7 +30,7 @@ def test_walls_move_with_the_pose_that_they_were_placed_from() -> None:
     edges, joint = mapped()
     shift = np.zeros(len(joint))
     for row, off in ((0, 0.08), (1, -0.05)):
-        observe(joint, shift, np.array((row,)), np.array((1.0,)), off, 1e-8)
+        observe(joint, shift, np.array((row,)), np.array((1.0,)), off, 1e-8, math.inf)
     before = edges.copy()
     move_walls(edges, shift)
     assert shift[:3] == pytest.approx((0.08, -0.05, 0.0), abs=1e-3)
@@ -51,8 +53,8 @@ def test_a_wall_is_known_better_from_where_it_was_seen_than_in_the_map() -> None
 def test_a_number_far_from_what_is_known_counts_little() -> None:
     _, joint = mapped()
     shift, rows, one = np.zeros(len(joint)), np.array((0,)), np.array((1.0,))
-    observe(joint, shift, rows, one, 0.0, 0.001**2)
-    observe(joint, shift, rows, one, 1.0, 0.001**2)
+    observe(joint, shift, rows, one, 0.0, 0.001**2, math.inf)
+    observe(joint, shift, rows, one, 1.0, 0.001**2, math.inf)
     assert abs(shift[0]) < 0.01
 
 
@@ -73,7 +75,7 @@ def test_both_parts_of_a_wall_that_is_cut_lie_on_one_line() -> None:
     assert len(know_walls(edges, 3, joint, POSE, NOISE)) == 0
     assert edges[2]["twin"] == 0
     shift = np.zeros(len(joint))
-    observe(joint, shift, np.array((row_of(0),)), np.array((1.0,)), 0.05, 1e-8)
+    observe(joint, shift, np.array((row_of(0),)), np.array((1.0,)), 0.05, 1e-8, math.inf)
     assert shift[row_of(2) : row_of(2) + 2] == pytest.approx(shift[row_of(0) : row_of(0) + 2])
 
 

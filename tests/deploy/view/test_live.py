@@ -34,9 +34,9 @@ LIMIT_S = 60
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of 8 s that nobody views."""
+    """A run of 20 s that nobody views."""
     folder = tmp_path_factory.mktemp("unseen")
-    assert launch(tiny_config(folder, until=8.0), folder / "out").status == Status.OK
+    assert launch(tiny_config(folder, until=20.0), folder / "out").status == Status.OK
     return folder / "out"
 
 
@@ -55,7 +55,7 @@ def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Pat
 
     with ThreadPoolExecutor(1) as pool:
         viewing = pool.submit(view)
-        assert launch(tiny_config(folder, until=8.0), out).status == Status.OK
+        assert launch(tiny_config(folder, until=20.0), out).status == Status.OK
         viewing.result(LIMIT_S)
     yield out, tape.file
 
