@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.geometry.chains import chained
+from agent.geometry.lines import placed
 from agent.kernels import shared_kernel
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
@@ -94,6 +95,5 @@ def to_map_frame(pieces: Records, pose: Pose) -> Records:
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(out)):
         p = out[k]
-        p.x, p.y = pose[0] + c * p.x - s * p.y, pose[1] + s * p.x + c * p.y
-        p.ux, p.uy = c * p.ux - s * p.uy, s * p.ux + c * p.uy
+        p.x, p.y, p.ux, p.uy = placed(p.x, p.y, p.ux, p.uy, pose, c, s)
     return out

@@ -7,6 +7,8 @@ import math
 from typing import Any
 
 from agent.kernels import kernel
+from protocol.arrays import Floats
+from protocol.geometry import Pose
 
 Record = Any  # one element of a record array inside a kernel; numba reads its fields like attributes
 
@@ -24,6 +26,14 @@ def along(line: Record, x: float, y: float) -> float:
 def above(line: Record, x: float, y: float) -> float:
     """Distance of a point from the line in metres, positive on its left, which is a wall's free side."""
     return (y - line.y) * line.ux - (x - line.x) * line.uy
+
+
+@kernel
+def placed(
+    x: float, y: float, ux: float, uy: float, pose: Pose | Floats, c: float, s: float
+) -> tuple[float, float, float, float]:
+    """A point and a direction of a pose's frame, moved to where the pose lies. c, s: cosine and sine of its angle."""
+    return pose[0] + c * x - s * y, pose[1] + s * x + c * y, c * ux - s * uy, s * ux + c * uy
 
 
 @kernel

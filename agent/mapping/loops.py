@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry.lines import above, along
+from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
 from agent.mapping.matching import Match, costs_around, nearest_wall, poses_around, refine
 from agent.mapping.segments import SAMPLE_M
@@ -60,9 +60,7 @@ def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]
     due, met = 0, 0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
-        x = pose[0] + c * samples[k, 0] - s * samples[k, 1]
-        y = pose[1] + s * samples[k, 0] + c * samples[k, 1]
-        ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
+        x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
         if nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0:
             due += 1
             met += 1

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry.lines import above, along
+from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
 from protocol.arrays import Floats, Records
@@ -81,9 +81,7 @@ def truncated_cost(samples: Floats, walls: Records, pose: Floats, gate: float) -
     total = 0.0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
-        x = pose[0] + c * samples[k, 0] - s * samples[k, 1]
-        y = pose[1] + s * samples[k, 0] + c * samples[k, 1]
-        ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
+        x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
         e, off = nearest_wall(walls, x, y, ux, uy, gate)
         total += 1.0 if e < 0 else (off / gate) ** 2
     return total

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.geometry.lines import Record, above, along
+from agent.geometry.lines import Record, above, along, placed
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
@@ -68,8 +68,7 @@ def moved(segments: Records, pose: Floats) -> Records:
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(out)):
         e = out[k]
-        e.x, e.y = pose[0] + c * e.x - s * e.y, pose[1] + s * e.x + c * e.y
-        e.ux, e.uy = c * e.ux - s * e.uy, s * e.ux + c * e.uy
+        e.x, e.y, e.ux, e.uy = placed(e.x, e.y, e.ux, e.uy, pose, c, s)
         xx, xy, yy = e.xx, e.xy, e.yy
         e.xx = c * c * xx - 2 * c * s * xy + s * s * yy
         e.yy = s * s * xx + 2 * c * s * xy + c * c * yy
