@@ -2,6 +2,7 @@
 
 import json
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -25,8 +26,9 @@ Command = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def wireswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+def wireswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Iterator[Command]:
     """Run the command in this process, in an empty folder; returns exit status, stdout and stderr."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
 
@@ -38,7 +40,10 @@ def wireswarm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str
         code = end.value.code
         return code if isinstance(code, int) else 0, out, err
 
-    return run
+    yield run
+    signal.set_wakeup_fd(-1)  # a robot's command heeds signals until its process ends, and this one goes on
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def test_version_and_help(wireswarm: Command) -> None:
