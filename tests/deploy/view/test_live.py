@@ -85,7 +85,10 @@ def test_a_viewer_sees_maps_coverage_and_all_events(viewed: tuple[Path, Path], f
     assert sorted(shown) == sorted(event["tick"] for event in events)
     last = max(tick for tick in found["world/maps/r1/own"]["LineStrips3D:strips"] if tick is not None)
     assert len(found["world/maps/r1/own"]["LineStrips3D:strips"][last][0]) >= 4
-    assert len(found["coverage/team"]["Scalars:scalars"]) > 1
+    shown_coverage = {tick or 0: value for tick, value in found["coverage/team"]["Scalars:scalars"].items()}
+    (at_the_end,) = shown_coverage[max(shown_coverage)]
+    told = json.loads((viewed[0] / "summary.json").read_text())["team"]["coverage"]
+    assert at_the_end[0] == pytest.approx(told, abs=1e-6)  # of what came before, a quick run shows nothing
 
 
 def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
