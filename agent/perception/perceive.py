@@ -14,7 +14,7 @@ from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import Method, PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
-from agent.perception.pieces import EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, Turn, pieces_of
+from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, Turn, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats
@@ -110,8 +110,8 @@ def perceive(
         cut = piecewise if method == "piecewise" else split_and_merge
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
-        edge = EDGE_OF_RANGE_SIGMAS if lidar.noise_share == 0 else GROWN_EDGE_SIGMAS
-        turn = Turn(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar), edge)
+        edge, corner = (EDGE_OF_RANGE_SIGMAS, 0.0) if lidar.noise_share == 0 else (GROWN_EDGE_SIGMAS, CORNER_SIGMAS)
+        turn = Turn(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar), edge, corner)
         pieces, explained = pieces_of(turn, cuts, sums)
         unexplained &= ~explained
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
