@@ -192,13 +192,14 @@ def _draw(run: Path, pairs: bool = False) -> None:
 def _leave(run: Path) -> None:
     """End at once, also in the midst of drawing: libraries drop what is raised, and a run that ended needs no more."""
     from deploy import forks, manifest
+    from protocol.errors import InputError
     from protocol.files import remove_parts
 
     why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
     try:
         remove_parts(run)
         manifest.interrupt(run, why)
-    except OSError:  # nothing was run yet
+    except (OSError, InputError):  # nothing was run yet
         with suppress(OSError):
             run.rmdir()
     else:

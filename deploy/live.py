@@ -1,6 +1,7 @@
 """Progress of a run on the terminal, and the tables at its end."""
 
 import json
+import os
 import time
 from collections import Counter
 from collections.abc import Container
@@ -17,6 +18,7 @@ from deploy.pairs import fates
 from deploy.report.rundir import mapping
 from deploy.report.words import MAX_SHOWN
 from deploy.terminal import add_row
+from protocol.document import read_text
 from protocol.messages import Progress
 from protocol.text import printable
 
@@ -25,13 +27,21 @@ MAX_ROBOTS = 6  # of a run whose pairs are listed unasked
 CONTACTS = ("wall_contacts", "robot_contacts")
 
 
+class _Terminal(Console):
+    """Stderr. Where nobody reads it any more (`2>&1 | head`), the run goes on."""
+
+    def on_broken_pipe(self) -> None:
+        """Write to nowhere from now on; what is raised otherwise would end the run."""
+        self.file = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (open to the end)
+
+
 class Display:
     """Progress on stderr: a live table on a terminal, else a line now and then, or nothing."""
 
     def __init__(self, world: str, radio: str, quiet: bool) -> None:
         """radio: its settings in words, printed when the run begins."""
         self._world, self._radio, self._quiet = printable(world), radio, quiet
-        self._console = Console(stderr=True)
+        self._console = _Terminal(stderr=True)
         self._began: float | None = None
         self._line = 0.0
         self._live: Live | None = None
@@ -84,7 +94,7 @@ def print_summary(out: Path, pairs: bool = False) -> None:
     pairs: also who met whom, where there are more than MAX_ROBOTS.
     """
     try:
-        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+        summary = json.loads(read_text(out / "summary.json"))
     except (OSError, ValueError, RecursionError):
         return
     summary = mapping(summary)

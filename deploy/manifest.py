@@ -8,7 +8,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from protocol.files import write_whole
+from protocol.document import read_text
+from protocol.errors import InputError
+from protocol.files import UnwritableError, write_whole
 from protocol.settings import Config
 from protocol.status import Status
 from world.config import WorldConfig
@@ -37,13 +39,17 @@ def begin(out: Path, fields: dict[str, Any]) -> None:
 
 
 def finish(out: Path, **more: Any) -> None:
-    """Add to it what is known now that the run has ended. Raises UnwritableError, OSError where there is none."""
-    _write(out, read(out) | {"end": _now()} | more)
+    """Add to it what is known now that the run has ended. Raises UnwritableError, also where it is gone or damaged."""
+    try:
+        begun = read(out)
+    except InputError as error:
+        raise UnwritableError((out / "manifest.json", str(error))) from None
+    _write(out, begun | {"end": _now()} | more)
 
 
 def interrupt(out: Path, why: str) -> None:
-    """Say that somebody stopped the command, after the run or before it had an end. Raises as `finish` does."""
-    finish(out, ended=read(out)["ended"] or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
+    """Say that somebody stopped the command, after the run or before its end. Raises as `finish` and `read` do."""
+    finish(out, ended=read(out).get("ended") or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
 
 
 def withdraw(out: Path) -> None:
@@ -52,8 +58,13 @@ def withdraw(out: Path) -> None:
 
 
 def read(out: Path) -> dict[str, Any]:
-    """Its fields. Raises OSError and ValueError."""
-    fields: dict[str, Any] = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    """Its fields. Raises InputError, without the file's name, where there is none or it is damaged."""
+    try:
+        fields = json.loads(read_text(out / "manifest.json"))
+    except (ValueError, RecursionError) as error:
+        raise InputError(str(error)) from None
+    if not isinstance(fields, dict):
+        raise InputError("it holds no JSON object")
     return fields
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from protocol.document import MAX_RESULT_BYTES, read_text
+
 
 @dataclass
 class PairFate:
@@ -27,7 +29,7 @@ def fates(out: Path) -> list[PairFate]:
     A line whose fields are not as docs/formats.md says is left out: a robot may write anything.
     """
     pairs: dict[tuple[str, str], PairFate] = {}
-    for line in (out / "events.jsonl").read_text(encoding="utf-8").splitlines():
+    for line in read_text(out / "events.jsonl", MAX_RESULT_BYTES).splitlines():
         event: Any = None
         with suppress(ValueError, RecursionError):
             event = json.loads(line)

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
@@ -20,8 +21,9 @@ for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
 
 
 def say(sentence: str) -> None:
-    """Tell the user on stderr."""
-    print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr)
+    """Tell the user on stderr, where anybody listens."""
+    with suppress(OSError):
+        print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr, flush=True)
 
 
 def stop_on_signals(inbox: "Inbox") -> None:
@@ -35,9 +37,25 @@ def stop_on_signals(inbox: "Inbox") -> None:
         signal.signal(number, handler)
 
 
+def mend_streams() -> None:
+    """Have stdin, stdout and stderr open, and print what their encoding lacks as a question mark.
+
+    Where one was closed (`>&-`), the next file or socket would get its number, and hear all that is printed.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
+        getattr(sys, name).reconfigure(errors="replace")
+
+
 def run(app: Callable[..., Any]) -> None:
     """Run a Typer app and exit: what a user can act on becomes one sentence and an exit status."""
     from typer import Abort
+
+    mend_streams()
 
     try:
         sys.exit(app(standalone_mode=False))

@@ -11,6 +11,8 @@ from protocol.errors import InputError
 
 MAX_BYTES = 10_000_000
 """Largest file; a thousand walls take 50 kB (ours)."""
+MAX_RESULT_BYTES = 1 << 28
+"""Largest result of a run: `metrics.csv` of 100 robots and two hours takes 60 MB."""
 MAX_DEPTH = 32
 """Lists and maps within each other; a polygon's point is at level 5 (ours)."""
 MAX_VALUES = 300_000
@@ -50,15 +52,20 @@ def read_document(file: Path) -> Any:
     return parse_document(read_text(file))
 
 
-def read_text(file: Path) -> str:
+def check_is_file(file: Path) -> None:
+    """Raise InputError, without its name, for what is none: a pipe may never end, nor does a device."""
+    if not file.is_file():
+        raise InputError("this is no file" if file.exists() else "there is no such file")
+
+
+def read_text(file: Path, max_bytes: int = MAX_BYTES) -> str:
     """The text of a file. Raises InputError without the file's name."""
     try:
-        if not file.is_file():  # a pipe or a device may never end
-            raise InputError("this is no file" if file.exists() else "there is no such file")
+        check_is_file(file)
         with file.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise InputError(f"larger than {MAX_BYTES} bytes")
+            data = stream.read(max_bytes + 1)
+        if len(data) > max_bytes:
+            raise InputError(f"larger than {max_bytes} bytes")
         return data.decode()
     except OSError as error:
         raise InputError(f"cannot be read: {error.strerror}") from None

@@ -1,5 +1,6 @@
 """Files that are whole: a killed process or a full disk leaves no half of one behind."""
 
+import errno
 import os
 import secrets
 from collections.abc import Callable
@@ -27,8 +28,11 @@ class UnwritableError(OSError):
 def write_whole(file: Path, content: str | bytes, *, private: bool = False, durable: bool = True) -> None:
     """Write a file so that it has all of its content, or is as it was before.
 
-    private: only its owner may read it. durable: even if the power fails right after. Raises UnwritableError.
+    private: only its owner may read it. durable: even if the power fails right after. Raises UnwritableError, also
+    where a device or a pipe has the name: the file would take its place, and root may do that to /dev/null.
     """
+    if file.exists() and not file.is_file():
+        raise UnwritableError((file, os.strerror(errno.EISDIR) if file.is_dir() else "this is no file"))
     part = file.with_name(f".{file.name}.{os.getpid()}-{secrets.token_hex(4)}")
     opened = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     try:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from protocol.document import check_is_file, read_text
 from protocol.errors import InputError
 
 Sums = Counter[tuple[str, ...]]
@@ -19,7 +20,8 @@ class NoRunError(InputError):
 def read_books(run: Path) -> dict[str, Any]:
     """bandwidth.json of a run. Raises NoRunError where there is none, or where it and radio.csv do not agree."""
     try:
-        books: dict[str, Any] = json.loads((run / "bandwidth.json").read_text(encoding="utf-8"))
+        books: dict[str, Any] = json.loads(read_text(run / "bandwidth.json"))
+        check_is_file(run / "radio.csv")
         with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
             listed = _of_lines(csv.DictReader(file))
         summed = _of_books(books)

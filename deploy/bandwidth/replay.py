@@ -15,6 +15,7 @@ from deploy import manifest
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
 from protocol.arrays import Floats
+from protocol.document import MAX_RESULT_BYTES, check_is_file, read_text
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from world.config import WorldConfig
@@ -50,7 +51,7 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     """What each robot of a run directory saw. Raises NoRunError."""
     try:
         world = load(str(run / "world.yaml"))
-        frames = json.loads((run / "truth.json").read_text(encoding="utf-8"))["frames"]
+        frames = json.loads(read_text(run / "truth.json"))["frames"]
         tracks = {robot: _track(run / "trajectories" / f"{robot}.tum") for robot in frames}
         ends = _deaths(run / "events.jsonl")
     except (OSError, ValueError, LookupError) as error:
@@ -85,11 +86,12 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
 
 def _track(file: Path) -> Floats:
     """(t, 3) poses of a TUM file, world frame."""
+    check_is_file(file)
     rows = np.loadtxt(file, ndmin=2)
     return np.column_stack([rows[:, 1:3], np.unwrap(2 * np.arctan2(rows[:, 6], rows[:, 7]))])
 
 
 def _deaths(file: Path) -> dict[str, int]:
     """The tick at which each dead robot died."""
-    events = map(json.loads, file.read_text(encoding="utf-8").splitlines())
+    events = map(json.loads, read_text(file, MAX_RESULT_BYTES).splitlines())
     return {event["robot"]: event["tick"] for event in events if event["event"] == "dead"}

@@ -22,6 +22,7 @@ from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
+from protocol.document import MAX_RESULT_BYTES, check_is_file, read_text
 from protocol.files import write_whole
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
@@ -89,7 +90,8 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     seen = seen_again(run, config)
     period_s = 1 / config.spec.lidar.rate_hz
     try:
-        lines = [json.loads(line) for line in (run / "updates.jsonl").read_text(encoding="utf-8").splitlines()]
+        lines = [json.loads(line) for line in read_text(run / "updates.jsonl", MAX_RESULT_BYTES).splitlines()]
+        check_is_file(run / "radio.csv")
         with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
             passages = list(csv.DictReader(file))
     except (OSError, ValueError) as error:

@@ -21,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 
 from deploy.exchange.shapes import Shapes
 from protocol.arrays import Bools, Floats
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from world.worldfile import polygons_of
 
@@ -79,12 +80,13 @@ def read_bitmap(file: Path, width_m: float, straighten: bool, boundary: bool) ->
 def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
     """(rows, columns) 0 to 1 of a picture, row 0 the lowest y; what is transparent is white. Raises InputError."""
     try:
+        check_is_file(file)
         with Image.open(file) as image:
             if image.width * image.height > MAX_CELLS:
-                raise InputError(f"{file.name}: {image.width} x {image.height} pixels are too many")
+                raise InputError(f"{image.width} x {image.height} pixels are too many")
             rgba = np.asarray(image.convert("RGBA"), np.float32) / 255
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(f"{file.name}: {error}") from None
     except Exception as error:  # decoders raise what they like for damaged pictures
         cause = getattr(error, "strerror", None) or type(error).__name__
         raise InputError(f"{file.name}: no picture that can be read: {cause}") from None

@@ -20,6 +20,7 @@ from agent.shell.ros2.lidar_turn import APART_S, MAX_RANGE_M, LidarTurn, stamp_o
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
@@ -62,6 +63,8 @@ def definitions(old: bool) -> Typestore:
 def read_bag(file: Path, given: Given) -> LidarLog:
     """The scans of a bag, from the lidar's place by odometry. Raises InputError where none can be used."""
     try:
+        for part in file.iterdir() if file.is_dir() else [file]:
+            check_is_file(part)
         with Rosbag1(file) if file.suffix == ".bag" else Rosbag2(file) as reader:
             bag = _read(reader, given)
         return _log(str(file), bag, given)

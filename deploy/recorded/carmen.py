@@ -10,6 +10,7 @@ import numpy as np
 
 from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
 from protocol.arrays import Floats
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import Pose, compose, relative
 from protocol.messages import MAX_BEAMS, LidarSpec
@@ -60,6 +61,7 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
 def _lines(file: Path) -> Iterator[list[str]]:
     """Words of each line. Raises InputError."""
     try:
+        check_is_file(file)
         with file.open("rb") as raw:
             zipped = raw.read(2) == b"\x1f\x8b"
             raw.seek(0)
@@ -68,9 +70,11 @@ def _lines(file: Path) -> Iterator[list[str]]:
                 while line := stream.readline(MAX_LINE):
                     left -= len(line)
                     if left < 0:
-                        raise InputError(f"{file}: more than {MAX_BYTES >> 20} MB of text; split it")
+                        raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
                     if words := line.decode("ascii", "replace").split():
                         yield words
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
     except (OSError, EOFError, zlib.error) as error:
         raise InputError(f"{file}: it cannot be read: {error}") from None
 

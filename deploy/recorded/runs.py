@@ -11,6 +11,7 @@ import numpy as np
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
 from deploy.recorded.lidar_log import Given, LidarLog, Scan
+from protocol.document import check_is_file
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
 
@@ -29,6 +30,7 @@ def kept_files(run: Path) -> list[Path]:
 def kept_scans(source: Path, beams: int) -> Iterator[dict[str, Any]]:
     """Lines of scans/ID.jsonl. Raises NoRunError."""
     try:
+        check_is_file(source)
         with source.open(encoding="utf-8") as stream:
             while line := stream.readline(MAX_LINE):
                 scan = json.loads(line)

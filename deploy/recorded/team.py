@@ -19,6 +19,7 @@ from agent.config import AgentConfig
 from agent.passenger import Passenger
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import Pose, pose_of, relative
 from protocol.messages import EVERYONE, Event, Heard, Observation, RobotSpec, Send
@@ -30,6 +31,7 @@ MAX_REFERENCE_BYTES = 100_000_000  # a million poses
 def _read_reference(file: Path) -> dict[int, tuple[float, float]]:
     """Places by the number of their scan, from `NUMBER x y z qx qy qz qw` lines. Raises InputError."""
     try:
+        check_is_file(file)
         if file.stat().st_size > MAX_REFERENCE_BYTES:
             raise ValueError(f"more than {MAX_REFERENCE_BYTES >> 20} MB")
         with catch_warnings(action="ignore"):  # of a file without lines

@@ -12,7 +12,7 @@ from protocol.files import write_all
 def write_report(run_dir: Path) -> Path:
     """Write report.png and report.html into a run directory; returns the path of the page.
 
-    Files that are missing or broken are named in the page. Raises NotADirectoryError where there is none,
+    Files that are missing or broken are named in the page. Raises NoDirectoryError where there is none,
     UnwritableError for a file that cannot be written, after the other was tried.
     """
     run = read_run(run_dir)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from protocol.arrays import Floats
+from protocol.document import MAX_RESULT_BYTES, read_text
 from protocol.errors import InputError
 from protocol.geometry import apply
 from protocol.messages import LidarSpec
@@ -37,6 +38,10 @@ MAX_TIME_S = 1e9  # of a simulated time in a file
 MAX_M = 1e6  # of a coordinate (or a second of a path) in a file: neither pictures nor pages can show more
 
 T = TypeVar("T")
+
+
+class NoDirectoryError(InputError, NotADirectoryError):
+    """There is no such run directory."""
 
 
 @dataclass(frozen=True)
@@ -174,11 +179,11 @@ def mapping(value: Any) -> dict[str, Any]:
 def read_run(directory: str | Path) -> Run:
     """What a run directory holds; `notes` of the result name the files that are missing or broken.
 
-    Raises NotADirectoryError where there is no such directory.
+    Raises NoDirectoryError where there is no such directory.
     """
     path = Path(directory)
     if not path.is_dir():
-        raise NotADirectoryError(f"{path} is no run directory")
+        raise NoDirectoryError(f"{path} is no run directory")
     run = Run(path)
 
     def part(name: str, read: Callable[[Path], T], otherwise: T) -> T:
@@ -200,14 +205,14 @@ def read_run(directory: str | Path) -> Run:
     run.manifest = part("manifest.json", _object, {})
     run.summary = part("summary.json", _object, {})
     if run.of_logs:
-        run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
+        run.maps = each("maps", ".json", lambda file: parse_map(_text(file)))
         run.poses = each("estimate", ".tum", _trajectory)
         run.frames = {robot: np.zeros(3) for robot in run.maps if len(run.maps) == 1}
         return run
     run.bandwidth = part("bandwidth.json", _object, {})
     run.world = part("world.yaml", load, None)
     run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
-    run.maps = each("maps", ".json", lambda file: parse_map(file.read_text("utf-8")))
+    run.maps = each("maps", ".json", lambda file: parse_map(_text(file)))
     for robot, drawn in run.maps.items():
         if (path / (name := f"maps/{robot}.own.json")).exists():
             run.maps[robot] = part(name, partial(_compared, drawn), drawn)
@@ -224,16 +229,18 @@ def read_drawable(path: Path) -> tuple[Run, World]:
 
     Raises InputError.
     """
-    if not path.is_dir():
-        raise InputError(f"{path} is no run directory")
     run = read_run(path)
     if run.world is None or not run.poses:
         raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
     return run, run.world
 
 
+def _text(file: Path) -> str:
+    return read_text(file, MAX_RESULT_BYTES)
+
+
 def _object(file: Path) -> dict[str, Any]:
-    return _as_object(file.read_text("utf-8"))
+    return _as_object(_text(file))
 
 
 def _as_object(text: str) -> dict[str, Any]:
@@ -245,7 +252,7 @@ def _as_object(text: str) -> dict[str, Any]:
 
 def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     """The objects of a JSON lines file, whose last line may be cut where its writer was killed."""
-    lines, objects = file.read_text("utf-8").splitlines(), []
+    lines, objects = _text(file).splitlines(), []
     for line in lines:
         with suppress(ValueError, RecursionError):
             objects.append(_as_object(line))
@@ -273,7 +280,7 @@ def _map(value: Mapping[str, Any]) -> Map:
 
 def _compared(whole: Map, file: Path) -> Map:
     """The map, knowing which of its walls the same robot's map of its own walls lacks."""
-    own = parse_map(file.read_text("utf-8"))
+    own = parse_map(_text(file))
     seen = {tuple(wall) for wall in own.vertices[own.edges].reshape(-1, 4).tolist()}
     walls = whole.vertices[whole.edges].reshape(-1, 4).tolist()
     return replace(whole, heard=frozenset(row for row, wall in enumerate(walls) if tuple(wall) not in seen))
@@ -299,7 +306,7 @@ def _is_time(value: Any) -> bool:
 
 
 def _trajectory(file: Path) -> Floats | None:
-    lines = file.read_text("utf-8").splitlines()
+    lines = _text(file).splitlines()
     rows = [words for line in lines if (words := line.split()) and line[0] != "#"]
     if not rows:
         return None
@@ -310,9 +317,8 @@ def _trajectory(file: Path) -> Floats | None:
 def read_metrics(file: Path) -> dict[str, Series]:
     """metrics.csv by robot and for the team. Raises OSError, ValueError or LookupError."""
     by_robot: defaultdict[str, list[dict[str, str]]] = defaultdict(list)
-    with file.open(encoding="utf-8", newline="") as stream:
-        for row in csv.DictReader(stream):
-            by_robot[printable(row["robot"])].append(row)
+    for row in csv.DictReader(_text(file).splitlines()):
+        by_robot[printable(row["robot"])].append(row)
     made = {}
     for robot, own in by_robot.items():
         names = [name for name in own[0] if name not in ("t", "tick", "robot")]

@@ -30,10 +30,10 @@ LOOK_S = 0.1
 
 def newest() -> Path:
     """The run directory in runs/ that began last. Raises InputError where there is none."""
-    begun = [file for file in RUNS.glob("*/manifest.json") if file.is_file()]
+    begun = [file for file in RUNS.glob("*/world.yaml") if (file.parent / "manifest.json").is_file()]
     if not begun:
         raise InputError(f"{RUNS}/ has no run: name a run directory")
-    return max(begun, key=lambda file: (file.parent / "world.yaml").stat().st_mtime).parent
+    return max(begun, key=lambda file: file.stat().st_mtime).parent
 
 
 def save(run: Path, file: Path) -> None:

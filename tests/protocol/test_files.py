@@ -98,3 +98,12 @@ def test_a_file_of_lines_hands_complete_lines_to_the_system_and_goes_on_where_it
 def test_files_that_cannot_be_written_for_one_reason_are_told_together() -> None:
     error = UnwritableError((Path("a"), "full"), (Path("b"), "read-only"), (Path("c"), "full"))
     assert str(error) == str(pickle.loads(pickle.dumps(error))) == "cannot write a, c: full; cannot write b: read-only"
+
+
+def test_no_file_takes_the_place_of_a_pipe_or_a_device(tmp_path: Path) -> None:
+    os.mkfifo(pipe := tmp_path / "pipe")
+    with pytest.raises(UnwritableError, match=rf"^cannot write {pipe}: this is no file$"):
+        write_whole(pipe, "x")
+    assert pipe.is_fifo()
+    with pytest.raises(UnwritableError, match="/dev/null: this is no file"):
+        write_whole(Path("/dev/null"), "x")

@@ -209,9 +209,9 @@ def test_a_bag_without_what_is_needed_says_what(tmp_path: Path, wanted: str, sai
 
 def test_a_missing_file_and_a_folder_without_bag_are_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("{")
-    for path in (tmp_path / "none.bag", tmp_path / "none.mcap", tmp_path):
-        with pytest.raises(InputError, match="no bag, or damaged"):
-            read(path)
+    for path, words in (("none.bag", "no such file"), ("none.mcap", "no such file"), (".", "no bag, or damaged")):
+        with pytest.raises(InputError, match=words):
+            read(tmp_path / path)
 
 
 def test_without_the_extra_a_sentence_tells_how_to_get_it(

@@ -97,7 +97,7 @@ def test_what_is_no_log_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     file.write_bytes(content)
     with pytest.raises(InputError, match=r"no\.log: "):
         read_carmen(file, Given())
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="there is no such file"):
         read_carmen(tmp_path / "missing.log", Given())
 
 
