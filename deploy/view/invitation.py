@@ -1,6 +1,7 @@
 """How a viewer finds a run that is under way: a file in its directory that only its owner can read."""
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from protocol.access import VIEWER
@@ -19,8 +20,9 @@ def invite(run: Path, endpoint: str, secrets: Secrets | None) -> None:
 
 
 def withdraw(run: Path) -> None:
-    """Remove the file of a run that has ended."""
-    (run / FILE).unlink(missing_ok=True)
+    """Remove the file of a run that has ended. Where it cannot be removed, its secret opens nothing any more."""
+    with suppress(OSError):
+        (run / FILE).unlink()
 
 
 def invited(run: Path) -> tuple[str, Secrets | None]:
