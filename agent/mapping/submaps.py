@@ -14,7 +14,7 @@ from agent.corner_scan import CornerScan
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
-from agent.mapping.loops import Submap, find, look_again
+from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
 from agent.mapping.matching import SAMPLE_SD_M, costs_around, nearest_wall, poses_around, refine
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.segments import SEGMENT, merge, moved, samples_along, segments_in, segments_of, united
@@ -25,13 +25,18 @@ ROOM = 64  # records by which a submap's array grows, at least
 GATES_M = np.array([0.6, 0.3])  # of a scan: the first finds walls after a bad step of odometry, the second is accurate
 ROUNDS = 6  # Gauss-Newton steps for each gate
 LOST_SHARE = 0.6  # of a scan's samples on walls, below which the pose is searched for, too
-SEARCH, SEARCH_STEP = np.array((0.3, 0.3, math.radians(8.0))), np.array((0.15, 0.15, math.radians(2.0)))
+SEARCH, SEARCH_STEP = np.array((0.4, 0.4, math.radians(24.0))), np.array((0.2, 0.2, math.radians(4.0)))
 """m, m and rad to either side of the odometry's pose, and from one pose that is tried to the next."""
-SAMPLE_WEIGHT = 0.25  # of a sample in the search, against the odometry: neighbours on one wall err alike
+SPARSE = 25  # samples that are enough to tell those poses apart
+COARSE_GATE_M = 0.4
+TRIED = 4  # of those poses, the best are refined
+SAMPLE_WEIGHT = 0.5  # of a sample in the search, against the odometry: neighbours on one wall err alike
+SLIP = 7.0  # what it costs to believe that odometry has slipped, whatever the way: one scan in a thousand
 VIEW_M = 0.4  # of way, or twice this in radians, from one kept view to the next: a dozen a submap
 MERGE_AFTER_M = 0.2  # of way, or twice this in radians: scans from one place show its walls with the same errors
 SKIPPED = 2  # submaps before a finished one hold it by the way already and are no loops
 CONFIRMED = 2.0  # scans that must have shown a wall of a loop's samples: what one scan shows may be a leg
+BESIDE_M = 8.0  # between the middles of two submaps that show many of the same walls
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
 LAID_M = 0.3  # a received wall so near beside an own one is the same: transforms between buildings' maps err as much
@@ -116,7 +121,10 @@ class Submaps:
         self._since_merged = 0.0
 
     def _tracked(self, samples: Floats, walls: Records, by: Pose) -> Floats:
-        """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior."""
+        """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior.
+
+        Where few samples lie on walls, it is searched for around the odometry's, which may have slipped.
+        """
         guess, config = self._local, self._config
         if not len(walls):
             return guess
@@ -128,11 +136,13 @@ class Submaps:
         if match.share >= LOST_SHARE:
             return match.pose
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
-        off = poses - guess
-        against = 0.5 * np.einsum("ni,ij,nj->n", off, prior, off)
-        start = poses[np.argmin(SAMPLE_WEIGHT * costs_around(samples, walls, poses, GATES_M[-1]) + against)]
-        found = refine(samples, walls, start, prior, GATES_M[-1:], ROUNDS)
-        return found.pose if found.share > match.share else match.pose
+        few = samples[:: max(1, len(samples) // SPARSE)]
+        costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)
+        best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
+        found = [refine(samples, walls, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]
+        tried = np.array((match.pose, *found))
+        costs = SAMPLE_WEIGHT * costs_around(samples, walls, tried, GATES_M[-1]) + _against(tried - guess, prior)
+        return np.asarray(tried[np.argmin(costs)])
 
     def close(self) -> bool:
         """Finish the present submap, close its loops, and begin the next one; whether the poses have moved."""
@@ -154,13 +164,36 @@ class Submaps:
         """Close the last submap and measure all loops again from where the graph has put the submaps."""
         if self._count:
             self.close()
-        for _ in range(LOOK_AGAIN if self.loops else 0):
+        if not self.loops:
+            return
+        self._join_neighbours()
+        for _ in range(LOOK_AGAIN):
             for k, (earlier, later) in enumerate(self._ends):
                 if self._is_loop[k]:
                     guess = self._relative(earlier, later)
                     match = look_again(self.finished[later], self.finished[earlier], guess)
                     self._measured[k], self._information[k] = match.pose, self._loop_information(match.information)
             self.poses = relaxed(self.poses, self.graph())
+
+    def _join_neighbours(self) -> None:
+        """Add the loops between submaps that lie side by side and were not compared while the robot was under way."""
+        known = set(self._ends)
+        middles = np.array([self._middle(k) for k in range(len(self.finished))])
+        for later in range(len(self.finished)):
+            apart = np.hypot(*(middles[: max(later - SKIPPED, 0)] - middles[later]).T)
+            for earlier in np.flatnonzero(apart < BESIDE_M).tolist():
+                if (earlier, later) not in known:
+                    self._try_loop(earlier, later, np.zeros(3), AGAIN_PRIOR)
+        self.poses = relaxed(self.poses, self.graph())
+
+    def _try_loop(self, earlier: int, later: int, window: Floats, prior: Floats) -> bool:
+        """Hold a submap against an earlier one, window (3,) and prior (3, 3) as in `find`; whether it is a loop."""
+        found = find(self.finished[later], self.finished[earlier], self._relative(earlier, later), window, prior)
+        if found is None or not found.accepted:
+            return False
+        self._add_edge(earlier, later, found.pose, self._loop_information(found.information), True)
+        self.loops += 1
+        return True
 
     def _find_loops(self, new: int) -> bool:
         """Hold a finished submap against the earlier ones that it may overlap; whether any was a loop."""
@@ -178,13 +211,7 @@ class Submaps:
             turn = np.array(((c, s, 0.0), (-s, c, 0.0), (0.0, 0.0, 1.0)))
             covariance = turn @ known[k] @ turn.T + FLOOR
             spread = np.minimum(3 * np.array((sd[k], sd[k], math.sqrt(known[k, 2, 2]))), self._window)
-            found = find(
-                self.finished[new], self.finished[k], self._relative(k, new), spread, np.linalg.inv(covariance)
-            )
-            if found is not None and found.accepted:
-                self._add_edge(k, new, found.pose, self._loop_information(found.information), True)
-                found_any = True
-                self.loops += 1
+            found_any |= self._try_loop(k, new, spread, np.linalg.inv(covariance))
         return found_any
 
     def _loop_information(self, matched: Floats) -> Floats:
@@ -228,6 +255,11 @@ class Submaps:
         for layer in layers:
             walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
         return walls
+
+
+def _against(off: Floats, prior: Floats) -> Floats:
+    """(n,) what speaks against motions that differ by off (n, 3) from the odometry's, whose information is prior."""
+    return np.asarray(np.minimum(0.5 * np.einsum("ni,ij,nj->n", off, prior, off), SLIP), np.float64)
 
 
 @kernel

@@ -16,7 +16,7 @@ from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply, compose, relative
 from protocol.messages import RobotSpec
-from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
+from tests.carried import DRIFT, HALF_TURN, observations, outline, path_error, ring_corridor
 
 SIDE, WIDTH = 18.0, 2.2
 
@@ -55,6 +55,31 @@ def test_no_wall_stands_twice(seed: int) -> None:
 def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
     mind, _, _ = carried(0, 0.75)
     assert mind.submaps.loops == 0
+
+
+def cluttered(boxes: int) -> Floats:
+    """(n, 4) walls of a hall of 10 m, and of boxes in it that keep clear of a circle of 2.5 m about its middle."""
+    rng, walls = np.random.default_rng(1), outline((0, 0), (10, 0), (10, 10), (0, 10))
+    while len(walls) < 4 + 4 * boxes:
+        x, y = rng.uniform(1, 9, 2).tolist()
+        turn, half = rng.uniform(0, 2 * math.pi), rng.uniform(0.2, 0.5)
+        corners = turn - 0.5 * math.pi * np.arange(4)
+        if not 1.8 < math.hypot(x - 5, y - 5) < 3.2:
+            walls += outline(*((x + half * math.cos(a), y + half * math.sin(a)) for a in corners.tolist()))
+    return np.array(walls)
+
+
+@pytest.mark.parametrize(("scan", "slip_deg"), [(6, 24.0), (12, -20.0)])
+def test_wheels_that_slip_in_a_turn_do_not_bend_the_way(scan: int, slip_deg: float) -> None:
+    turns = np.arange(0, 7.5, 0.35)
+    way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2))
+    seen = observations(cluttered(12), way, HALF_TURN, DRIFT, 2)
+    mind, at = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), seen[scan].odometry
+    slipped = compose(at, (0.0, 0.0, math.radians(slip_deg)))
+    for k, observation in enumerate(seen):
+        odometry = observation.odometry if k < scan else compose(slipped, relative(at, observation.odometry))
+        mind.step(observation.model_copy(update={"odometry": odometry}))
+    assert path_error(mind.path(), way) < 0.02
 
 
 def test_the_same_scans_make_the_same_bytes() -> None:
