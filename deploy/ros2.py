@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
 import zenoh
 
 from agent.config import AgentConfig
@@ -144,11 +143,10 @@ class SimulatedRobot:
 
     def _tell(self, observation: Observation) -> None:
         lidar, poses = self._spec.lidar, list(map(pose_of, observation.poses()))
-        mount = lidar.mount_x_m, lidar.mount_y_m, float(np.radians(lidar.mount_yaw_deg))
         now = round((time.time() - EPOCH_S) * lidar.rate_hz)
         if self._first is None:
             self._first = now - observation.tick
-            self._tf_static.put(showing.transforms_of([(BASE, LIDAR, mount)], time.time()))
+            self._tf_static.put(showing.transforms_of([(BASE, LIDAR, lidar.mount)], time.time()))
         stamp_s, step_s = EPOCH_S + (self._first + observation.tick) / lidar.rate_hz, 1 / lidar.rate_hz / len(poses)
         for number, (before, pose) in enumerate(pairwise([self._before, *poses])):
             then_s = stamp_s - step_s * (len(poses) - 1 - number)

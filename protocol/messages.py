@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints, model_validator
 
 from protocol.arrays import Floats
-from protocol.geometry import wrapped
+from protocol.geometry import Pose, wrapped
 from protocol.settings import MAX_NUMBER
 
 PROTOCOL_VERSION = 3
@@ -141,6 +141,11 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.0
     """Probability that one of the two beams at an edge reads a range between the near and the far surface: the width of
     a beam's footprint over the distance of two beams. 0.2 is a footprint of 3.5 mrad (ours)."""
+
+    @property
+    def mount(self) -> Pose:
+        """Where the lidar is on its robot, and where it points."""
+        return self.mount_x_m, self.mount_y_m, math.radians(self.mount_yaw_deg)
 
     def bearings(self) -> Floats:
         """(beams,) rad from the robot's heading at a beam's moment, counter-clockwise, the mount's yaw included."""

@@ -315,6 +315,11 @@ def polygons_of(geometry: BaseGeometry) -> list[Polygon]:
     return [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
 
 
+def rings_of(geometry: BaseGeometry) -> list[Floats]:
+    """The closed (n, 2) rings of all its polygons: each one's outer ring, and then those of its holes."""
+    return [np.asarray(ring.coords) for part in polygons_of(geometry) for ring in (part.exterior, *part.interiors)]
+
+
 def _numbers(value: object, where: str, levels: Sequence[Level]) -> Any:
     """Lists in lists of finite floats, as deep as there are levels."""
     if not levels:

@@ -114,7 +114,7 @@ class Goals:
         kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
         self.ends = Ends(points[kept], along[kept], free[kept], frontier[kept], heard[kept])
-        self._recall()
+        self._tried = self._tried[kept]
 
     def _recall(self) -> None:
         self._tried = self.memory.find(self.ends.points, self.ends.along)

@@ -6,6 +6,8 @@ from numpy.typing import NDArray
 from protocol.arrays import Floats
 from protocol.walls import directions, lengths, points_along
 
+CELL_M = 0.05  # of grids for others, as most maps of Nav2
+MARGIN_CELLS = 4  # around the walls of such a grid
 ASIDE_M = 1e-6  # a wall on the line between two cells belongs to the one that is solid
 SAMPLES = 4  # of a wall, per cell
 

@@ -10,14 +10,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from agent.geometry.cells import wall_cells
+from agent.geometry.cells import CELL_M, MARGIN_CELLS, wall_cells
 from deploy.exchange.maps import NamedMap
 from protocol.errors import InputError
 
-CELL_M = 0.05
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # greys, as map_saver writes them
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # of darkness, 0 to 1; UNKNOWN has 0.19608
-MARGIN_CELLS = 4
 MAX_CELLS = 50_000_000  # a square of 350 m
 
 

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agent.geometry.chains import chains_of
-from agent.geometry.visibility import visible_ring
+from agent.geometry.visibility import STAND_M, VIEW_RAYS, visible_ring
 from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
@@ -23,8 +23,6 @@ from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
 Frame = Literal["own", "world"]
-STAND_M = 0.3  # distance between the places on a robot's path from which its view is drawn
-VIEW_RAYS = 90  # of a view, besides those past the ends of walls
 
 
 @dataclass(frozen=True)

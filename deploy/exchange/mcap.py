@@ -13,12 +13,11 @@ from collections import defaultdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 from foxglove import Channel, Context, open_mcap
 from foxglove import messages as m
 from foxglove.channels import FrameTransformsChannel, LaserScanChannel, LogChannel, SceneUpdateChannel
 
-from deploy.recorded.runs import kept_scans, mount_of
+from deploy.recorded.runs import kept_scans, ranges_of
 from deploy.report import style
 from deploy.report.rundir import Map, Run, read_drawable
 from deploy.report.story import sentence
@@ -27,7 +26,7 @@ from protocol.files import write_whole
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Label
 from world.recorder import TEAM
-from world.worldfile import World, polygons_of
+from world.worldfile import World, rings_of
 
 WALL_M, VERTEX_M = 0.04, 0.08  # widths as drawn
 OPEN = m.Color(r=0.88, g=0.0, b=0.24, a=1.0)
@@ -68,9 +67,8 @@ def _write(run: Run, world: World, context: Context) -> None:
 
 
 def _walls(world: World, context: Context) -> None:
-    rings = [ring for part in polygons_of(world.solid) for ring in (part.exterior, *part.interiors)]
     grey = m.Color(r=0.55, g=0.58, b=0.62, a=1.0)
-    lines = [_line(m.LinePrimitiveLineType.LineStrip, np.asarray(ring.coords), grey) for ring in rings]
+    lines = [_line(m.LinePrimitiveLineType.LineStrip, ring, grey) for ring in rings_of(world.solid)]
     scene = m.SceneEntity(timestamp=_stamp(0.0), frame_id="world", id="walls", lines=lines)
     SceneUpdateChannel("/walls", context=context).log(m.SceneUpdate(entities=[scene]), log_time=0)
 
@@ -105,14 +103,13 @@ def _scans(run: Run, robot: str, context: Context) -> None:
     scans = LaserScanChannel(f"/scan/{robot}", context=context)
     bearings = lidar.bearings() - math.radians(lidar.mount_yaw_deg)
     for scan in kept_scans(source, lidar.beams):
-        ranges = [math.nan if one is None else math.inf if one < 0 else one for one in scan["ranges"]]
         message = m.LaserScan(
             timestamp=_stamp(scan["t"]),
             frame_id=robot,
-            pose=_pose(mount_of(lidar)),
+            pose=_pose(lidar.mount),
             start_angle=float(bearings[0]),
             end_angle=float(bearings[-1]),
-            ranges=ranges,
+            ranges=ranges_of(scan).tolist(),
         )
         scans.log(message, log_time=_ns(scan["t"]))
 

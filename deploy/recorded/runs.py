@@ -11,9 +11,9 @@ import numpy as np
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
 from deploy.recorded.lidar_log import Given, LidarLog, Scan
+from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.geometry import Pose, compose
-from protocol.messages import LidarSpec
 
 MAX_LINE = 100_000
 """Characters of a line of scans/ID.jsonl: 4096 readings, and three numbers more, are 40,000."""
@@ -42,9 +42,9 @@ def kept_scans(source: Path, beams: int) -> Iterator[dict[str, Any]]:
         raise NoRunError(f"{source}: no scans of a run, or damaged: {error}") from None
 
 
-def mount_of(lidar: LidarSpec) -> Pose:
-    """Where a lidar is on its robot."""
-    return lidar.mount_x_m, lidar.mount_y_m, math.radians(lidar.mount_yaw_deg)
+def ranges_of(kept: dict[str, Any]) -> Floats:
+    """Readings (beams,) of such a line, m: inf where nothing came back, NaN where nothing was measured."""
+    return np.array([math.nan if one is None else math.inf if one < 0 else one for one in kept["ranges"]])
 
 
 def read_run(run: Path, given: Given) -> list[LidarLog]:
@@ -57,10 +57,9 @@ def read_run(run: Path, given: Given) -> list[LidarLog]:
         log = LidarLog(alone, f"{run}, {source.stem}")
         before: tuple[int, Pose] | None = None
         for number, kept in enumerate(kept_scans(source, lidar.beams)):
-            pose = compose(tuple(kept["odometry"]), mount_of(lidar))
+            pose = compose(tuple(kept["odometry"]), lidar.mount)
             turn = None if before is None or kept["tick"] != before[0] + 1 else np.array((before[1], pose))
-            readings = np.array([math.nan if r is None else math.inf if r < 0 else r for r in kept["ranges"]])
-            log.add(Scan(number, kept["t"], alone.cleaned(readings), pose, turn))
+            log.add(Scan(number, kept["t"], alone.cleaned(ranges_of(kept)), pose, turn))
             before = kept["tick"], pose
         if not log.scans:
             raise NoRunError(f"{source}: it has no scan that can be used")

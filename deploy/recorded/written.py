@@ -14,7 +14,7 @@ import numpy as np
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
 from deploy.recorded.carmen import FLASER, ROBOTLASER, SICK_RANGE_M
-from deploy.recorded.runs import kept_files, kept_scans, mount_of
+from deploy.recorded.runs import kept_files, kept_scans
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.geometry import Pose, compose
@@ -40,7 +40,7 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
             true = track[[scan["tick"] for scan in scans]].reshape(-1, 8)
         except (OSError, ValueError, LookupError) as error:
             raise NoRunError(f"{run}: no true way for each scan of {source.name}: {error}") from None
-        poses = [compose(pose, mount_of(lidar)) for pose in _poses(true)]
+        poses = [compose(pose, lidar.mount) for pose in _poses(true)]
         made.append(out / f"{source.stem}.log")
         write_whole(made[-1], "".join(map(_lines, scans, [lidar] * len(scans))))
         reference = (
@@ -59,7 +59,7 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
     told = [0.0 if reading is None else beyond if reading < 0 else reading for reading in scan["ranges"]]
     readings = [f"{reading:.4f}".rstrip("0").rstrip(".") for reading in (told[::-1] if lidar.clockwise else told)]
     robot: Pose = tuple(scan["odometry"])
-    seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, mount_of(lidar)), robot))
+    seen_from, body = (" ".join(f"{value:.6f}" for value in pose) for pose in (compose(robot, lidar.mount), robot))
     stamp = f"{scan['t']:.3f} wireswarm {scan['t']:.3f}"
     odometry = f"ODOM {body} 0 0 0 {stamp}\n"
     if ahead:

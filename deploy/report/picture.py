@@ -24,7 +24,7 @@ from deploy.report.rundir import Map, Run, Series
 from deploy.report.words import headline, share, subtitle
 from protocol.wireframe import Label
 from world.recorder import TEAM
-from world.worldfile import polygons_of
+from world.worldfile import rings_of
 
 MAX_SINGLE = 24  # maps of single robots that are drawn; nobody looks at more
 TITLE_IN = 0.8  # height of title and subtitle
@@ -127,9 +127,8 @@ def draw_world(axes: Axes, run: Run) -> None:
 
 def draw_solids(axes: Axes, solid: BaseGeometry) -> None:
     """Solid areas in grey."""
-    if parts := polygons_of(solid):
-        rings = [ring for part in parts for ring in (part.exterior, *part.interiors)]
-        outline = Outline.make_compound_path(*(Outline(np.asarray(ring.coords), closed=True) for ring in rings))
+    if rings := rings_of(solid):
+        outline = Outline.make_compound_path(*(Outline(ring, closed=True) for ring in rings))
         axes.add_patch(PathPatch(outline, fc=style.SOLID, ec=style.SOLID_EDGE, lw=0.4, zorder=1))
 
 

@@ -17,7 +17,7 @@ from deploy.report.story import bonds, told
 from protocol.arrays import Floats
 from protocol.wireframe import Label
 from world.recorder import TEAM
-from world.worldfile import polygons_of
+from world.worldfile import rings_of
 
 MARGIN_M = 0.3  # room around the world
 MAX_FRAMES = 600  # positions of the slider; in a run of 20 minutes, one every two seconds
@@ -154,9 +154,8 @@ def _place(run: Run, robot: str, t: float) -> str:
 
 
 def _world(run: Run) -> str:
-    parts = polygons_of(run.world.solid) if run.world else ()
-    rings = [ring.coords[:-1] for part in parts for ring in (part.exterior, *part.interiors)]
-    drawn = "".join("M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in ring) + "z" for ring in rings)
+    rings = rings_of(run.world.solid) if run.world else ()
+    drawn = "".join("M" + "L".join(f"{x:.3f} {y:.3f}" for x, y in ring[:-1]) + "z" for ring in rings)
     return f'<path class="solid" d="{drawn}"/>' if run.world else ""
 
 

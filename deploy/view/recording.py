@@ -28,7 +28,7 @@ from protocol.geometry import compose, pose_of
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label
 from world.recorder import TEAM
-from world.worldfile import polygons_of
+from world.worldfile import rings_of
 
 HIGH_M = 0.15  # of the walls as drawn: a world file does not say
 ABOVE_M = 0.02  # maps lie so far above the walls
@@ -264,10 +264,9 @@ def _turned(headings: Iterable[float]) -> Floats:
 def _walls(solid: BaseGeometry) -> rr.Mesh3D:
     """Solids (polygons), HIGH_M high: their tops as triangles, and two triangles for each side."""
     tops = shapely.get_coordinates(shapely.constrained_delaunay_triangles(solid)).reshape(-1, 4, 2)[:, :3]
-    rings = [ring for part in polygons_of(solid) for ring in (part.exterior, *part.interiors)]
     sides = []
-    for ring in rings:
-        low, high = (_raised(np.asarray(ring.coords), z) for z in (0.0, HIGH_M))
+    for ring in rings_of(solid):
+        low, high = (_raised(ring, z) for z in (0.0, HIGH_M))
         sides += [np.stack((low[:-1], low[1:], high[1:]), 1), np.stack((low[:-1], high[1:], high[:-1]), 1)]
     corners = np.concatenate([_raised(tops.reshape(-1, 2), HIGH_M), *(side.reshape(-1, 3) for side in sides)])
     colours = np.full((len(corners), 3), SHADED, np.uint8)

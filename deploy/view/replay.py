@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deploy.recorded.runs import kept_scans
+from deploy.recorded.runs import kept_scans, ranges_of
 from deploy.report.rundir import Run, read_drawable
 from deploy.report.story import bonds
 from deploy.view.recording import ViewRecording, replayed
@@ -63,8 +63,7 @@ def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
     for scan in kept_scans(source, run.lidar.beams):
         if scan["tick"] % apart == 0:
             ticks.append(scan["tick"])
-            readings = [np.inf if reading is None or reading < 0 else reading for reading in scan["ranges"]]
-            scans.append(np.array(readings))
+            scans.append(ranges_of(scan))
     recording.beams(robot, ticks, scans, run.lidar)
 
 

@@ -9,19 +9,15 @@ from typing import Any
 import numpy as np
 import shapely
 
-from agent.geometry.cells import wall_cells
-from agent.geometry.visibility import visible_ring
+from agent.geometry.cells import CELL_M, MARGIN_CELLS, wall_cells
+from agent.geometry.visibility import STAND_M, VIEW_RAYS, visible_ring
 from agent.shell.ros2.wire import DIAGNOSTICS, GRID, MARKERS, ODOMETRY, SCAN, TRANSFORMS, types
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
 
-CELL_M = 0.05  # as most maps of Nav2
-STAND_M = 0.3  # distance between the places on the robot's path from which its view is drawn
-VIEW_RAYS = 90  # of a view, besides those past the ends of walls
 REACH_M = 8.0  # of a view, whatever the lidar's range: drawn in 8 ms among 300 walls
-MARGIN_CELLS = 4
 MAX_CELLS = 25_000_000  # of a grid: a square of 250 m
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100  # as in nav_msgs/msg/OccupancyGrid
 LINE_M = 0.03  # as wide as walls are drawn, and half of an open end
