@@ -5,6 +5,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numba.core.codegen
 import numba.core.compiler
+import numba.core.compiler_machinery
 import numba.core.ir
 import numba.core.postproc
 import numba.core.runtime.context
@@ -20,6 +21,7 @@ _llvm: Any = llvm
 _function: Any = _core.types.functions.BaseFunction
 _instruction: Any = _core.ir.Inst
 _variable: Any = _core.ir.Var
+_passes: Any = _core.compiler_machinery._pass_registry
 _find_call_type = _function.get_call_type
 _call_types: dict[tuple[Any, tuple[Any, ...]], Any] = {}
 _counted: dict[Any, bool] = {}  # by type, whether its values may hold a counter of references
@@ -29,9 +31,10 @@ def reduce() -> None:
     """Change numba for the rest of this process."""
     _core.compiler.Flags.values = _changed
     _core.postproc.PostProcessor.run = _find_lifetimes
+    _core.compiler_machinery.PassManager._runPass = _run_pass
     _function.get_call_type = _call_type
     _core.codegen.CPUCodeLibrary._optimize_functions = _lay_out
-    _core.codegen.CPUCodeLibrary.finalize = kernel_linking.finalize
+    kernel_linking.reduce()
     _core.runtime.context.NRTContext.get_meminfos = _counters
     _instruction._rec_list_vars = _variables
     numba.np.arrayobj.raise_with_shape_context = _sizes_differ
@@ -46,6 +49,18 @@ def _changed(flags: Any) -> dict[str, Any]:
     """
     changed = {name: value for name, value in flags._values.items() if value != flags.options[name].default}
     return {**changed, "no_cpython_wrapper": True}
+
+
+def _run_pass(self: Any, index: int, each: Any, state: Any) -> None:
+    """Numba's own, without the words that it makes of all types before each of forty passes for listeners to events,
+    without times, and without checks of what its own passes leave.
+    """
+    each.analysis = self._analysis
+    each.run_initialization(state)
+    mutated = each.run_pass(state)
+    each.run_finalizer(state)
+    if mutated and _passes.get(type(each)).mutates_CFG:
+        _core.postproc.PostProcessor(state.func_ir).run()
 
 
 def _find_lifetimes(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:

@@ -10,7 +10,7 @@ from numba.extending import register_jitable
 
 from agent import compile_time
 from agent.kernel_cache import KernelCache
-from agent.kernel_linking import Callee, NamedCompiler, by_name
+from agent.kernel_linking import Callee, NamedCompiler, by_name, is_large, make_machine_code
 from protocol.geometry import wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -45,7 +45,9 @@ class Compiled(CPUDispatcher):
 
     def add_overload(self, cres: Any) -> None:
         """Take up what was compiled or loaded."""
-        cres.library.own = Callee(self._cache.name, cres.signature.args, cres.fndesc.llvm_func_name)
+        own = cres.library.own = Callee(self._cache.name, cres.signature.args, cres.fndesc.llvm_func_name)
+        if is_large(cres.library, own):
+            make_machine_code(cres.library)
         super().add_overload(cres)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:

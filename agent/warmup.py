@@ -32,7 +32,7 @@ from protocol.messages import Heard, Observation, RobotSpec
 from protocol.wireframe import enclosed
 
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
-TICKS_TO_COMPILE = 300  # enough for two robots to merge their maps and to explore what is left
+TICKS_TO_COMPILE = 120  # enough for two robots to merge their maps, after 82, and to explore what is left
 
 TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which are loops
 

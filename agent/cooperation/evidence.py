@@ -134,7 +134,7 @@ def _look(walls: Floats, on: Ints, through: Ints, t: Floats, view: View) -> None
         side = dy * ux - dx * uy
         if abs(side) < GRAZING * away:
             continue  # the ray may as well pass beside it
-        saw, piece = look_at(x, y, view)
+        saw, piece = look_at(x, y, view, 0.0)
         if saw == THROUGH:
             through[k] += 1  # from behind, too: a robot is in no solid
         elif saw == ON and side > 0 and view.pieces[piece].ux * ux + view.pieces[piece].uy * uy > ALIKE:
@@ -147,7 +147,7 @@ def sees_place(x: float, y: float, radius: float, view: View) -> bool:
     dx, dy = x - view.pose[0], y - view.pose[1]
     away = max(math.hypot(dx, dy), 1e-6)
     for off in (-0.7 * radius, 0.0, 0.7 * radius):
-        saw, _ = look_at(x - dy / away * off, y + dx / away * off, view)
+        saw, _ = look_at(x - dy / away * off, y + dx / away * off, view, 0.0)
         if saw != THROUGH:
             return False
     return True

@@ -105,7 +105,8 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     poses = start[None]
     if (window >= STEP).any():
         tried = poses_around(start, np.where(window >= STEP, window, 0.0), STEP)
-        costs = costs_around(samples[:: max(1, len(samples) // SPARSE)], earlier.walls, tried, COARSE_GATE_M)
+        sparse = np.ascontiguousarray(samples[:: max(1, len(samples) // SPARSE)])  # kernels have one form for it
+        costs = costs_around(sparse, earlier.walls, tried, COARSE_GATE_M)
         poses = np.vstack((start, tried[np.argsort(costs, kind="stable")[:TRIED]]))
     answers: list[tuple[float, Match, float, float]] = []  # score, match, metres matched, share explained
     for pose in poses:

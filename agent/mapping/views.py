@@ -68,7 +68,7 @@ def within(sectors: Floats, bearing: float, margin: float) -> bool:
 
 
 @kernel
-def look_at(x: float, y: float, view: View, place_sd: float = 0.0) -> tuple[int, int]:
+def look_at(x: float, y: float, view: View, place_sd: float) -> tuple[int, int]:
     """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1.
 
     place_sd: m, standard deviation of the point's place as the robot knows it from where it is.

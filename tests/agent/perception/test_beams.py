@@ -93,7 +93,7 @@ def test_of_what_lies_behind_a_limited_field_of_view_nothing_is_known(field_of_v
     spec = TURNING.model_copy(update={"beams": 180, "field_of_view_deg": field_of_view, "first_beam_deg": first})
     view = view_of(scan_of(ROOM, spec, way_of(np.zeros(3), 0.1, 0.3)), (0.0, 0.0, 0.0), MARGIN_M)
     bearings = np.radians(np.arange(-180, 180, 5))
-    saw = np.array([look_at(0.5 * math.cos(b), 0.5 * math.sin(b), view)[0] for b in bearings])
+    saw = np.array([look_at(0.5 * math.cos(b), 0.5 * math.sin(b), view, 0.0)[0] for b in bearings])
     beside = math.radians(field_of_view / 2)
     assert (saw[np.abs(bearings) > beside] == UNSEEN).all()
     assert (saw[np.abs(bearings) < beside - 0.1] == THROUGH).mean() > 0.8  # but for the corners of the room
@@ -111,7 +111,7 @@ def test_no_wall_is_seen_through_from_a_robot_that_drives_and_turns(name: str) -
         for wall in np.unique(met[met >= 0]):
             a, b = world.segments[wall, :2], world.segments[wall, 2:]
             for share in np.linspace(0, 1, 12)[1:-1]:
-                saw, _ = look_at(*(a + share * (b - a)), view)
+                saw, _ = look_at(*(a + share * (b - a)), view, 0.0)
                 through, looked, missed = through + (saw == THROUGH), looked + 1, missed + (saw == UNSEEN)
     assert looked > 2000
     assert missed < 0.6 * looked
