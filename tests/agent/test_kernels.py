@@ -1,7 +1,6 @@
 """Compiled kernels: found by every user, compiled again only where what they depend on has changed."""
 
 import os
-import pickle
 import shutil
 import stat
 import subprocess
@@ -150,10 +149,8 @@ def test_a_large_callee_is_loaded_with_its_caller_and_not_copied_into_it(tmp_pat
 def test_a_small_callee_is_kept_without_machine_code_where_python_does_not_call_it(tmp_path: Path) -> None:
     here, cache = tmp_path / "here", tmp_path / "cache"
     printed, _ = run(here, cache)
-    kept = {
-        file.name.split("-")[0]: pickle.loads(zlib.decompress(file.read_bytes()))[1][0][1] for file in cache.iterdir()
-    }
-    assert kept == {"caller.caller": "object", "callee.scaled": "bitcode", "caller.other": "object"}
+    without = {file.name.split("-")[0] for file in cache.iterdir() if b"bitcode" in zlib.decompress(file.read_bytes())}
+    assert without == {"callee.scaled"}
     for file in cache.glob("caller.caller-*"):
         file.unlink()
     assert run(here, cache) == (printed, {"caller.caller"})
