@@ -24,9 +24,10 @@ from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MOVED_M = 0.01  # a corner that moved by less has not changed: maps travel on a grid of this size
-LOOK_S = 3.0
+LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
-heading against wheels of which it knows nothing yet."""
+heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
+of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 LAY_S = 0.6  # merged maps are laid over the own one at most this often; what was just seen is in the scan anyway
 
 

@@ -29,6 +29,10 @@ turned by 10 degrees would turn the robot by 0.4 degrees a second."""
 MAX_OFF_AXIS = 0.2  # rad, a piece that is more oblique belongs to no wall on the axis
 WALL_FLOOR = math.radians(0.2)  # least sd of a wall's direction, beside its covariance: walls are not straight
 
+UNSURE_DIRECTION = math.radians(5.0)
+"""A piece whose own direction is known no better may be of two faces: of a column of 0.4 m from 2 m on, of a face of
+0.15 m from 0.7 m. It lies 2 to 20 mm behind the wall, in a hundred scans alike."""
+UNSURE_WORTH = 0.1  # what such a piece counts, as scans that err alike tell less than so many
 END_SIGMAS = 5.0
 """Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
 corridor 30 m away from that wall's corner; where the robot's place is uncertain, Cauchy's weight let that pull it by
@@ -156,6 +160,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
     if not related(w):
         return
     t, lever = along(w, p.x, p.y), w.uy * (p.y - pose[1]) + w.ux * (p.x - pose[0])
+    worth = UNSURE_WORTH if noise > UNSURE_DIRECTION * math.sqrt(p.spread) else 1.0
     _observe(
         joint,
         shift,
@@ -164,7 +169,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         np.array((row, row + 1)),
         np.array((-1.0, -t)),
         -above(w, p.x, p.y),
-        noise**2 / p.hits + NOISE_FLOOR_M**2,
+        noise**2 / (worth * p.hits) + NOISE_FLOOR_M**2,
         math.inf,
     )
     turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
@@ -176,7 +181,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         np.array((row + 1,)),
         np.array((-1.0,)),
         turn,
-        noise**2 / p.spread + WALL_FLOOR**2,
+        noise**2 / (worth * p.spread) + WALL_FLOOR**2,
         math.inf,
     )
     for side in range(2):

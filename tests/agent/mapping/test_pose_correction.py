@@ -1,4 +1,4 @@
-"""What ends of walls tell of the robot's place along them."""
+"""What pieces of walls, and their ends, tell of the robot's place."""
 
 import math
 
@@ -59,3 +59,26 @@ def test_an_end_that_points_at_the_robot_does_not() -> None:
 
 def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:
     assert moved_by(1, -1.0) == 0.0
+
+
+def test_a_piece_of_unsure_direction_may_be_of_two_faces_and_tells_little_of_the_place() -> None:
+    known_m = []
+    for spread in (1.0, 0.005):  # m2: the direction is known to 0.6 and to 8 degrees
+        edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
+        wall = edges[0]
+        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 1e4, 0.0, -2.0, 1.0, 1e4
+        wall["tip"], wall["link"] = [(-1.0, -2.0), (1.0, -2.0)], -1
+        joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
+        know_walls(edges, 1, joint, POSE, NOISE)
+        joint[1, 1] = 0.1**2
+        relate(edges, 1, joint, POSE)
+        pieces = np.zeros(1, PIECE)
+        piece = pieces[0]
+        piece["hits"], piece["y"], piece["ux"], piece["spread"], piece["moment"] = 1.0, -2.0, 1.0, spread, 1.0
+        piece["end"], piece["label"] = (-0.5, 0.5), -1
+        shift = np.zeros(len(joint))
+        gates = Gates(NOISE, OFFSET_GATE_M)
+        correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
+        known_m.append(math.sqrt(joint[1, 1]))
+    assert known_m[0] == pytest.approx(0.0104, rel=0.02)
+    assert known_m[1] == pytest.approx(0.0303, rel=0.02)
