@@ -52,8 +52,8 @@ PIECE = np.dtype(
 class Sight(NamedTuple):
     """What a scan shows beside walls, for the kernels."""
 
-    open: Floats  # (s, 2) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach
-    blind: Floats  # (b, 2) as open: sectors in which stands what is no wall piece: a teammate, a post of two beams
+    open: Floats  # (s, 3) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach; inf
+    blind: Floats  # (b, 3) as open: sectors in which stands what is no wall piece: a teammate, a post; m, how near
     reach: float  # m, how far open sectors are known to be free
     half_beam: float  # half the angle between two beams, rad: what is nearer to a sector's or piece's edge is uncertain
     shift: float  # m, by which the lidar moved in the turn: what lies at a sector's or piece's edge is as uncertain

@@ -76,8 +76,9 @@ def compile_kernels() -> None:
 
 def _map_and_align() -> None:
     mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
-    nothing = np.zeros((0, 2))
-    mapped.update(CornerScan(np.zeros(0, PIECE), Sight(nothing, nothing, 1.0, 0.0, 0.0), nothing), (0.0, 0.0, 0.0))
+    nowhere = np.zeros((0, 3))
+    sight = Sight(nowhere, nowhere, 1.0, 0.0, 0.0)
+    mapped.update(CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2))), (0.0, 0.0, 0.0))
     mapped.wireframe()
     _align()
     _close_a_loop()

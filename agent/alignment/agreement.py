@@ -19,6 +19,7 @@ SAMPLE_M = 0.1  # distance of the samples at which walls are compared
 MAX_SAMPLES = 20_000  # samples of one map: 2 km of wall at that distance. Those of a longer map are farther apart
 MAX_CELLS = 200_000  # cells of one index. A map whose walls lie farther apart gets larger cells
 AGREE_M = 0.08  # a wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma
+EXACT_M = 0.03  # the same of a transform that is fitted on all walls: three errors of a wall, in either map
 STRIP_NEAR_M = 0.15  # free ground before a wall begins here: what is nearer may be noise, or a thin wall's other face
 STRIP_FAR_M = 0.5  # free ground before a wall ends here (measured): a map need not have looked farther away
 STRIP_END_M = 0.1  # the ground before the last piece of a wall does not count as free, as other walls may begin there
@@ -91,18 +92,30 @@ def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns:
 NEITHER, AGREES, CONFLICTS = 0, 1, 2  # what one map says of a sample of the other
 
 
-def agreement(mine: Walls, theirs: Walls, transform: Floats) -> tuple[float, float]:
-    """Metres of wall in agreement, the mean of both ways, and in conflict, the sum. transform (3,): theirs in mine."""
+def agreement(mine: Walls, theirs: Walls, transform: Floats, agree_m: float = AGREE_M) -> tuple[float, float]:
+    """Metres of wall in agreement, the mean of both ways, and in conflict, the sum. transform (3,): theirs in mine.
+
+    agree_m: how far from each other two parts of the same wall may be, at most STRIP_NEAR_M.
+    """
     agreed = conflict = 0.0
     for samples, into, walls in ((theirs.samples, transform, mine), (mine.samples, inverse(transform), theirs)):
-        said = _verdicts(samples, into, walls)
+        said = _verdicts(samples, into, walls, agree_m)
         agreed += 0.5 * float(samples[said == AGREES, 4].sum())
         conflict += float(samples[said == CONFLICTS, 4].sum())
     return agreed, conflict
 
 
+def beside(mine: Walls, theirs: Walls, transform: Floats) -> float:
+    """Share of what both maps have under a transform (3,) fitted on all walls that lies beside its wall, not on it.
+
+    Of the same place it is nothing but what a map errs; a place that is only like it differs by centimetres somewhere.
+    """
+    on, near = (agreement(mine, theirs, transform, limit)[0] for limit in (EXACT_M, STRIP_NEAR_M))
+    return 1.0 - on / near if near > 0.0 else 0.0
+
+
 @kernel
-def _verdicts(samples: Floats, t: Floats, walls: Walls) -> Labels:
+def _verdicts(samples: Floats, t: Floats, walls: Walls, agree_m: float) -> Labels:
     """(k,) what the walls say of samples (k, 5) of another map that the transform t (3,) takes into their frame."""
     segments, origin, free, ways = walls.segments, walls.origin, walls.free, walls.ways
     columns, rows = walls.shape
@@ -126,7 +139,7 @@ def _verdicts(samples: Floats, t: Floats, walls: Walls) -> Labels:
             beyond = max(-along, along - length, 0.0)
             if beyond * beyond + off * off < STRIP_NEAR_M * STRIP_NEAR_M:
                 touches = True
-                if beyond < AGREE_M and abs(off) < AGREE_M and ux * vx + uy * vy > LIKE_COS:
+                if beyond < AGREE_M and abs(off) < agree_m and ux * vx + uy * vy > LIKE_COS:
                     out[k] = AGREES
                     break
             elif STRIP_NEAR_M <= off <= STRIP_FAR_M and free[e, 0] < along < free[e, 1]:

@@ -20,7 +20,8 @@ class Alignment:
     """What became of an attempt to align; lengths in metres of wall."""
 
     transform: Pose | None  # the peer's frame in mine, x, y, theta; None where the maps do not tell
-    reason: str  # `aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, impossible (by the meeting)
+    reason: str
+    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, inexact, impossible (by the meeting)."""
     candidates: int = 0  # distinct transforms held against all walls
     inliers: int = 0  # corners that match under the best
     residual: float = 0.0  # root mean square distance of these, metres

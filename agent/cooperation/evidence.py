@@ -11,7 +11,7 @@ import numpy as np
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import move
 from agent.kernels import kernel
-from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, view_of
+from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, view_of, within
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.walls import directions, lengths, points_along
@@ -30,6 +30,10 @@ USED_M = 2.0 * WALL_MARGIN_M
 """A piece of a received map within this of an own wall, in x and in y, is not fresh."""
 USED_COSINE = 0.9
 """... if its direction differs by less than this cosine says, 26 degrees."""
+PROBES, PROBES_THROUGH = 7, 3
+"""Bearings across a teammate's body at which a scan is asked, and those that must show something beyond it."""
+PROBED = 0.7
+"""Share of the body's width that they span: its place is known to some centimetres."""
 
 
 class WallEvidence:
@@ -143,11 +147,35 @@ def _look(walls: Floats, on: Ints, through: Ints, t: Floats, view: View) -> None
 
 @kernel
 def sees_place(x: float, y: float, radius: float, view: View) -> bool:
-    """Whether a scan sees through the middle and both sides of a disc at (x, y): nothing stands there."""
+    """Whether a scan sees through a disc at (x, y): what stood there would hide what the scan shows beyond it.
+
+    Bearings at the edge of a piece or sector tell nothing, so some that tell suffice, if none of them speaks against.
+    """
     dx, dy = x - view.pose[0], y - view.pose[1]
     away = max(math.hypot(dx, dy), 1e-6)
-    for off in (-0.7 * radius, 0.0, 0.7 * radius):
-        saw, _ = look_at(x - dy / away * off, y + dx / away * off, view, 0.0)
-        if saw != THROUGH:
+    through = 0
+    for k in range(PROBES):
+        off = PROBED * radius * (2.0 * k / (PROBES - 1) - 1.0)
+        px, py = x - dy / away * off, y + dx / away * off
+        saw, piece = look_at(px, py, view, 0.0)
+        near = _nearest_blind(px, py, view)
+        if piece >= 0 and saw != THROUGH:  # the line of a short piece is not known well enough to tell
+            p = view.pieces[piece]
+            near = min(near, math.hypot(p.x - view.pose[0], p.y - view.pose[1]) - max(-p.end[0], p.end[1]))
+        if near < away + radius + view.margin:
             return False
-    return True
+        through += saw == THROUGH or near < math.inf
+    return through >= PROBES_THROUGH
+
+
+@kernel
+def _nearest_blind(x: float, y: float, view: View) -> float:
+    """How near, m, anything is that is no wall, in the direction of (x, y); inf where there is nothing."""
+    dx, dy = x - view.pose[0], y - view.pose[1]
+    bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
+    parallax = view.sight.half_beam + view.sight.shift / max(math.hypot(dx, dy), 1e-6)
+    near, blind = math.inf, view.sight.blind
+    for s in range(len(blind)):
+        if within(blind[s : s + 1], bearing, -parallax):
+            near = min(near, blind[s, 2])
+    return near

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment.agreement import agreement
-from agent.alignment.align import Alignment, align_prepared
+from agent.alignment.agreement import agreement, beside
+from agent.alignment.align import Alignment, align_prepared, pose_of
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
@@ -14,6 +14,7 @@ from agent.alignment.meeting import RANGE_SLACK_M, Meeting
 from agent.alignment.prepared import PreparedMap, prepare
 from agent.cooperation.peer import PeerLog, Proposed, fit_error_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
+from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import apart
 from protocol.arrays import Floats
@@ -27,6 +28,9 @@ RETRY_WALLS = 4
 """... and at least so many walls."""
 GROWTH_ON_TRIAL = 0.15
 """The same share while a proposal is on trial, as alignments of later maps are evidence."""
+MOST_BESIDE = 0.1
+"""Share of common wall that may lie beside its wall. Right transforms have at most 0.04 of it, a half turn of
+turtlebot3's own map 0.15 and more."""
 OFF_MAP_M = 8.0
 """A peer farther from all walls of its own map is not believed: twice what its lidar reaches."""
 
@@ -84,9 +88,14 @@ class Aligner:
         """Align by the maps. A transform that puts a message out of the radio's range is impossible."""
         assert log.map is not None and log.contact is not None
         meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
-        theirs = prepare(log.map.wireframe, self.config)
-        said = align_prepared(self.prepared(own), theirs, self.config, self.rng, meeting)
-        return self._in_reach(log, said)
+        mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
+        said = align_prepared(mine, theirs, self.config, self.rng, meeting)
+        if said.transform is None or mine is None or theirs is None:
+            return said
+        exact = fit_on_walls(own, log.map.wireframe, np.array(said.transform)).transform
+        if beside(mine.walls, theirs.walls, exact) > MOST_BESIDE:
+            return replace(said, transform=None, reason="inexact")
+        return self._in_reach(log, replace(said, transform=pose_of(exact), best=pose_of(exact)))
 
     def _in_reach(self, log: PeerLog, said: Alignment) -> Alignment:
         """The alignment, without its transform where that puts a message out of the radio's range."""
@@ -104,7 +113,7 @@ class Aligner:
         same = said.best is not None and not apart(
             np.array(said.best), peer.transform, centre, DISTINCT_M, DISTINCT_RAD
         )
-        against = said.reason in ("conflict", "impossible")
+        against = said.reason in ("conflict", "impossible", "inexact")
         if said.transform is not None or (against and same):
             peer.trial.align_again(same and not against)
         if same and said.transform is not None:
@@ -155,7 +164,11 @@ class Aligner:
             return False
         if apart(fit.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD):
             return False
-        agreed, conflict = agreement(mine.walls, theirs.walls, transform)
+        assert log.map is not None
+        exact = fit_on_walls(own, log.map.wireframe, transform).transform
+        if beside(mine.walls, theirs.walls, exact) > MOST_BESIDE:
+            return False
+        agreed, conflict = agreement(mine.walls, theirs.walls, exact)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
 
 

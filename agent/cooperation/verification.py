@@ -23,7 +23,7 @@ KINDS = ("ground", "discs", "heard", "later_maps")
 GROUND_NATS_PER_M = 0.6
 """Gain for newly seen wall as predicted: little, as rooms are alike."""
 GROUND_MOST_NATS = 3.0
-"""The gain by walls is never more than this, as a room's twin agrees everywhere. So the drive alone accepts nothing."""
+"""The gain by newly seen walls is never more than this, as a room's twin agrees everywhere."""
 GROUND_AGAINST_NATS_PER_M = 4.0
 """Loss for predicted wall that is not there. Right maps have 0.2 m of it at the median, twins of a room several
 metres."""
@@ -35,6 +35,9 @@ LATER_NATS = 2.5
 """Gain where maps that have grown give the same transform, unambiguously."""
 LATER_AGAINST_NATS = 6.0
 """Loss where they give another one: decides."""
+WALLS_MOST_NATS = 3.0
+"""The gain by newly seen walls and later maps together, where a teammate may be seen: a building may look the same
+after a half turn, and then its walls agree for good. So one of the two must have seen the other."""
 HEARD_AGAINST_NATS = 10.0
 """Loss for a message from beyond the radio's range: decides."""
 
@@ -72,7 +75,9 @@ class Trial:
     @property
     def weight(self) -> float:
         """Log-odds of right against wrong, by the kinds of evidence that count."""
-        return sum(self.nats[kind] for kind in KINDS if getattr(self.config, kind))
+        nats = {kind: self.nats[kind] if getattr(self.config, kind) else 0.0 for kind in KINDS}
+        walls = nats["ground"] + nats["later_maps"]
+        return (min(walls, WALLS_MOST_NATS) if self.config.discs else walls) + nats["discs"] + nats["heard"]
 
     @property
     def verdict(self) -> bool | None:
@@ -107,8 +112,6 @@ class Trial:
         """
         x, y = apply(self.transform, np.array([theirs[:2]]))[0].tolist()
         away = math.hypot(x - here[0], y - here[1])
-        if away < 2.0 * radius_m:
-            return
         if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= DISC_GATE_M:
             if all(math.dist(theirs[:2], place) >= DISC_MOVED_M for place in self._seen_at):
                 self._seen_at.append((theirs[0], theirs[1]))

@@ -67,9 +67,9 @@ def _direction_sd(e: Record, noise: float) -> float:
 
 @kernel
 def _off_square(e: Record, f: Record) -> float:
-    """Least turn that makes wall e parallel or square to wall f, rad."""
+    """Least turn that makes wall e square to wall f, rad. Parallel to it, it could share no corner with it."""
     angle = math.atan2(e.ux * f.uy - e.uy * f.ux, e.ux * f.ux + e.uy * f.uy)
-    return angle - 0.5 * math.pi * round(angle / (0.5 * math.pi))
+    return angle - math.copysign(0.5 * math.pi, angle)
 
 
 @kernel

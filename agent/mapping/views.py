@@ -59,7 +59,7 @@ def _inside(piece: Record, bearing: float, margin: float) -> bool:
 
 @kernel
 def within(sectors: Floats, bearing: float, margin: float) -> bool:
-    """Whether a bearing in [0, 2 pi) is inside one of the sectors (s, 2) by the margin, radians."""
+    """Whether a bearing in [0, 2 pi) is inside one of the sectors (s, 3) by the margin, radians."""
     for s in range(len(sectors)):
         for turn in (-2 * math.pi, 0.0, 2 * math.pi):
             if sectors[s, 0] + margin <= bearing + turn <= sectors[s, 1] - margin:

@@ -122,20 +122,26 @@ def perceive(
 
 @kernel
 def _sectors(marked: Bools, beams: Beams, least: int) -> Floats:
-    """(s, 2) rad: runs of at least so many marked beams of a full turn."""
+    """(s, 3) rad, rad, m: runs of at least so many marked beams of a full turn, and how near what they met is.
+
+    What was not measured may be as near as can be.
+    """
     n, unmarked = len(marked), np.flatnonzero(~marked)
+    far = np.where(np.isnan(beams.ranges), 0.0, beams.distances)
     if len(unmarked) == 0:
-        return np.array([[0.0, 2 * math.pi]])
-    out, count, run = np.empty((n, 2)), 0, 0
+        return np.array([[0.0, 2 * math.pi, far.min()]])
+    out, count, run, near = np.empty((n, 3)), 0, 0, math.inf
     for k in range(unmarked[0], unmarked[0] + n + 1):
         if marked[k % n]:
             run += 1
+            near = min(near, far[k % n])
             continue
         if run >= least:
             width = width_of(beams, k - run, k - 1)
             first = beams.bearings[(k - run) % n] + min(width, 0.0)  # parallax may turn the order of two beams
             out[count, 0] = first % (2 * math.pi)
             out[count, 1] = out[count, 0] + abs(width)
+            out[count, 2] = near
             count += 1
-        run = 0
+        run, near = 0, math.inf
     return out[:count].copy()

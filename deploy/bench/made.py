@@ -1,4 +1,4 @@
-"""Worlds that are hard to merge or to map, drawn from a seed: like rooms, loops of corridors, thin walls, posts."""
+"""Worlds that are hard to merge or to map, drawn from a seed: like rooms, loops, near symmetry, thin walls, posts."""
 
 import math
 from typing import Any
@@ -41,6 +41,55 @@ def loop(seed: int, corridor_m: float = 1.8) -> dict[str, Any]:
     spawns = [(middle, c, 0.0), (side - c, middle, math.pi / 2), (middle, side - c, math.pi), (c, middle, -math.pi / 2)]
     boxes = [[middle, middle, 0.0, inner, inner], *_around(side, side)]
     return _world(f"loop-{seed}", boxes, [[*map(float, spawn)] for spawn in spawns])
+
+
+def turned(seed: int) -> dict[str, Any]:
+    """A hall that is nearly the same after a half turn (even seeds) or a quarter turn; one of its parts is not.
+
+    By the seed that is a stub of wall more, a post more, a door or a wall 5, 15 or 30 cm off its twins.
+    """
+    rng, turns = np.random.default_rng(seed), 4 if seed % 2 else 2
+    x, y = (4.0, 4.0) if turns == 4 else (5.0, 3.5)
+    wall_x, depth, door = rng.uniform(-0.6, 0.1) * x, rng.uniform(2.2, 2.8), rng.uniform(0.3, 0.6)
+    cabinet = [rng.uniform(0.35, 0.6) * x, -0.7 * y, rng.uniform(-0.5, 0.5), 0.8, 0.4]
+    change, off = ("stub", "post", "door", "wall", "cabinet")[seed // 2 % 5], float(rng.choice([0.05, 0.15, 0.3]))
+    boxes = [[a - x, b - y, *rest] for a, b, *rest in _around(2 * x, 2 * y)]
+    for k in range(turns):
+        first, moved = k == 0, dict.fromkeys(("door", "wall", "cabinet"), 0.0)
+        if first and change in moved:
+            moved[change] = off
+        at, gap = wall_x + moved["wall"], door + moved["door"]
+        sector = [
+            [at, -y + gap / 2, math.pi / 2, gap, WALL_M],
+            [at, (-y + gap + DOOR_M - y + depth) / 2, math.pi / 2, depth - gap - DOOR_M, WALL_M],
+            [cabinet[0] + moved["cabinet"], *cabinet[1:]],
+        ]
+        if first and change == "stub":
+            sector.append([at + 0.2, -y + depth - 0.075, 0.0, 0.4, WALL_M])
+        if first and change == "post":
+            sector.append([0.2 * x, -0.45 * y, 0.0, 0.1, 0.1])
+        turn = k * 2 * math.pi / turns
+        c, s = math.cos(turn), math.sin(turn)
+        boxes += [[c * a - s * b, s * a + c * b, yaw + turn, *size] for a, b, yaw, *size in sector]
+    return _world(f"turned-{seed}", boxes, [])
+
+
+def traced(seed: int) -> dict[str, Any]:
+    """A hall of six sides with nine pillars, traced from a robot's map: a half turn shifts each corner by centimetres.
+
+    turtlebot3's own map is of this kind.
+    """
+    rng = np.random.default_rng(seed)
+    right = [(2.5, 0.4), (2.3, 1.1), (1.85, 1.95), (1.4, 1.95), (1.15, 2.5)]
+    upper = [*right, *((-x, y) for x, y in reversed(right))]
+    hall = [*upper, *((-x, -y) for x, y in upper)]
+    square = [(0.16, -0.14), (0.16, 0.14), (-0.16, 0.14), (-0.16, -0.14)]
+    pillars = [[(a + x, b + y) for x, y in square] for a in (-1.1, 0.0, 1.1) for b in (-1.1, 0.0, 1.1)]
+    outside = [[-3.0, -3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, 3.0]]
+    exact = [np.array(ring) for ring in (hall, *pillars)]
+    rings = [np.round(ring + rng.uniform(-0.05, 0.05, ring.shape), 4).tolist() for ring in exact]
+    polygons = [[outside, rings[0]], *([pillar] for pillar in rings[1:])]
+    return {"name": f"traced-{seed}", "units": "m", "polygons": polygons, "spawns": []}
 
 
 def thin(seed: int, thickness_m: float) -> dict[str, Any]:

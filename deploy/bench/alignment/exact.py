@@ -18,9 +18,10 @@ from protocol.geometry import apply
 from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Wireframe
 
-TWINS = ("symmetric", "rooms", "loop")  # how the names of worlds begin whose places look alike
+TWINS = ("symmetric", "rooms", "loop", "turned", "traced")  # how the names of worlds begin whose places look alike
 OFFICES = MAZES = 20
-LOOPS = 5
+LOOPS = TRACED = 5
+TURNED = 10
 RUNS = 1000
 LIMIT_S = 600.0  # simulated seconds of a run
 LATER_S = 10.0  # after which an accepted transform must be exact
@@ -36,6 +37,7 @@ def worlds(quick: bool) -> list[str]:
     if quick:
         return ["apartment", "loop-0"]
     kinds = [f"rooms-{seed}" for seed in range(OFFICES)] + [f"loop-{seed}" for seed in range(LOOPS)]
+    kinds += [f"turned-{seed}" for seed in range(TURNED)] + [f"traced-{seed}" for seed in range(TRACED)]
     mazes = [f"generated-12x12-{seed}" for seed in range(MAZES)]
     return [*BUNDLED, *present(PLAIN + FURNISHED), *kinds, *mazes]
 
@@ -54,7 +56,7 @@ def cases(quick: bool) -> list[Case]:
 def _file(world: str) -> str:
     """What `explore` takes for a world of `worlds`."""
     kind, _, seed = world.rpartition("-")
-    return written(getattr(made, kind)(int(seed))) if kind in ("rooms", "loop") else world
+    return written(getattr(made, kind)(int(seed))) if kind in TWINS[1:] else world
 
 
 def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:

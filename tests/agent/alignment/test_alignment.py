@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agent.alignment.agreement import agreement, index_walls
+from agent.alignment.agreement import agreement, beside, index_walls
 from agent.alignment.align import Alignment, Method, align_prepared, by_features
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
@@ -197,6 +197,8 @@ def test_agreement_and_conflict_are_metres_of_wall_and_the_other_face_is_neither
     mine = walls((0, 0, 4, 0))
     assert agreement(mine, walls((0, 0.02, 4, 0.02)), still) == pytest.approx((4.0, 0.0))
     assert agreement(mine, walls((4, -0.1, 0, -0.1)), still) == pytest.approx((0.0, 0.0))  # the other face
+    assert beside(mine, walls((0, 0.02, 4, 0.02)), still) == 0.0
+    assert beside(mine, walls((0, 0.0, 2, 0.0), (2, 0.05, 4, 0.05)), still) == pytest.approx(0.5, abs=0.05)
     agreed, conflict = agreement(mine, walls((1, 0.3, 3, 0.3)), still)
     assert agreed == 0.0 and conflict == pytest.approx(2.0)
 

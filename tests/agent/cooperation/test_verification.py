@@ -1,12 +1,14 @@
 """A proposal on trial: what each kind of evidence weighs, and when it decides."""
 
 import numpy as np
+import pytest
 
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
 from agent.cooperation.verification import Trial
+from agent.mapping.views import view_of
 from tests.agent.mapping.test_layers import scan_at
-from tests.agent.mapping.test_particle_filter import ROOM
+from tests.agent.mapping.test_particle_filter import ROOM, ring
 
 
 def trial(**config: object) -> Trial:
@@ -16,18 +18,18 @@ def trial(**config: object) -> Trial:
 def test_each_kind_of_evidence_counts_and_can_be_switched_off() -> None:
     def weighed(**config: object) -> float:
         one = trial(**config)
-        one.nats.update(ground=1.0, discs=2.0, heard=-4.0, later_maps=8.0)
+        one.nats.update(ground=1.0, discs=2.0, heard=-4.0, later_maps=1.5)
         return one.weight
 
-    assert weighed() == 7.0
-    assert weighed(ground=False) == 6.0
-    assert weighed(discs=False) == 5.0
-    assert weighed(heard=False) == 11.0
+    assert weighed() == 0.5
+    assert weighed(ground=False) == -0.5
+    assert weighed(discs=False) == -1.5
+    assert weighed(heard=False) == 4.5
     assert weighed(later_maps=False) == -1.0
 
 
 def test_the_bounds_decide() -> None:
-    one = trial()
+    one = trial(discs=False)
     assert one.verdict is None
     one.align_again(True)
     assert one.verdict is None and one.agreed_again == 1
@@ -36,6 +38,16 @@ def test_the_bounds_decide() -> None:
     one.align_again(False)
     one.align_again(False)
     assert one.verdict is False
+
+
+def test_walls_alone_accept_nothing_where_the_teammate_may_be_seen() -> None:
+    one = trial()
+    one.nats["ground"] = 3.0
+    for _ in range(9):
+        one.align_again(True)
+    assert one.verdict is None
+    one.nats["discs"] = 2.5
+    assert one.verdict is True
 
 
 def test_a_message_from_beyond_the_radio_s_range_decides_against() -> None:
@@ -63,3 +75,16 @@ def test_a_disc_where_it_must_be_speaks_for_and_free_ground_there_against_and_a_
     assert looks((1.0, 2.4), [(0.5, 1.0)]) == (0, 2)
     assert looks((2.3, 2.3), []) == (0, 0)  # behind the pillar
     assert looks((4.8, 0.9), []) == (0, 0)  # too far to be sure
+    assert looks((0.8, 0.75), []) == (0, 2)  # where the robot itself is
+
+
+@pytest.mark.parametrize(("half", "pieces"), [(0.02, 5), (0.04, 6)])
+def test_a_post_beyond_a_place_shows_that_nobody_is_there_large_or_small(half: float, pieces: int) -> None:
+    low, high = 0.7 - half, 0.7 + half
+    here, post = (0.7, 0.7, 0.0), ring((2.0, low), (2.0, high), (2.08, high), (2.08, low))
+    scan = scan_at(here, ROOM + post)
+    assert len(scan.pieces) == pieces
+    view = view_of(scan, here, WALL_MARGIN_M)
+    assert sees_place(1.5, 0.7, 0.105, view)
+    assert not sees_place(2.04, 0.7, 0.105, view)
+    assert not sees_place(2.5, 0.7, 0.105, view)

@@ -84,3 +84,10 @@ def test_a_short_wall_is_square_as_far_as_its_direction_is_unsure(
     assert abs(abs(math.degrees(math.atan2(short["uy"], short["ux"])) - 90.0) - left_deg) < 0.5
     assert np.allclose(edges[0]["tip"][1], short["tip"][0])
     assert abs(float(np.hypot(*(short["tip"][1] - short["tip"][0]))) - length) < 0.03
+
+
+def test_a_short_wall_that_turns_little_from_its_neighbour_is_not_laid_along_it() -> None:
+    edges = corner_of(math.radians(19.0), 0.24)
+    before = edges.copy()
+    square_short_walls(edges, np.zeros(2, np.int64), NOISE_M)
+    assert np.abs(edges["tip"] - before["tip"]).max() < 0.01
