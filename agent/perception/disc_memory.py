@@ -50,6 +50,10 @@ class Posts:
         self._standing = np.zeros((0, 4))  # (k, 4) x, y, and the ticks of the first and last sighting
         self.places = np.zeros((0, 2))  # (k, 2) metres
 
+    def company(self, tick: int) -> bool:
+        """Whether anybody was heard so lately that a disc may be a teammate."""
+        return tick - self._heard < self._silence
+
     def add(self, tick: int, here: Pose, discs: Floats, heard: bool) -> None:
         """Take in a scan's discs (k, 2), frame of the map, seen from here; heard: any message at this tick.
 
@@ -58,7 +62,7 @@ class Posts:
         if heard:
             self._heard = tick
             self.places = self.places[np.hypot(*(self.places - here[:2]).T) > self._reach_m]
-        if tick - self._heard < self._silence:
+        if self.company(tick):
             self._standing = self._standing[:0]
             return
         for x, y in discs.tolist():

@@ -38,6 +38,9 @@ class Perception:
         self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._tick = -1  # of the last observation
+        self.company = False
+        """Whether somebody may be near. Else discs of the last scan are posts, legs, tips of walls, or a teammate that
+        comes and was not heard yet."""
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
@@ -52,10 +55,9 @@ class Perception:
             self._map, self._walls = own, walls[lengths(walls) >= WALL_M]
         x, y, theta = way[-1].tolist()
         predicted = compose(start, (x, y, theta))
-        turn = (
-            way if observation.tick == self._tick + 1 else None
-        )  # of a tick that was missed the turn's start is unknown
+        turn = way if observation.tick == self._tick + 1 else None  # after a missed tick the turn's start is unknown
         self._tick = observation.tick
+        self.company = self._posts.company(observation.tick)
         scan = perceive(
             observation.scan(),
             self._spec,
@@ -65,6 +67,7 @@ class Perception:
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
             alone=self._alone,
+            company=self.company,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
         return scan
@@ -84,6 +87,7 @@ def perceive(
     known: Floats = NOTHING,
     posts: Floats = NOTHING,
     alone: bool = False,
+    company: bool = True,
 ) -> CornerScan:
     """Corner scan of a turn of the lidar, in the robot's frame at its stamp.
 
@@ -91,7 +95,8 @@ def perceive(
     no positive number is treated as silent. way: (k + 1, 3) odometry poses at equal steps from the start of the turn to
     the stamp, in a frame of their own; None where the robot stood. In the robot's frame: expected: (k, 3) metres,
     teammates seen a moment ago, centre and slack. known: (m, 4) metres, walls of the map, in which no teammate stands.
-    posts: (p, 2) metres, what is round and no teammate. alone: whether nothing round can be a teammate.
+    posts: (p, 2) metres, what is round and no teammate. alone: whether nothing round can be a teammate. company:
+    whether somebody may be near; else beams on discs tell of walls, too.
     """
     lidar, radius = spec.lidar, spec.radius_m
     good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
@@ -101,8 +106,9 @@ def perceive(
     discs = discs[distances_to_walls(discs, known) > IN_WALL_M]
     if len(posts) and len(discs):
         discs = discs[np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1) > radius]
-    hidden = hidden_beams(beams, discs, radius) | beams_on(beams, expected, radius, DISC_MARGIN_M)
-    hidden |= np.isnan(beams.ranges)
+    hidden = np.isnan(beams.ranges)
+    if company:
+        hidden |= hidden_beams(beams, discs, radius) | beams_on(beams, expected, radius, DISC_MARGIN_M)
     returned = np.isfinite(beams.ranges)
     used = np.flatnonzero(returned & ~hidden)
     pieces, unexplained = np.zeros(0, PIECE), returned | hidden

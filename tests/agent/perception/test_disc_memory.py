@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from agent.perception.config import PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
-from agent.perception.perceive import perceive
-from protocol.messages import LidarSpec, RobotSpec
+from agent.perception.perceive import Perception, perceive
+from protocol.messages import LidarSpec, Observation, RobotSpec
+from protocol.wireframe import Wireframe
 
 NOBODY = np.zeros((0, 2))
 STANDING = np.array([[2.0, 0.5]])
@@ -47,7 +49,8 @@ def test_who_is_heard_may_be_what_was_taken_for_a_post_here_but_not_elsewhere() 
     assert not len(one.places)
 
 
-def test_beams_on_a_post_tell_of_walls() -> None:
+def room_with_a_post() -> np.ndarray:
+    """(360,) ranges, metres, in a room of 6 m x 6 m with a post as wide as a robot 0.8 m ahead."""
     bearings = np.arange(360) * np.pi / 180
     ranges = 3.0 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
     ranges[ranges > 3.5] = np.inf
@@ -55,13 +58,31 @@ def test_beams_on_a_post_tell_of_walls() -> None:
         side = 0.8 * np.sin(np.radians(k))
         if abs(side) < 0.105:
             ranges[k] = 0.8 * np.cos(np.radians(k)) - np.sqrt(0.105**2 - side**2)
-    plain = perceive(ranges, RobotSpec())
+    return ranges
+
+
+def test_beams_on_a_post_tell_of_walls() -> None:
+    plain = perceive(room_with_a_post(), RobotSpec())
     assert len(plain.discs) == 1
-    told = perceive(ranges, RobotSpec(), posts=plain.discs)
+    told = perceive(room_with_a_post(), RobotSpec(), posts=plain.discs)
     assert not len(told.discs)
     assert len(told.pieces) > len(plain.pieces)
     assert np.hypot(told.pieces["x"], told.pieces["y"]).min() < 0.8
     assert np.hypot(plain.pieces["x"], plain.pieces["y"]).min() > 2.9
+
+
+def test_beams_on_a_disc_tell_of_walls_unless_somebody_was_heard_lately() -> None:
+    """A beacon comes every 5 s; after 21 s without one nobody is near."""
+    one, ranges = Perception(PerceptionConfig(), RobotSpec()), room_with_a_post().astype("<f4").tobytes()
+    hidden = []
+    for tick in range(0, 260):
+        place = (0.02 * tick, 0.0, 0.0)  # what comes along with the robot stands nowhere for long, and so is no post
+        seen = Observation(tick=tick, ranges=ranges, odometry=place, heard=0)
+        scan = one.see(seen, np.zeros((2, 3)), place, Wireframe())
+        hidden.append(bool(np.hypot(scan.pieces["x"], scan.pieces["y"]).min() > 0.8))
+        assert len(scan.discs) == 1 and one.company == hidden[-1]
+        one.remember(tick, place, scan, heard=20 <= tick <= 120 and tick % 25 == 0)
+    assert hidden == [False] * 26 + [True] * 179 + [False] * 55
 
 
 @pytest.mark.parametrize("rate_hz", [5.0, 20.0])
