@@ -38,9 +38,9 @@ class SubmapConfig(Config):
     """Metres up to which a scan shows most walls: beams half a degree apart are 0.1 m apart there."""
     compared: Annotated[int, Field(ge=1, le=100)] = 4
     """Earlier submaps, the nearest, that a finished one is held against."""
-    search_m: NotNegative = 4.0
+    search_m: NotNegative = 6.0
     """Metres of error of the way up to which a loop is looked for."""
-    search_deg: NotNegative = 23.0
+    search_deg: NotNegative = 30.0
     """The same in degrees."""
 
 

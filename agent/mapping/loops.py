@@ -24,8 +24,9 @@ RIVAL_RAD = math.radians(10.0)
 RIVAL_SCORE = 0.85  # score of another answer, over the best one's, from which a place is ambiguous
 STEP = np.array((0.4, 0.4, math.radians(4.0)))
 """m, m and rad between the poses that are tried first: narrower than the gate of the first refinement."""
-TRIED = 6  # of those poses, the best are refined
-SPARSE = 60  # samples that are enough to tell those
+SIEVES = ((12, 400), (60, 6))
+"""Samples by which those poses are judged, and how many of the best are kept: more samples for fewer poses, until the
+last few are refined."""
 COARSE_GATE_M = 0.4
 GATES_M = np.array([0.6, 0.3])
 AGAIN_GATES_M = np.array([0.3, 0.15])
@@ -105,9 +106,11 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     poses = start[None]
     if (window >= STEP).any():
         tried = poses_around(start, np.where(window >= STEP, window, 0.0), STEP)
-        sparse = np.ascontiguousarray(samples[:: max(1, len(samples) // SPARSE)])  # kernels have one form for it
-        costs = costs_around(sparse, earlier.walls, tried, COARSE_GATE_M)
-        poses = np.vstack((start, tried[np.argsort(costs, kind="stable")[:TRIED]]))
+        for count, kept in SIEVES:
+            sparse = np.ascontiguousarray(samples[:: max(1, len(samples) // count)])  # kernels have one form for it
+            costs = costs_around(sparse, earlier.walls, tried, COARSE_GATE_M)
+            tried = tried[np.argsort(costs, kind="stable")[:kept]]
+        poses = np.vstack((start, tried))
     answers: list[tuple[float, Match, float, float]] = []  # score, match, metres matched, share explained
     for pose in poses:
         match = refine(samples, earlier.walls, pose, prior, GATES_M, ROUNDS)

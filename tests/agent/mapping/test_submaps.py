@@ -52,6 +52,20 @@ def test_no_wall_stands_twice(seed: int) -> None:
     assert 0.9 * true < found < 1.02 * true
 
 
+def test_a_lap_that_tracking_bent_by_25_degrees_is_closed() -> None:
+    way = laps(SIDE, WIDTH, 1.5)
+    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    submaps, begun, bend = mind.submaps, 1, math.radians(2.1)
+    for observation in observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, 1):
+        mind.step(observation)
+        if len(submaps.poses) > begun and not submaps.loops:
+            submaps._measured[-1][2] += bend
+            submaps.poses[-1, 2] += bend
+        begun = len(submaps.poses)
+    mind.finish()
+    assert path_error(mind.path(), way) < 0.08
+
+
 def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
     mind, _, _ = carried(0, 0.75)
     assert mind.submaps.loops == 0
