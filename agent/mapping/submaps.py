@@ -139,7 +139,7 @@ class Submaps:
         if match.share >= LOST_SHARE:
             return match.pose
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
-        few = samples[:: max(1, len(samples) // SPARSE)]
+        few = np.ascontiguousarray(samples[:: max(1, len(samples) // SPARSE)])  # kernels have one form for it
         costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)
         best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
         found = [refine(samples, walls, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]
