@@ -69,7 +69,7 @@ class Passenger:
         news, events = self.exchange.hear(tick, heard)
         if self.exchange.contacts or self.team.peers:
             self._look_at_own()
-            self.team.hear(tick, news, pose, scan, len(self.own.edges))
+            self.team.hear(tick, news, pose, scan, self.own)
             events = [*events, *self._cooperate(tick)]
         return self.exchange.talk(tick, pose, self.own, self.version), events
 

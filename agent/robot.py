@@ -96,7 +96,7 @@ class Robot:
             self.own = own
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
-            self.team.hear(tick, news, pose, scan, len(self.own.edges))
+            self.team.hear(tick, news, pose, scan, self.own)
             self.team.judge(tick, self.own, pose, self._arrived)  # Z and T by the evidence so far
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._read_map(tick, own_changed)

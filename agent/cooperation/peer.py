@@ -14,10 +14,12 @@ from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial
+from agent.cooperation.weight import is_too_large
 from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose
+from protocol.wireframe import Wireframe
 
 ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
@@ -104,13 +106,13 @@ class PeerLog:
         self.sightings.append(sighting)
         self.sighting_is_news = True
 
-    def take_map(self, tick: int, most_walls: int) -> bool:
-        """Take the map that waits, of at most so many walls; whether it is too large now and was not before.
+    def take_map(self, tick: int, own: Wireframe) -> bool:
+        """Take the map that waits, if the own one bears it; whether it is too large now and was not before.
 
         Nobody's map is of the future.
         """
         waiting, waited = self.waiting, self.waits
-        self.waits = waiting is not None and len(waiting.wireframe.edges) > most_walls
+        self.waits = waiting is not None and is_too_large(waiting.wireframe, own)
         if waiting is not None and not self.waits:
             self.map, self.map_is_news = waiting._replace(tick=min(waiting.tick, tick)), True
             self.waiting = None

@@ -40,10 +40,6 @@ PLACE_KNOWN_S = 60.0
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
-STRANGE_WALLS = 70
-"""Walls that a peer's map may have more than the own one (ours), as planning takes time with their cube: nobody's word
-weighs much more than what the robot has seen. In teams of three in the bundled worlds it has at most 70 more."""
-
 DETOURS = 4
 """Other places that the robot drives to when the place of contact has decided nothing."""
 STILL_HEARD_S = 10.0
@@ -142,10 +138,10 @@ class Team:
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
 
-    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own_walls: int) -> None:
+    def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe) -> None:
         """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame.
 
-        own_walls: walls of the own map. Maps that are far larger than it wait.
+        Maps that are far larger than the own one wait.
         """
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
@@ -165,10 +161,9 @@ class Team:
             log.waiting = news.map or log.waiting
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
-        most_walls = STRANGE_WALLS + own_walls
         for peer in self.peers.values():
-            if peer.log.take_map(tick, most_walls):
-                self._say("attempt", peer.log, f"a map of more than {most_walls} walls waits", None, {})
+            if peer.log.take_map(tick, own):
+                self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
         if self.config.verification.ground and tick % self._ticks(LOOK_S) == 0:
             for peer in self.peers.values():
                 self._look(peer, here, scan)

@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from agent.cooperation.peer import Met
-from agent.cooperation.team import STRANGE_WALLS
+from agent.cooperation.weight import COMPARED_WALLS, STRANGE_WALLS, is_too_large
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.explored import explore
@@ -38,6 +38,26 @@ def crowded(told: Wireframe, walls: int, own: bool, rng: np.random.Generator) ->
         np.concatenate((told.likelihood, np.ones(walls, np.float32))),
         np.concatenate((told.own, np.full(walls, own))),
     )
+
+
+def heaviest(told: Wireframe, seen: Wireframe, rng: np.random.Generator) -> Wireframe:
+    """The map with small rooms, whose corners are no bends, and then as many strewn walls as are taken."""
+    low, high = told.points.min(0) - 4.0, told.points.max(0) + 4.0
+    rooms = (COMPARED_WALLS - 100) // 4
+    first = len(told.points) + 4 * np.arange(rooms)[:, None]
+    sides = [first + np.array([pair]) for pair in ((0, 1), (1, 2), (2, 3), (3, 0))]
+    square = np.array([(0.0, 0.0), (0.4, 0.0), (0.4, 0.4), (0.0, 0.4)])
+    full = Wireframe(
+        np.vstack((told.points, (rng.uniform(low, high, (rooms, 1, 2)) + square).reshape(-1, 2))),
+        np.concatenate((told.labels, np.zeros(4 * rooms, np.uint8))),
+        np.vstack((told.edges, *sides)).astype(np.int32),
+        np.concatenate((told.likelihood, np.ones(4 * rooms, np.float32))),
+        np.concatenate((told.own, np.zeros(4 * rooms, np.bool_))),
+    )
+    strewn = 0
+    while not is_too_large(more := crowded(told=full, walls=strewn + 1, own=False, rng=np.random.default_rng(0)), seen):
+        full_so_far, strewn = more, strewn + 1
+    return full_so_far
 
 
 class Betrayed(Robot):
@@ -77,7 +97,9 @@ class Betrayed(Robot):
             return said + [("delta", part.encode()) for part in parts[:256]]
         if tick % PERIOD_TICKS:
             return said
-        if merged and self.kind != "honest":
+        if merged and self.kind == "rooms":
+            told = heaviest(told, self.own, self.rng)
+        elif merged and self.kind != "honest":
             most = STRANGE_WALLS + len(self.own.edges)
             walls = {"poison": 950, "huge map": 950, "deltas": 5, "below": most - 5 - len(told.edges)}[self.kind]
             told = crowded(told, walls, self.kind == "huge map", self.rng)
@@ -104,14 +126,14 @@ def cpu_ms(kind: str, times: int) -> float:
     return 1e3 * float(np.mean(np.min([beside(kind, time).seconds for time in range(times)], axis=0)))
 
 
-@pytest.mark.parametrize("kind", ["poison", "huge map", "deltas", "below"])
+@pytest.mark.parametrize("kind", ["poison", "huge map", "deltas", "below", "rooms"])
 def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) -> None:
     honest, before = beside("honest"), psutil.Process().memory_info().rss  # it also loads the kernels
     hostile = beside(kind)
     assert psutil.Process().memory_info().rss - before < 64e6
-    bound = STRANGE_WALLS + len(honest.own.edges) if kind == "below" else 20
-    assert hostile.most_walls <= honest.most_walls + bound
-    assert kind != "below" or hostile.most_walls > 3 * len(hostile.own.edges)
+    bounds = {"below": STRANGE_WALLS + len(honest.own.edges), "rooms": COMPARED_WALLS + len(honest.own.edges)}
+    assert hostile.most_walls <= honest.most_walls + bounds.get(kind, 20)
+    assert kind not in bounds or hostile.most_walls > 3 * len(hostile.own.edges)
     for times in range(3, 10):  # more on a busy machine
         usual_ms, hostile_ms = cpu_ms("honest", times), cpu_ms(kind, times)
         print(f"{kind}: {hostile.most_walls} walls, {hostile_ms:.2f} ms a step, else {usual_ms:.2f}")

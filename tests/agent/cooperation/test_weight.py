@@ -1,0 +1,61 @@
+"""A robot that comes late takes the map of a whole building at its first contact; a strewn one of that size waits."""
+
+import numpy as np
+import pytest
+
+from agent.cooperation.weight import COMPARED_WALLS, bends, is_too_large
+from protocol.wireframe import Wireframe
+from world.worldfile import load
+
+
+def whole(world: str) -> Wireframe:
+    """The true map of a world, as a robot has it that has seen all."""
+    rings = [ring[:-1] for ring in load(world).rings]
+    sizes = np.array([len(ring) for ring in rings])
+    row = np.arange(sizes.sum())
+    after = row + 1
+    after[sizes.cumsum() - 1] -= sizes
+    n = len(row)
+    edges = np.column_stack((row, after)).astype(np.int32)
+    return Wireframe(np.vstack(rings), np.zeros(n, np.uint8), edges, np.ones(n, np.float32), np.ones(n, np.bool_))
+
+
+def strewn(count: int) -> Wireframe:
+    """So many walls, each by itself."""
+    points = np.random.default_rng(0).uniform(0.0, 15.0, (2 * count, 2))
+    edges = np.arange(2 * count, dtype=np.int32).reshape(-1, 2)
+    ones = np.ones(count, np.float32), np.ones(count, np.bool_)
+    return Wireframe(points, np.full(2 * count, 2, np.uint8), edges, *ones)
+
+
+def a_look_around() -> Wireframe:
+    """What a robot has mapped after its first seconds."""
+    return strewn(8)
+
+
+def test_only_corners_that_stick_out_and_ends_are_bends() -> None:
+    square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    ring = np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32)
+    labels, likelihood, own = np.zeros(4, np.uint8), np.ones(4, np.float32), np.ones(4, np.bool_)
+    assert bends(Wireframe(square, labels, ring, likelihood, own)) == 0  # a room, from inside
+    assert bends(Wireframe(square, labels, ring[:, ::-1].copy(), likelihood, own)) == 4  # a pillar
+    assert bends(strewn(3)) == 12
+    assert bends(Wireframe()) == 0
+
+
+@pytest.mark.parametrize("world", ["office", "maze-15", "apartment", "generated-20x20-0"])
+def test_a_latecomer_takes_the_map_of_a_building_but_not_as_many_strewn_walls(world: str) -> None:
+    building, own = whole(world), a_look_around()
+    assert not is_too_large(building, own)
+    assert is_too_large(strewn(max(100, len(building.edges))), own)
+
+
+def test_a_map_that_would_take_long_to_compare_waits_whatever_its_bends_are() -> None:
+    flat = Wireframe(
+        np.column_stack((np.arange(COMPARED_WALLS + 10.0), np.zeros(COMPARED_WALLS + 10))),
+        np.zeros(COMPARED_WALLS + 10, np.uint8),
+        np.column_stack((np.arange(COMPARED_WALLS + 9), np.arange(1, COMPARED_WALLS + 10))).astype(np.int32),
+        np.ones(COMPARED_WALLS + 9, np.float32),
+        np.ones(COMPARED_WALLS + 9, np.bool_),
+    )
+    assert bends(flat) == 4 and is_too_large(flat, a_look_around())
