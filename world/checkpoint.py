@@ -18,6 +18,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
 from protocol.records import UNREADABLE, opened, sealed
@@ -26,7 +27,7 @@ NAME = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
-FORMAT = 4
+FORMAT = 5
 """Of the file; another one is refused."""
 State = Mapping[str, Any]
 """What a part of the world needs in order to go on, as values of msgpack."""
@@ -101,6 +102,8 @@ class Checkpoint:
 
     def _lock(self) -> FileIO:
         before = self._stream
+        if self._file.exists():
+            check_is_file(self._file)
         self._stream = FileIO(os.open(self._file, os.O_RDWR | os.O_APPEND), "r+")
         fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if before is not None:

@@ -1,5 +1,6 @@
 """One run of the world, tick by tick: observations out, actions in. No clock, no network."""
 
+import json
 from collections.abc import Mapping
 from hashlib import blake2s
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
 from protocol.records import UNREADABLE
-from world.checkpoint import Checkpoint, State, luck_state, restore_luck
+from world.checkpoint import NAME, Checkpoint, CheckpointError, State, luck_state, restore_luck
 from world.config import WorldConfig
 from world.draws import generator, starts_of
 from world.ledger import Ledger, Look
@@ -100,6 +101,8 @@ class Episode:
         """
         checkpoint = Checkpoint(out)
         state, log = checkpoint.read()
+        if state.get("settings") != _settings_of(config, load(config.world)):
+            raise CheckpointError(f"{out / NAME} is of a run with other settings or another world than {out} tells")
         try:
             episode = cls(config, out, state)
             for name, looked, arguments in log:
@@ -134,6 +137,7 @@ class Episode:
         """For a checkpoint, before this tick was looked at."""
         assert self._inputs is None
         return {
+            "settings": _settings_of(self.config, self.world),
             "tick": self.tick,
             "complete": self.complete,
             "processes": self.processes,
@@ -350,6 +354,12 @@ class Episode:
             "late_ticks": self.late_ticks,
             "links_lost": self.links_lost,
         }
+
+
+def _settings_of(config: WorldConfig, world: World) -> str:
+    """Digest of all that a run's results follow from, but for the robots' minds."""
+    told = config.model_dump(mode="json", include=WorldConfig.model_fields.keys() - {"world"})
+    return blake2s(f"{json.dumps(told, sort_keys=True)} {world.hash}".encode(), digest_size=16).hexdigest()
 
 
 def _name_of_run(config: WorldConfig, world: World) -> str:

@@ -162,7 +162,7 @@ class Recorder:
 
     def _open(self, name: str) -> LineFile:
         file, size = self._out / name, self._kept.get(name, 0)
-        if size and not 0 <= size <= file.stat().st_size:
+        if size and not (file.is_file() and 0 <= size <= file.stat().st_size):
             raise ValueError(f"{name} has less than {size} bytes")
         self._files[name] = LineFile(file, size)
         return self._files[name]

@@ -1,6 +1,7 @@
 """A killed world goes on from its checkpoint, and ends with the bytes of one that was never killed."""
 
 import json
+import os
 import re
 from pathlib import Path
 
@@ -127,4 +128,28 @@ def test_nobody_goes_on_with_a_run_that_goes_on(tmp_path: Path) -> None:
         run.until(tick)
         with pytest.raises(CheckpointError, match="its run goes on, in another process"):
             Episode.resume(run.config, run.out)
+        run.kill_and_resume()
+
+
+def test_a_checkpoint_of_another_run_is_not_taken(tmp_path: Path) -> None:
+    """As one that was copied, or whose manifest somebody has edited: the results would be a mixture."""
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(30)
+    before = digests(run.out)
+    for other in ({"seed": 6}, {"until": 21.0}, {"people": 0}, {"robots": 2}):
+        run.config = tiny_config(tmp_path, **(ALL | other))
+        with pytest.raises(CheckpointError, match="with other settings or another world"):
+            run.kill_and_resume()
+        assert digests(run.out) == before
+
+
+def test_what_a_half_copied_run_lacks_is_one_sentence(tmp_path: Path) -> None:
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(30)
+    (run.out / "metrics.csv").unlink()
+    with pytest.raises(CheckpointError, match="is damaged"):
+        run.kill_and_resume()
+    (run.out / NAME).unlink()
+    os.mkfifo(run.out / NAME)
+    with pytest.raises(CheckpointError, match="is damaged"):
         run.kill_and_resume()
