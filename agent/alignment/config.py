@@ -28,5 +28,8 @@ class AlignmentConfig(Config):
     of conflict, and the best one is right in 94, 98, 100, 100 % at weights 2, 5, 10, 20."""
     max_conflict: Positive = 0.15
     """Metres in conflict per metre of wall that agrees, at most."""
+    max_beside: Annotated[float, Field(ge=0, le=1)] = 0.1
+    """Share of common wall that may lie centimetres beside its wall. Right transforms have at most 0.05 of it, half
+    turns of halls that are nearly the same then 0.15 and more in most cases."""
     margin: Annotated[float, Field(ge=0, lt=1)] = 0.45
     """Share by which the best score must exceed that of the second-best distinct transform."""

@@ -28,9 +28,6 @@ RETRY_WALLS = 4
 """... and at least so many walls."""
 GROWTH_ON_TRIAL = 0.15
 """The same share while a proposal is on trial, as alignments of later maps are evidence."""
-MOST_BESIDE = 0.1
-"""Share of common wall that may lie beside its wall. Right transforms have at most 0.04 of it, a half turn of
-turtlebot3's own map 0.15 and more."""
 OFF_MAP_M = 8.0
 """A peer farther from all walls of its own map is not believed: twice what its lidar reaches."""
 
@@ -93,7 +90,7 @@ class Aligner:
         if said.transform is None or mine is None or theirs is None:
             return said
         exact = fit_on_walls(own, log.map.wireframe, np.array(said.transform)).transform
-        if beside(mine.walls, theirs.walls, exact) > MOST_BESIDE:
+        if beside(mine.walls, theirs.walls, exact) > self.config.max_beside:
             return replace(said, transform=None, reason="inexact")
         return self._in_reach(log, replace(said, transform=pose_of(exact), best=pose_of(exact)))
 
@@ -166,7 +163,7 @@ class Aligner:
             return False
         assert log.map is not None
         exact = fit_on_walls(own, log.map.wireframe, transform).transform
-        if beside(mine.walls, theirs.walls, exact) > MOST_BESIDE:
+        if beside(mine.walls, theirs.walls, exact) > self.config.max_beside:
             return False
         agreed, conflict = agreement(mine.walls, theirs.walls, exact)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
