@@ -13,7 +13,7 @@ from agent.alignment.by_sight import Sighting
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.verification import DISC_MOVED_M, Trial
+from agent.cooperation.verification import DISC_MOVED_M, Trial, Watch
 from agent.cooperation.weight import is_too_large
 from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
@@ -168,6 +168,8 @@ class Merged:
     """Wall that the merged map and the own one have in common."""
     refused: int = 0
     """Newer maps in a row that contradict the own map."""
+    watch: Watch = field(default_factory=Watch)
+    """Whether it is seen where it must be since it was merged."""
 
 
 Peer = Met | Proposed | Merged

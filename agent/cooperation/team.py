@@ -40,6 +40,9 @@ PLACE_KNOWN_S = 60.0
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
+EMPTY_LOOKS = 4
+"""Looks in a row at free floor where a merged teammate must be before the merge is undone: one in ten misses it."""
+
 DETOURS = 4
 """Other places that the robot drives to when the place of contact has decided nothing."""
 STILL_HEARD_S = 10.0
@@ -156,6 +159,8 @@ class Team:
                     log.take_sighting(sighting)
                     if isinstance(peer, Proposed):
                         self._meet(peer.trial, sighting)
+                    elif isinstance(peer, Merged) and self.config.verification.discs:
+                        self._watch(peer, sighting)
             if news.frame is not None:
                 log.take_frame(news.frame)
             log.waiting = news.map or log.waiting
@@ -170,6 +175,13 @@ class Team:
 
     def _meet(self, trial: Trial, sighting: Sighting) -> None:
         trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m)
+
+    def _watch(self, peer: Merged, sighting: Sighting) -> None:
+        """Undo a merge whose teammate is not where it must be: the walls of a building may agree after a half turn."""
+        here, theirs, scan = sighting.here, sighting.theirs, sighting.scan
+        peer.watch.look(peer.transform, here, theirs, scan, sighting.discs, self.spec.radius_m)
+        if peer.watch.missed >= EMPTY_LOOKS:
+            self.undo(peer, "its place is empty", {"discs_missed": peer.watch.missed})
 
     def _look(self, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""

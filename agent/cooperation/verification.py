@@ -53,6 +53,37 @@ DISC_MOVED_M = 0.3
 
 
 @dataclass
+class Watch:
+    """Whether a teammate is where a transform puts it."""
+
+    missed: int = 0
+    """Looks in a row that showed free floor there."""
+    _looked_from: Floats | None = None
+    """(4,) predicted place of the teammate, and the robot's, when the teammate was last missed."""
+
+    def look(
+        self, transform: Floats, here: Pose, theirs: Pose, scan: CornerScan, discs: Floats, radius_m: float
+    ) -> bool | None:
+        """True where a disc is there, false where free floor is; None where neither is seen, or as at the last miss.
+
+        transform: (3,) the teammate's frame in the robot's own; theirs: its pose in its frame; discs: (d, 2) metres.
+        """
+        x, y = apply(transform, np.array([theirs[:2]]))[0].tolist()
+        if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= DISC_GATE_M:
+            self.missed = 0
+            return True
+        places = np.array([x, y, here[0], here[1]])
+        if math.hypot(x - here[0], y - here[1]) > DISC_FAR_M:
+            return None
+        if self._looked_from is not None and np.abs(places - self._looked_from).max() < DISC_MOVED_M:
+            return None
+        if not sees_place(x, y, radius_m, view_of(scan, here, WALL_MARGIN_M)):
+            return None
+        self._looked_from, self.missed = places, self.missed + 1
+        return False
+
+
+@dataclass
 class Trial:
     """The evidence on one transform (3,), which takes the peer's frame into the robot's own."""
 
@@ -67,8 +98,7 @@ class Trial:
     discs_missed: int = 0
     agreed_again: int = 0
     """Later alignments that gave the same transform."""
-    _looked_from: Floats | None = None
-    """(4,) predicted place of the peer, and the robot's, when the peer was last missed."""
+    watch: Watch = field(default_factory=Watch)
     _seen_at: list[tuple[float, float]] = field(default_factory=list)
     """Places of the peer, in its own frame, at which discs were counted."""
 
@@ -110,19 +140,11 @@ class Trial:
         A disc counts once the peer has moved on from all places where one counted, as what stands still may be a post
         or another teammate. Free floor counts once either robot has moved on since the last look.
         """
-        x, y = apply(self.transform, np.array([theirs[:2]]))[0].tolist()
-        away = math.hypot(x - here[0], y - here[1])
-        if len(discs) and np.hypot(discs[:, 0] - x, discs[:, 1] - y).min() <= DISC_GATE_M:
-            if all(math.dist(theirs[:2], place) >= DISC_MOVED_M for place in self._seen_at):
-                self._seen_at.append((theirs[0], theirs[1]))
-                self.discs_seen += 1
-        elif away <= DISC_FAR_M:
-            places = np.array([x, y, here[0], here[1]])
-            if self._looked_from is not None and np.abs(places - self._looked_from).max() < DISC_MOVED_M:
-                return
-            if sees_place(x, y, radius_m, view_of(scan, here, WALL_MARGIN_M)):
-                self.discs_missed += 1
-                self._looked_from = places
+        there = self.watch.look(self.transform, here, theirs, scan, discs, radius_m)
+        if there and all(math.dist(theirs[:2], place) >= DISC_MOVED_M for place in self._seen_at):
+            self._seen_at.append((theirs[0], theirs[1]))
+            self.discs_seen += 1
+        self.discs_missed += there is False
         gain = DISC_NATS * max(self.discs_seen - self.used, 0)
         self.nats["discs"] = gain - DISC_AGAINST_NATS * self.discs_missed
 

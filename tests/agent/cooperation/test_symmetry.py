@@ -1,11 +1,17 @@
 """Robots in halls that are nearly the same after a turn: no map is laid over another the wrong way round."""
 
+import math
+
 import pytest
 
+from agent.cooperation.peer import Met
+from agent.robot import Robot, Step
 from deploy.bench.errors import errors, right
-from deploy.bench.explored import explore
+from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import written
 from deploy.bench.made import traced, turned
+from protocol.geometry import compose, relative
+from protocol.messages import Observation
 
 
 @pytest.mark.parametrize(
@@ -26,3 +32,32 @@ def test_a_turn_under_which_a_hall_is_nearly_the_same_is_not_accepted(world, see
         assert right(*errors(data["transform"], run.frame(robot), run.frame(peer), centre)), data
     assert accepted
     assert not any(event.event == "unmerged" for _, _, event in run.events)
+
+
+def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_is_seen_empty() -> None:
+    runs: list[Explored] = []
+    undone: list[str] = []
+
+    def keep(run: Explored) -> bool:
+        runs[:] = [run]
+        return bool(undone)
+
+    def watch(robot: Robot, observation: Observation, step: Step) -> None:
+        team = robot.team
+        if observation.tick == 0:
+            team._align = lambda *_: False  # type: ignore[method-assign]
+        undone.extend(event.data["reason"] for event in step.action.events if event.event == "unmerged")
+        peer = team.peers.get("r2")
+        if (
+            robot.robot == "r1"
+            and isinstance(peer, Met)
+            and peer.log.map is not None
+            and peer.log.contact
+            and not undone
+        ):
+            half_turn = relative(runs[0].frame("r1"), compose((0.0, 0.0, math.pi), runs[0].frame("r2")))
+            team.merge(team.propose(peer, half_turn, robot.own, {}), observation.tick, robot.own)
+
+    world = written(turned(0))
+    explore({"world": world, "robots": 2, "seed": 3, "starts": "random", "max_time_s": 120.0}, {}, watch, enough=keep)
+    assert undone == ["its place is empty"]
