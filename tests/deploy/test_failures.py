@@ -136,14 +136,20 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     read_books(run.out)  # raises where they do not balance
 
 
+@pytest.fixture
+def hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file that keeps the robots of tests.wanderer.Held slow while it is there."""
+    file = tmp_path / "hold"
+    file.touch()
+    monkeypatch.setenv("HOLD", str(file))
+    return file
+
+
 @pytest.mark.parametrize("pause_s", [1.0, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.3, 5.5, 30.0))])
 def test_a_pause_of_any_process_changes_no_byte_in_lockstep(
-    running: Any, tmp_path: Path, pause_s: float, monkeypatch: pytest.MonkeyPatch
+    running: Any, tmp_path: Path, pause_s: float, hold: Path
 ) -> None:
-    hold = tmp_path / "hold"
-    hold.touch()
-    monkeypatch.setenv("HOLD", str(hold))
-    run = running(mind="Held", until=600.0)
+    run = running(mind="Held", until=120.0)
     for process in (run.world(), run.agents()[1]):
         process.suspend()
         time.sleep(pause_s)
@@ -152,7 +158,7 @@ def test_a_pause_of_any_process_changes_no_byte_in_lockstep(
         run.wait_for(lambda line, tick=tick: line["clock"]["tick"] > tick + 5)
     hold.unlink()
     assert run.result()["status"] == 0
-    inprocess.run(tiny_config(tmp_path, until=600.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
+    inprocess.run(tiny_config(tmp_path, until=120.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
     assert digests(run.out) == digests(tmp_path / "alone")
 
 

@@ -17,7 +17,7 @@ from deploy import inprocess
 from deploy.launcher import launch
 from protocol.messages import Heard, Observation
 from tests.agent.shell.test_process import World, agent, events
-from tests.deploy.test_failures import Running, running  # noqa: F401
+from tests.deploy.test_failures import Running, hold, running  # noqa: F401
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
 from world.episode import Episode
@@ -40,23 +40,29 @@ def test_a_fault_schedule_gives_the_same_bytes_in_processes_and_in_one(tmp_path:
     ]
 
 
-def test_a_killed_process_is_started_again_and_its_robot_goes_on(running: Any) -> None:  # noqa: F811
-    run: Running = running(until=600.0, restart=True)
+def test_a_killed_process_is_started_again_and_its_robot_goes_on(running: Any, hold: Path) -> None:  # noqa: F811
+    run: Running = running(mind="Held", until=120.0, restart=True)
     run.agents()[1].kill()
+    hold.unlink()
     assert run.result()["status"] == 0
     assert [event["event"] for event in run.events() if event["event"] in ("left", "rejoined", "dead")] == [
         "left",
         "rejoined",
     ]
-    assert len((run.out / "trajectories" / "r1.tum").read_text().splitlines()) == 3001
+    assert len((run.out / "trajectories" / "r1.tum").read_text().splitlines()) == 601
 
 
-def test_a_killed_world_is_started_again_and_no_byte_differs(running: Any, tmp_path: Path) -> None:  # noqa: F811
-    run: Running = running(mind="Wanderer", until=600.0, restart=True)
+def test_a_killed_world_is_started_again_and_no_byte_differs(
+    running: Any,  # noqa: F811
+    tmp_path: Path,
+    hold: Path,  # noqa: F811
+) -> None:
+    run: Running = running(mind="Held", until=120.0, restart=True)
     run.world().kill()
+    hold.unlink()
     result = run.result()
     assert (result["status"], result["errors"]) == (0, ["world: its process died (signal 9) and was started again"])
-    inprocess.run(tiny_config(tmp_path, until=600.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
+    inprocess.run(tiny_config(tmp_path, until=120.0), AgentConfig(), tmp_path / "alone", make_mind=Wanderer)
     assert digests(run.out).items() >= digests(tmp_path / "alone").items()
 
 
