@@ -11,7 +11,7 @@ from agent.shell.checkpoint import Keeps, due
 from agent.shell.mind import MakeMind, Mind
 from agent.state import State
 from deploy import manifest
-from deploy.faults import schedule
+from deploy.launch.faults import schedule
 from world.config import WorldConfig
 from world.episode import Episode
 from world.tick import Outputs

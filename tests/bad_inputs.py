@@ -4,7 +4,7 @@ import random
 import re
 from typing import NamedTuple
 
-from deploy.settings import settings, to_yaml
+from deploy.terminal.settings import settings, to_yaml
 from tests.tiny import ROOM
 
 SEED = 13

@@ -14,7 +14,7 @@ import psutil
 
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.config import RunConfig
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from deploy.metrics import score_walls, truth_of
 from deploy.report.rundir import read_run
 from protocol.geometry import apply

@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from protocol.messages import Progress
 from tests import wanderer
 from tests.tiny import tiny_config

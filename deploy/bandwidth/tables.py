@@ -11,7 +11,7 @@ from rich.text import Text
 from deploy.bandwidth.replay import config_of
 from deploy.bandwidth.representations import FORMS, Measurement
 from deploy.sensing import named
-from deploy.terminal import add_row
+from deploy.terminal.tables import add_row
 from protocol.text import printable
 
 MANY_LINKS = 12  # more links than that are in the JSON only

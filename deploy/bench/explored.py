@@ -20,7 +20,7 @@ from deploy import inprocess
 from deploy.bench.cases import Figures
 from deploy.bench.layouts import path_of
 from deploy.config import RunConfig
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from deploy.metrics import Truth, score, truth_of
 from deploy.sensing import of_benchmark
 from protocol.arrays import Floats

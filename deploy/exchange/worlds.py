@@ -12,7 +12,7 @@ import shapely
 from deploy.exchange import drawings, raster, sdf
 from deploy.exchange.shapes import Shapes
 from deploy.figures import write_figure
-from deploy.worlds import size_of
+from deploy.terminal.worlds import size_of
 from protocol.document import parse_document, read_text
 from protocol.errors import InputError
 from protocol.files import write_whole

@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from deploy.live import print_pairs
-from deploy.terminal import add_row
+from deploy.terminal.live import print_pairs
+from deploy.terminal.tables import add_row
 
 COLUMNS = ("robot", "log", "scans", "skipped", "path m", "loops", "map B", "step ms", "99 % ms")
 

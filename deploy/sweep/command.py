@@ -4,8 +4,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from deploy import forks
-from deploy.interrupts import on_interrupt
+from deploy.launch import forks
+from deploy.launch.interrupts import on_interrupt
 from deploy.revision import revision
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
-from deploy.live import LINE_S
 from deploy.sweep.work import OK, Row
+from deploy.terminal.live import LINE_S
 from protocol.text import printable
 
 

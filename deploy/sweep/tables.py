@@ -17,7 +17,7 @@ from deploy.figures import write_figure
 from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
 from deploy.sweep.work import OK, Row
-from deploy.terminal import add_row
+from deploy.terminal.tables import add_row
 from protocol.document import parse_document
 from protocol.errors import InputError
 from protocol.files import write_whole

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from typer import Exit
 
-from deploy.interrupts import on_interrupt
+from deploy.launch.interrupts import on_interrupt
 from protocol.command import say
 from protocol.status import Status
 

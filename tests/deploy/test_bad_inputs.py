@@ -22,7 +22,7 @@ def refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> Callable[[Bad], str]:
     """Run a bad command in this process; returns what it said."""
-    from deploy import launcher
+    from deploy.launch import launcher
 
     def accepted(*_: object, **__: object) -> None:
         raise AssertionError("the command was accepted")

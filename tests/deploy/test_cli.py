@@ -15,7 +15,7 @@ from typer.main import get_command
 
 from deploy import cli
 from deploy.config import RunConfig, load
-from deploy.launcher import run_directory
+from deploy.launch.launcher import run_directory
 from protocol.configuration import ConfigError
 from protocol.session import open_router
 from tests.tiny import ROOM
@@ -143,7 +143,7 @@ def test_an_agent_that_is_refused_or_finds_no_world(wireswarm: Command) -> None:
 
 def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rich.console", None)
-    monkeypatch.delitem(sys.modules, "deploy.live", raising=False)
+    monkeypatch.delitem(sys.modules, "deploy.terminal.live", raising=False)
     status, _, err = wireswarm("run")
     assert status == 2 and err == (
         "wireswarm: this command needs rich: install it with `pip install 'wireswarm[deploy]'`\n"

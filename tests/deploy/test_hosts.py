@@ -14,7 +14,7 @@ import pytest
 
 from deploy import inprocess
 from deploy.certs import issue, revoke
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from tests.agent.shell.test_process import events
 from tests.deploy.sweep.sweeps import RUNS, comparable, results, undisturbed, write_sweep
 from tests.tiny import digests, tiny_config

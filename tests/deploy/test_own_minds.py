@@ -10,7 +10,7 @@ import pytest
 
 import wireswarm
 from agent.shell.mind import minds_of
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from deploy.revision import ROOT
 from protocol.errors import InputError
 from tests.tiny import digests, tiny_config

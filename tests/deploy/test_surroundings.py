@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from deploy.exchange.raster import read_bitmap
-from deploy.live import Display
 from deploy.manifest import read
 from deploy.recorded.lidar_log import Given
 from deploy.recorded.reading import read_logs
 from deploy.report.rundir import read_run
+from deploy.terminal.live import Display
 from protocol.errors import InputError
 from protocol.messages import Clock, Progress
 from tests.tiny import ROOM

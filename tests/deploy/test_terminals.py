@@ -12,7 +12,7 @@ from typing import Any
 from agent.config import AgentConfig
 from agent.shell.mind import MakeMind
 from agent.shell.process import run_agent
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Misbehaving, Wanderer
 

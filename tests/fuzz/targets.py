@@ -20,10 +20,10 @@ from agent.robot import Robot
 from agent.shell.checkpoint import revived, save
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.config import load
-from deploy.pairs import fates
 from deploy.report import page, plan
 from deploy.report.rundir import Run, read_run
 from deploy.report.words import headline, subtitle
+from deploy.terminal.pairs import fates
 from protocol import messages
 from protocol.certificates import ROSTER, Identity, fingerprint, read_roster
 from protocol.codec import decode, encode

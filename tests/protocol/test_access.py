@@ -235,7 +235,7 @@ def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
 
 
 def test_no_secret_is_written_by_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from deploy import launcher
+    from deploy.launch import launcher
     from tests.wanderer import Wanderer
 
     known = new_secrets(["r1", "r2", "r3"])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 from world.wire import tcp_bytes

@@ -16,7 +16,7 @@ from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import AgentInbox, Entry, join, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from protocol import keys
 from protocol.access import Credentials
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode

@@ -11,7 +11,7 @@ from rich.console import Console
 from deploy.bench.benchmark import Benchmark, report
 from deploy.bench.study import STUDIES, comparison, study
 from deploy.bench.tables import Table, columns, grouped, share, total, whole
-from deploy.cli import BENCHMARKS
+from deploy.commands.experiments import BENCHMARKS
 from deploy.revision import ROOT
 from protocol.errors import InputError
 

@@ -18,7 +18,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from deploy.view import invitation, live
 from deploy.view.command import newest
 from deploy.view.serving import Tape

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 from pathlib import Path
 
-from deploy.logs import LEFT_OUT, MAX_LOG_BYTES, Log
+from deploy.launch.logs import LEFT_OUT, MAX_LOG_BYTES, Log
 
 
 def test_a_log_is_bounded_and_goes_on_where_a_process_comes_back(tmp_path: Path) -> None:

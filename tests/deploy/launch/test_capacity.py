@@ -8,7 +8,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from deploy import capacity
+from deploy.launch import capacity
 from protocol.configuration import ConfigError
 
 

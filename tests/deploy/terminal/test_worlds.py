@@ -2,7 +2,7 @@
 
 from dataclasses import astuple
 
-from deploy.worlds import drawing, size_of, to_text
+from deploy.terminal.worlds import drawing, size_of, to_text
 from world.worldfile import bundled, from_document
 
 RINGS = [[[-0.1, -0.1], [4.1, -0.1], [4.1, 2.1], [-0.1, 2.1]], [[0.1, 0.1], [3.9, 0.1], [3.9, 1.9], [0.1, 1.9]]]

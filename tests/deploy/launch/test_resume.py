@@ -13,12 +13,13 @@ from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import cli, inprocess, manifest
 from deploy.bandwidth.books import read_books
+from deploy.commands import results
 from protocol.errors import LinkError
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
 from world.worldfile import load
 
-REPO = Path(__file__).parents[2]
+REPO = Path(__file__).parents[3]
 WORLD = """
 import sys
 from pathlib import Path
@@ -128,7 +129,7 @@ def test_what_a_killed_world_left_is_finished_once(
             cli.main()
         return end.value.code or 0, *capsys.readouterr()
 
-    monkeypatch.setattr(cli, "_draw", lambda run: None)
+    monkeypatch.setattr(results, "draw", lambda run: None)
     assert command("finish", str(run))[0] == 0
     summary, fields = (json.loads((run / name).read_text()) for name in ("summary.json", "manifest.json"))
     assert {robot["ended"] for robot in summary["robots"].values()} == {fields["ended"]} == {"interrupted"}

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from deploy.config import RunConfig, load
-from deploy.settings import DERIVED, settings, to_json, to_text, to_yaml
+from deploy.terminal.settings import DERIVED, settings, to_json, to_text, to_yaml
 from protocol.configuration import ConfigError
 from world.radio_config import Bernoulli
 

@@ -14,10 +14,10 @@ from rich.progress_bar import ProgressBar
 from rich.table import Column, Table
 from rich.text import Text
 
-from deploy.pairs import fates
 from deploy.report.rundir import mapping
 from deploy.report.words import MAX_SHOWN
-from deploy.terminal import add_row
+from deploy.terminal.pairs import fates
+from deploy.terminal.tables import add_row
 from protocol.document import read_text
 from protocol.messages import Progress
 from protocol.text import printable

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from deploy.live import Display, print_summary
 from deploy.report import write_report
 from deploy.report.rundir import read_run
+from deploy.terminal.live import Display, print_summary
 from protocol.messages import Clock, Progress
 from protocol.text import printable
 

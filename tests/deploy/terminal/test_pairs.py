@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.live import print_summary
-from deploy.pairs import fates
+from deploy.terminal.live import print_summary
+from deploy.terminal.pairs import fates
 
 
 def test_the_fate_of_each_pair_is_its_last_word(tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def test_an_interrupted_world_that_hangs_is_killed(tmp_path: Path) -> None:
 import os, signal, sys
 from pathlib import Path
 import psutil
-from deploy import launcher
+from deploy.launch import launcher
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 launcher.LAST_S = 1.0
@@ -183,7 +183,7 @@ def test_a_child_whose_launcher_dies_before_it_says_what_to_do_ends_without_a_wo
     dies = """
 import os
 from multiprocessing import forkserver
-from deploy import forks
+from deploy.launch import forks
 forks.begin()
 child, told = forkserver.connect_to_new_process([])
 os.close(told)

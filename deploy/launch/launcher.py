@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from agent.shell.mind import MakeMind, minds_of
-from deploy import capacity, forks, manifest
+from deploy import manifest
 from deploy.config import RunConfig
-from deploy.faults import schedule
 from deploy.finish import finish
-from deploy.interrupts import on_interrupt
-from deploy.logs import Log
-from deploy.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
+from deploy.launch import capacity, forks
+from deploy.launch.faults import schedule
+from deploy.launch.interrupts import on_interrupt
+from deploy.launch.logs import Log
+from deploy.launch.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.view.invitation import invite, withdraw
 from protocol.configuration import ConfigError
 from protocol.files import UnwritableError, remove_parts

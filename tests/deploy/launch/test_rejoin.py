@@ -14,10 +14,10 @@ from agent.robot import Robot
 from agent.shell.checkpoint import revived, save
 from agent.state import State
 from deploy import inprocess
-from deploy.launcher import launch
+from deploy.launch.launcher import launch
 from protocol.messages import Heard, Observation
 from tests.agent.shell.test_process import World, agent, events
-from tests.deploy.test_failures import Running, hold, running  # noqa: F401
+from tests.deploy.launch.test_failures import Running, hold, running  # noqa: F401
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
 from world.episode import Episode

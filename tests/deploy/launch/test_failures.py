@@ -23,7 +23,7 @@ from protocol.session import open_router
 from tests.tiny import ROOM, digests, tiny_config
 from tests.wanderer import Wanderer, endless
 
-REPO = Path(__file__).parents[2]
+REPO = Path(__file__).parents[3]
 
 
 class Running:

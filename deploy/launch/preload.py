@@ -5,7 +5,7 @@ from pickle import UnpicklingError
 from types import TracebackType
 
 from agent.warmup import rehearse
-from deploy import leash
+from deploy.launch import leash
 
 
 def _untold(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 from deploy import manifest
 from deploy.config import RunConfig
-from deploy.faults import doomed, schedule
-from deploy.logs import speak_into
+from deploy.launch.faults import doomed, schedule
+from deploy.launch.logs import speak_into
 from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.files import UnwritableError
 from protocol.inbox import Inbox

@@ -1,0 +1,1 @@
+"""The commands of `wireswarm`, by what they are for. What one needs beyond the base install it imports as it runs."""

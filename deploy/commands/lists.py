@@ -1,0 +1,28 @@
+"""What there is: the bundled worlds, and the settings."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from typer import Option, Typer
+
+commands = Typer()
+
+
+@commands.command(epilog="Example: wireswarm worlds --json")
+def worlds(as_json: Annotated[bool, Option("--json", help="Print the sizes as JSON.")] = False) -> None:
+    """List the bundled worlds: sizes, walls, free area, and a small drawing."""
+    from deploy.terminal.worlds import to_json, to_text
+
+    print(to_json() if as_json else to_text())
+
+
+@commands.command("config", epilog="Example: wireswarm config --yaml")
+def config_(
+    as_yaml: Annotated[bool, Option("--yaml", help="Print a file for --config with all defaults.")] = False,
+    as_json: Annotated[bool, Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """List the settings: default, unit and reason."""
+    from deploy.terminal.settings import to_json, to_text, to_yaml
+
+    print(to_json() if as_json else to_yaml() if as_yaml else to_text())

@@ -1,0 +1,114 @@
+"""What is made of a run directory: report, bandwidth measurement, and its end where a world was killed."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Argument, Option, Typer
+
+from deploy.commands.options import Pairs, RunDirectory
+from protocol.command import say
+from protocol.status import Status
+from protocol.text import printable
+
+if TYPE_CHECKING:
+    from deploy.bandwidth.representations import Measurement
+
+commands = Typer()
+
+
+@commands.command(epilog="Example: wireswarm finish runs/maze-15-0")
+def finish(run: RunDirectory) -> None:
+    """Bring a run whose world was killed to its end: summary, maps, books and report."""
+    from deploy.finish import finish
+
+    if finish(run):
+        draw(run)
+    else:
+        print(f"{printable(str(run))} is finished already")
+
+
+@commands.command(epilog="Example: wireswarm report runs/maze-15-0 --pairs")
+def report(run: RunDirectory, pairs: Pairs = False) -> None:
+    """Write the report of a run directory anew, and print its summary."""
+    from deploy.report import write_report
+    from deploy.terminal.live import print_summary
+
+    made = write_report(run)
+    print_summary(run, pairs)
+    print(printable(str(made)))
+
+
+@commands.command(epilog="Example: wireswarm bandwidth runs/maze-15-0 runs/office-0")
+def bandwidth(
+    runs: Annotated[list[Path], Argument(help="Run directories.", metavar="DIR...")],
+    as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
+) -> None:
+    """Measure what finished runs sent, and what their maps would have cost in other forms."""
+    from deploy.bandwidth.books import read_books
+    from deploy.bandwidth.tables import document, print_tables
+
+    documents = []
+    for run in runs:
+        documents.append(document(run, read_books(run), measure_bandwidth(run)))
+        if not as_json:
+            print_tables(documents[-1])
+    if as_json:
+        print(json.dumps(documents, indent=1))
+
+
+def draw(run: Path, pairs: bool = False) -> None:
+    """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
+    from deploy.report import write_report
+    from deploy.terminal.live import print_summary
+    from protocol.files import UnwritableError
+
+    made = {}
+    makers: dict[str, Callable[[Path], object]] = {"report": write_report}
+    if (run / "bandwidth.json").exists():  # else the run broke off
+        makers["bandwidth measurement"] = measure_bandwidth
+    for what, make in makers.items():
+        try:
+            made[what] = make(run)
+        except UnwritableError as error:
+            say(str(error))
+        except Exception as error:  # the run itself is written and must not be lost with its picture
+            say(f"no {what}: {type(error).__name__}: {error}")
+    print_summary(run, pairs)
+    print(printable(str(made.get("report", run))), flush=True)
+
+
+def leave(run: Path) -> None:
+    """End at once, also in the midst of drawing: libraries drop what is raised, and a run that ended needs no more."""
+    from deploy import manifest
+    from deploy.launch import forks
+    from protocol.errors import InputError
+    from protocol.files import remove_parts
+
+    why = f"interrupted before the report was written; `wireswarm report {run}` writes it"
+    try:
+        remove_parts(run)
+        manifest.interrupt(run, why)
+    except (OSError, InputError):  # nothing was run yet
+        with suppress(OSError):
+            run.rmdir()
+    else:
+        say(why)
+    forks.kill()
+    os._exit(Status.INTERRUPTED)
+
+
+def measure_bandwidth(run: Path) -> Measurement:
+    """What other forms of the maps would have cost, added to bandwidth.json, and its plots."""
+    from deploy.bandwidth.plots import draw
+    from deploy.bandwidth.representations import measure, write
+
+    measurement = measure(run)
+    write(run, measurement)
+    draw(run, measurement)
+    return measurement

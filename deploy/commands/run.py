@@ -1,0 +1,116 @@
+"""`wireswarm run`: a world and its robots, one process each."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from contextlib import nullcontext
+from functools import partial
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Context, Exit, Option, Typer
+
+from deploy.commands.options import (
+    ConfigFile,
+    Ideal,
+    MaxTime,
+    Out,
+    Pairs,
+    Quiet,
+    Range,
+    RealTime,
+    Robots,
+    Seed,
+    Set,
+    Until,
+    World,
+    settings_of,
+)
+from deploy.commands.results import draw, leave
+from protocol.command import say
+from protocol.status import Status
+
+if TYPE_CHECKING:
+    from deploy.config import RunConfig
+    from deploy.ros2 import Ros2Robots
+
+commands = Typer()
+
+
+@commands.command(epilog="Example: wireswarm run --world office --robots 4 --seed 7 --until 300")
+def run(
+    context: Context,
+    world: World = None,
+    robots: Robots = None,
+    seed: Seed = None,
+    out: Out = None,
+    range_m: Range = None,
+    until: Until = None,
+    max_time_s: MaxTime = None,
+    real_time: RealTime = None,
+    restart: Annotated[
+        bool | None, Option("--restart", help="Start a process that dies again: it goes on from its checkpoint.")
+    ] = None,
+    mind: Annotated[
+        list[str] | None,
+        Option("--mind", help="A mind in place of ours, of all robots or of one.", metavar="[ID=]package:Class"),
+    ] = None,
+    ideal: Ideal = False,
+    as_ros2: Annotated[
+        bool, Option("--ros2", help="Robots of ROS 2 in place of minds: /r1/scan, odom, tf and cmd_vel, by the clock.")
+    ] = False,
+    config: ConfigFile = None,
+    set_: Set = None,
+    view: Annotated[bool, Option("--view", help="Show the run in the browser while it goes on.")] = False,
+    pairs: Pairs = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a world and its robots, one process each, and write the run directory."""
+    from deploy.launch import forks
+
+    forks.begin()
+    if view:
+        import rerun_cli  # noqa: F401  (tells before the run that the extra is missing)
+    from agent.limits import doubts
+    from deploy.launch.interrupts import on_interrupt
+    from deploy.launch.launcher import launch, run_directory
+    from deploy.terminal.live import Display, print_summary
+    from deploy.view.beside import beside
+
+    settings, bodies = settings_of(context), None
+    if as_ros2:
+        settings, bodies = _of_ros2(settings)
+    for doubt in doubts(settings.spec):
+        say(f"a complete map is not to be expected: {doubt}")
+    with (
+        run_directory(out, settings.world, settings.seed) as directory,
+        beside(directory) if view else nullcontext(),
+        on_interrupt(partial(leave, directory)),
+    ):
+        with Display(settings.world, str(settings.radio), quiet) as display:
+            result = launch(settings, directory, show=display.show, make_mind=bodies)
+        for error in result.errors:
+            say(error)
+        if result.status == Status.USAGE:  # nothing was run
+            raise Exit(result.status)
+        if result.status == Status.INTERRUPTED:
+            say(f"interrupted; `wireswarm report {directory}` draws what there is")
+            print_summary(directory, pairs)
+            raise Exit(result.status)
+        draw(directory, pairs)
+        if not (quiet or view):
+            name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
+            say(f"`{name} view {directory}` shows it as a moving picture")
+        raise Exit(result.status)
+
+
+def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:
+    """The settings of a run by the clock, and what takes the place of minds."""
+    from deploy.ros2 import JOIN_S, Ros2Robots
+    from protocol.session import open_ros2_client
+
+    with open_ros2_client(settings.ros2.router, JOIN_S):
+        pass  # each robot opens its own; without a router nothing is begun
+    real_time = settings.server.real_time or 1.0
+    server = settings.server.model_copy(update={"real_time": real_time})
+    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, real_time)

@@ -1,0 +1,152 @@
+"""`wireswarm world`: a world alone, for robots that come from elsewhere."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from typer import Context, Exit, Option, Typer
+
+from agent.shell.command import Certs
+from deploy.commands.options import (
+    ConfigFile,
+    MaxTime,
+    Out,
+    Range,
+    RealTime,
+    Robots,
+    Seed,
+    Set,
+    Until,
+    World,
+    settings_of,
+)
+from deploy.commands.results import draw, leave
+from protocol.command import stop_on_signals
+from protocol.status import Status, of_run
+from protocol.text import printable
+
+if TYPE_CHECKING:
+    from deploy.config import RunConfig
+    from protocol.messages import Progress
+    from world.config import WorldConfig
+
+commands = Typer()
+
+NEVER_KEPT = ("resume", "secrets", "certs")  # options of a world that no file of a run holds
+
+
+@commands.command("world", epilog="Example: wireswarm world --robots 2 --listen tls/0.0.0.0:7447 --certs certs")
+def world_(
+    context: Context,
+    world: World = None,
+    robots: Robots = None,
+    seed: Seed = None,
+    out: Out = None,
+    range_m: Range = None,
+    until: Until = None,
+    max_time_s: MaxTime = None,
+    real_time: RealTime = None,
+    listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    connect: Annotated[
+        str | None, Option(help="A Zenoh router between world and robots.", show_default="the world is the router")
+    ] = None,
+    secrets: Annotated[
+        Path | None, Option(help="File of secrets, without which nobody gets in; made where there is none.")
+    ] = None,
+    certs: Certs = None,
+    insecure: Annotated[
+        bool | None, Option("--insecure", help="Let anybody take part who reaches the address.")
+    ] = None,
+    resume: Annotated[
+        Path | None,
+        Option(help="Go on in the directory of a run whose world was killed, with its settings.", metavar="DIR"),
+    ] = None,
+    settle_s: Annotated[
+        float | None,
+        Option(
+            "--settle",
+            help="Begin with those of --robots that have come when no further one has for so many seconds.",
+            show_default="wait for all",
+            min=0.1,
+        ),
+    ] = None,
+    config: ConfigFile = None,
+    set_: Set = None,
+) -> None:
+    """Run a world alone, for robots that join it from other terminals, containers or hosts."""
+    from deploy import manifest
+    from deploy.launch.interrupts import on_interrupt
+    from deploy.launch.launcher import run_directory
+    from protocol import credentials
+    from protocol.errors import InputError
+    from world.inbox import WorldInbox
+    from world.server import serve
+    from world.worldfile import load
+
+    settings = settings_of(context) if resume is None else _resumed(context, resume)
+    loaded = load(settings.world)
+    stop_on_signals(inbox := WorldInbox())
+
+    def listening(endpoint: str) -> None:
+        place = "listening on" if settings.server.connect is None else "robots are awaited at"
+        print(f"{place} {endpoint}\nradio: {settings.radio}", flush=True)
+
+    def begin(settings: WorldConfig) -> None:
+        begun = manifest.begun(settings, loaded)
+        del begun["config"]["agent"]  # each robot has its own
+        manifest.begin(directory, begun)
+
+    standing: dict[str, str] = {}  # how each robot does
+
+    def progress(progress: Progress) -> None:
+        standing.update(progress.clock.status)
+
+    goes_on, router = resume is not None, settings.server.connect is not None
+    place = nullcontext(resume) if resume else run_directory(out, settings.world, settings.seed)
+    with place as directory, credentials.of_all(settings.robot_ids, secrets, certs, world=router) as known:
+        if not goes_on:
+            begin(settings)
+        try:
+            ended = serve(
+                settings,
+                settings.server,
+                directory,
+                credentials=known,
+                inbox=inbox,
+                resume=goes_on,
+                settle_s=settle_s,
+                counted=begin,
+                listening=listening,
+                progress=progress,
+            )
+        except InputError:
+            if not goes_on:
+                manifest.withdraw(directory)
+            raise
+        except Exception as error:
+            manifest.finish(directory, ended="failed", exit_status=Status.FAILURE, errors=[str(error)])
+            raise
+        status = of_run(ended, settings.until, standing.values())
+        manifest.finish(directory, ended=ended, exit_status=status)
+    print(f"ended: {ended}; {printable(str(directory))}", flush=True)
+    if status != Status.INTERRUPTED:
+        with on_interrupt(partial(leave, directory)):
+            draw(directory)
+    raise Exit(status)
+
+
+def _resumed(context: Context, run: Path) -> RunConfig:
+    """Configuration of a run that goes on; only where its world listens may be new."""
+    from deploy.finish import left_by
+    from protocol.configuration import ConfigError
+
+    reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
+    given = [name for name, value in context.params.items() if value and name not in (*reach, *NEVER_KEPT)]
+    if given:
+        raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
+    config = left_by(run)
+    server = config.server.model_copy(update=reach)
+    return config.model_copy(update={"server": server})
