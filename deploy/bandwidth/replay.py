@@ -15,7 +15,7 @@ from deploy import manifest
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
 from protocol.arrays import Floats
-from protocol.document import MAX_RESULT_BYTES, check_is_file, read_text
+from protocol.document import MAX_RESULT_BYTES, read_text
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from world.config import WorldConfig
@@ -86,8 +86,10 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
 
 def _track(file: Path) -> Floats:
     """(t, 3) poses of a TUM file, world frame."""
-    check_is_file(file)
-    rows = np.loadtxt(file, ndmin=2)
+    lines = read_text(file, MAX_RESULT_BYTES).splitlines()
+    if not lines:
+        raise ValueError(f"{file.name} holds no pose")
+    rows = np.loadtxt(lines, ndmin=2)
     return np.column_stack([rows[:, 1:3], np.unwrap(2 * np.arctan2(rows[:, 6], rows[:, 7]))])
 
 

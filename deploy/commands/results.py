@@ -70,7 +70,7 @@ def draw(run: Path, pairs: bool = False) -> None:
 
     made = {}
     makers: dict[str, Callable[[Path], object]] = {"report": write_report}
-    if (run / "bandwidth.json").exists():  # else the run broke off
+    if all((run / name).exists() for name in ("summary.json", "bandwidth.json")):  # else the run broke off
         makers["bandwidth measurement"] = measure_bandwidth
     for what, make in makers.items():
         try:

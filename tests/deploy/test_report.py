@@ -227,6 +227,7 @@ def test_the_story_tells_who_merged_whom_when_where_and_why(tmp_path: Path) -> N
     assert (story[0]["x"], story[0]["y"]) == pytest.approx((1.26, 1.03), abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_long_run_of_many_robots_makes_a_page_of_less_than_2_mb(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run")
     rooms = np.array([(x + a, y + b) for x in range(0, 60, 2) for y in range(0, 60, 2) for a, b in RING / 4])

@@ -42,6 +42,7 @@ def behind(endpoint: str, folder: Path, **settings: object) -> RunConfig:
     return tiny_config(folder, **settings, server={"connect": endpoint})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("credentials", ["certificates"], indirect=True)
 def test_a_run_over_a_router_writes_the_same_bytes_even_if_the_router_is_gone_for_a_while(
     tmp_path: Path, credentials: Credentials

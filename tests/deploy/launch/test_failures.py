@@ -220,7 +220,14 @@ def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
     assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
 
 
-@pytest.mark.parametrize("after_s", [0.02, 0.3, 1.0], ids=["while it is joined", "just joined", "in the run"])
+@pytest.mark.parametrize(
+    "after_s",
+    [
+        pytest.param(0.02, id="while it is joined", marks=pytest.mark.slow),
+        pytest.param(0.3, id="just joined", marks=pytest.mark.slow),
+        pytest.param(1.0, id="in the run"),
+    ],
+)
 def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path, after_s: float) -> None:
     (tmp_path / "tiny.yaml").write_text(ROOM)
     with open_router() as (_, endpoint):
@@ -254,7 +261,7 @@ def test_a_world_that_comes_back_within_reconnect_is_joined_anew(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    "pause_s", [1.0, pytest.param(6.0, marks=pytest.mark.slow)]
+    "pause_s", [pytest.param(1.0, marks=pytest.mark.slow), pytest.param(6.0, marks=pytest.mark.slow)]
 )  # shorter and longer than the lease
 def test_in_real_time_the_others_go_on_and_the_paused_one_misses_ticks(running: Any, pause_s: float) -> None:
     run = running(until=7000.0, server={"real_time": 20.0})

@@ -77,6 +77,7 @@ def test_a_world_that_is_killed_and_resumed_ends_with_the_bytes_of_one_that_is_n
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["team"]["coverage"] > 0.5
 
 
+@pytest.mark.slow
 def test_in_real_time_a_killed_world_goes_on_and_so_do_its_robots(tmp_path: Path) -> None:
     config, run = tiny_config(tmp_path, until=100.0, server={"real_time": 20.0}), tmp_path / "run"
     world = World(config, run, "begin")

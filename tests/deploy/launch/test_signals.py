@@ -88,14 +88,14 @@ def test_a_signal_in_the_first_second_is_no_traceback(command: Any, number: sign
 @pytest.mark.parametrize(
     ("phase", "number", "group"),
     [
-        ("manifest.json", signal.SIGTERM, False),
         ("manifest.json", signal.SIGINT, True),
-        ("truth.json", signal.SIGINT, False),
-        ("truth.json", signal.SIGTERM, True),
         ("summary.json", signal.SIGTERM, False),
-        ("summary.json", signal.SIGINT, True),
-        ("report.png", signal.SIGTERM, False),
         ("report.html", signal.SIGINT, True),
+        pytest.param("manifest.json", signal.SIGTERM, False, marks=pytest.mark.slow),
+        pytest.param("truth.json", signal.SIGINT, False, marks=pytest.mark.slow),
+        pytest.param("truth.json", signal.SIGTERM, True, marks=pytest.mark.slow),
+        pytest.param("summary.json", signal.SIGINT, True, marks=pytest.mark.slow),
+        pytest.param("report.png", signal.SIGTERM, False, marks=pytest.mark.slow),
     ],
 )
 def test_a_signal_ends_a_run_in_any_phase(command: Any, phase: str, number: signal.Signals, group: bool) -> None:
@@ -193,8 +193,22 @@ os.read(child, 8), os.read(child, 8)  # the child's number and status
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("phase", ["manifest.json", "truth.json", "snapshots/r1.jsonl"])
-@pytest.mark.parametrize("victim", ["launcher", "server"])
+@pytest.mark.parametrize(
+    ("victim", "phase"),
+    [
+        ("launcher", "snapshots/r1.jsonl"),
+        ("server", "truth.json"),
+        *(
+            pytest.param(victim, phase, marks=pytest.mark.slow)
+            for victim, phase in [
+                ("launcher", "manifest.json"),
+                ("launcher", "truth.json"),
+                ("server", "manifest.json"),
+                ("server", "snapshots/r1.jsonl"),
+            ]
+        ),
+    ],
+)
 def test_without_launcher_or_server_of_forks_a_run_ends_as_interrupted(command: Any, victim: str, phase: str) -> None:
     run = command("--until", "5000")
     run.wait_for(phase)

@@ -117,6 +117,7 @@ def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch
     assert newest() == Path("runs/new")
 
 
+@pytest.mark.slow
 def test_run_with_a_view_stays_until_it_is_interrupted(tmp_path: Path) -> None:
     tiny_config(tmp_path)
     command = [sys.executable, "-m", "wireswarm", "run", "--world", str(tmp_path / "tiny.yaml"), "--robots", "2"]
