@@ -70,7 +70,7 @@ def draw(run: Path, pairs: bool = False) -> None:
 
     made = {}
     makers: dict[str, Callable[[Path], object]] = {"report": write_report}
-    if all((run / name).exists() for name in ("summary.json", "bandwidth.json")):  # else the run broke off
+    if _has_ended(run):
         makers["bandwidth measurement"] = measure_bandwidth
     for what, make in makers.items():
         try:
@@ -81,6 +81,17 @@ def draw(run: Path, pairs: bool = False) -> None:
             say(f"no {what}: {type(error).__name__}: {error}")
     print_summary(run, pairs)
     print(printable(str(made.get("report", run))), flush=True)
+
+
+def _has_ended(run: Path) -> bool:
+    """Whether a run came to an end that could be written down."""
+    from deploy import manifest
+    from protocol.errors import InputError
+
+    try:
+        return manifest.read(run)["ended"] is not None and (run / "bandwidth.json").exists()
+    except (InputError, OSError, KeyError):
+        return False
 
 
 def leave(run: Path) -> None:
