@@ -12,7 +12,7 @@ import numpy as np
 from agent.geometry.matrix3 import inverse
 from agent.geometry.transform import apart, compose
 from agent.mapping.matching import SAMPLE_SD_M, refine
-from agent.mapping.segments import SEGMENT, samples_along
+from agent.mapping.segments import SEGMENT, every, samples_along
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply
 from protocol.walls import directions, lengths
@@ -56,7 +56,7 @@ def fit_on_walls(mine: Wireframe, theirs: Wireframe, start: Floats) -> WallFit:
     mine and theirs: each in its own frame; only walls that their owner saw itself count.
     """
     samples = np.asarray(samples_along(_segments(theirs)))
-    samples = np.ascontiguousarray(samples[:: 1 + len(samples) // MOST_SAMPLES])  # kernels have one form for it
+    samples = every(samples, 1 + len(samples) // MOST_SAMPLES)
     centre = np.append(samples[:, :2].mean(0) if len(samples) else np.zeros(2), 0.0)
     # about the middle of the walls, where shift and turn are nearly independent
     prior = np.diag((PRIOR_SD * MATCHED_LESS) ** -2.0)

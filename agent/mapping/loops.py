@@ -12,7 +12,7 @@ import numpy as np
 from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
 from agent.mapping.matching import Match, costs_around, nearest_wall, poses_around, refine
-from agent.mapping.segments import SAMPLE_M
+from agent.mapping.segments import SAMPLE_M, every
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
@@ -107,7 +107,7 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     if (window >= STEP).any():
         tried = poses_around(start, np.where(window >= STEP, window, 0.0), STEP)
         for count, kept in SIEVES:
-            sparse = np.ascontiguousarray(samples[:: max(1, len(samples) // count)])  # kernels have one form for it
+            sparse = every(samples, len(samples) // count)
             costs = costs_around(sparse, earlier.walls, tried, COARSE_GATE_M)
             tried = tried[np.argsort(costs, kind="stable")[:kept]]
         poses = np.vstack((start, tried))

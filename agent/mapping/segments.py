@@ -93,6 +93,11 @@ def samples_along(segments: Records) -> Floats:
     return out
 
 
+def every(samples: Floats, step: int) -> Floats:
+    """Each step-th of samples (k, 4), all where the step is 0; in one piece, as kernels have one form for that."""
+    return np.ascontiguousarray(samples[:: max(1, step)])
+
+
 def united(parts: Sequence[Records]) -> Records:
     """All segments of several maps in one frame as one map: (n,), longest first."""
     walls = np.concatenate((np.zeros(0, SEGMENT), *parts))

@@ -17,7 +17,7 @@ from agent.mapping.layers import Layer
 from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
 from agent.mapping.matching import SAMPLE_SD_M, costs_around, nearest_wall, poses_around, refine
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.segments import SEGMENT, merge, moved, samples_along, segments_in, segments_of, united
+from agent.mapping.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 
@@ -139,7 +139,7 @@ class Submaps:
         if match.share >= LOST_SHARE:
             return match.pose
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
-        few = np.ascontiguousarray(samples[:: max(1, len(samples) // SPARSE)])  # kernels have one form for it
+        few = every(samples, len(samples) // SPARSE)
         costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)
         best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
         found = [refine(samples, walls, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]

@@ -183,16 +183,16 @@ def test_ctrl_c_writes_the_run_directory_and_leaves_nothing(running: Any) -> Non
     assert run.popen.communicate()[1] == ""
 
 
+def launched(folder: Path, mind: str, robots: int) -> Any:
+    """The launcher's result of a run of 10 s."""
+    settings = json.dumps({"robots": robots, "until": 10.0})
+    command = [sys.executable, "-m", "tests.launch_tiny", str(folder), mind, settings]
+    done = subprocess.run(command, cwd=REPO, capture_output=True, text=True, timeout=30, check=False)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
 def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.launch_tiny", str(tmp_path), "Misbehaving", '{"robots": 4, "until": 10.0}'],
-        cwd=REPO,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    result = json.loads(done.stdout.splitlines()[-1])
+    result = launched(tmp_path, "Misbehaving", 4)
     assert (result["status"], result["ended"]) == (3, "time")
     liar, crasher, suicide = sorted(result["errors"])
     assert liar.startswith("r2: given up by the world: an action of tick 4")
@@ -207,15 +207,7 @@ def test_robots_that_misbehave_are_given_up_each_with_its_reason(tmp_path: Path)
 
 
 def test_a_robot_that_never_joins_ends_the_run_at_once(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.launch_tiny", str(tmp_path), "stillborn", '{"robots": 2, "until": 10.0}'],
-        cwd=REPO,
-        capture_output=True,
-        text=True,
-        timeout=30,  # the world alone would wait 60 s for them
-        check=False,
-    )
-    result = json.loads(done.stdout.splitlines()[-1])
+    result = launched(tmp_path, "stillborn", 2)  # the world alone would wait 60 s for them
     assert result["status"] == 1
     assert set(result["errors"]) >= {f"r{k}: its process died (exit status 7)" for k in (1, 2)}
 
