@@ -25,6 +25,7 @@ _passes: Any = _core.compiler_machinery._pass_registry
 _find_call_type = _function.get_call_type
 _call_types: dict[tuple[Any, tuple[Any, ...]], Any] = {}
 _counted: dict[Any, bool] = {}  # by type, whether its values may hold a counter of references
+_sizes: dict[str, int] = {}  # in bytes, by type of LLVM
 
 
 def reduce() -> None:
@@ -38,6 +39,8 @@ def reduce() -> None:
     _core.runtime.context.NRTContext.get_meminfos = _counters
     _instruction._rec_list_vars = _variables
     numba.np.arrayobj.raise_with_shape_context = _sizes_differ
+    _core.compiler.Flags.options["no_cfunc_wrapper"]._default = True  # C calls no kernel
+    _core.base.BaseContext.get_abi_sizeof = _size
     _llvm.ffi.lib._lock._cblist.clear()  # of timers, which are told of each call of LLVM
 
 
@@ -117,6 +120,14 @@ def _variables(self: Any, value: Any) -> list[Any]:
     if kind is list or kind is tuple:
         return [variable for item in value for variable in _variables(self, item)]
     return value.list_vars() if isinstance(value, _instruction) else []
+
+
+def _size(self: Any, kind: Any) -> int:
+    """Bytes of a type of LLVM: numba's own, asked once for each type: LLVM reads a module of text for an answer."""
+    name = str(kind)
+    if name not in _sizes:
+        _sizes[name] = kind.get_abi_size(self.target_data)
+    return _sizes[name]
 
 
 def _sizes_differ(source: Any, target: Any) -> None:

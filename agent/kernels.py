@@ -30,12 +30,7 @@ class Compiled(CPUDispatcher):
     """A function compiled for each combination of types that it is called with, once, and kept (`kernel_cache`)."""
 
     def __init__(self, function: Callable[..., Any], *, called_by_python: bool, called_by_kernels: bool) -> None:
-        options = {
-            "nopython": True,
-            "error_model": "numpy",
-            "no_cfunc_wrapper": True,
-            "no_cpython_wrapper": not called_by_python,
-        }
+        options = {"nopython": True, "error_model": "numpy", "no_cpython_wrapper": not called_by_python}
         cache = KernelCache(function, options)
         compiler: Any = partial(NamedCompiler, cache)
         super().__init__(function, targetoptions=options, pipeline_class=compiler)

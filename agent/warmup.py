@@ -160,6 +160,9 @@ def main() -> None:
         print(f"kernels are not compiled yet: {type(error).__name__}: {error}", file=sys.stderr)
     else:
         print(f"kernels compiled in {time.perf_counter() - begin:.1f} s")
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # at a usual end, Python takes millions of numba's objects apart, which lasts 2 s
 
 
 if __name__ == "__main__":

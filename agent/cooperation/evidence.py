@@ -11,7 +11,7 @@ import numpy as np
 from agent.corner_scan import CornerScan
 from agent.geometry.transform import move
 from agent.kernels import kernel
-from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, view_of, within
+from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, seen_at, view_of, within
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.walls import directions, lengths, points_along
@@ -171,9 +171,7 @@ def sees_place(x: float, y: float, radius: float, view: View) -> bool:
 @kernel
 def _nearest_blind(x: float, y: float, view: View) -> float:
     """How near, m, anything is that is no wall, in the direction of (x, y); inf where there is nothing."""
-    dx, dy = x - view.pose[0], y - view.pose[1]
-    bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
-    parallax = view.sight.half_beam + view.sight.shift / max(math.hypot(dx, dy), 1e-6)
+    _, bearing, parallax = seen_at(x, y, view)
     near, blind = math.inf, view.sight.blind
     for s in range(len(blind)):
         if within(blind[s : s + 1], bearing, -parallax):

@@ -14,6 +14,7 @@ UNSEEN, THROUGH, ON = 0, 1, 2  # what a scan saw at a point: it does not tell, f
 GRAZING = math.sin(math.radians(8.0))  # flattest view that is expected to show a wall: a flatter ray may pass beside
 STEP_M = 0.08  # distance of the samples at which a wall is compared with a scan: half the thickness of a usual wall
 MARGIN_M = 0.035  # a wall this near to what was seen is what was seen, at least: 3.5 sd of the default lidar's ranges
+NEAREST_M = 1e-6  # a point nearer to the lidar has no bearing
 END_SKIP_M = 0.05  # the ends of a wall are not compared with a scan: their place is known to about a beam
 
 
@@ -68,20 +69,27 @@ def within(sectors: Floats, bearing: float, margin: float) -> bool:
 
 
 @kernel
+def seen_at(x: float, y: float, view: View) -> tuple[float, float, float]:
+    """Distance, m, and bearing, in [0, 2 pi), at which the scan sees a point; how far the bearing may be off, rad.
+
+    A place is passed at another bearing than seen from the stamp.
+    """
+    dx, dy = x - view.pose[0], y - view.pose[1]
+    distance = math.hypot(dx, dy)
+    bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
+    return distance, bearing, view.sight.half_beam + view.tilt + view.sight.shift / max(distance, NEAREST_M)
+
+
+@kernel
 def look_at(x: float, y: float, view: View, place_sd: float) -> tuple[int, int]:
     """What the scan saw at a point of the map: UNSEEN, THROUGH or ON; and the piece that the ray met, or -1.
 
     place_sd: m, standard deviation of the point's place as the robot knows it from where it is.
     """
-    dx, dy = x - view.pose[0], y - view.pose[1]
     sight = view.sight
-    distance = math.hypot(dx, dy)
-    if distance > sight.reach or distance < 1e-6:
+    distance, bearing, parallax = seen_at(x, y, view)
+    if distance > sight.reach or distance < NEAREST_M:
         return UNSEEN, -1
-    bearing = (math.atan2(dy, dx) - view.pose[2]) % (2 * math.pi)
-    parallax = (
-        sight.half_beam + view.tilt + sight.shift / distance
-    )  # a place is passed at another bearing than seen from the stamp
     if within(sight.blind, bearing, -parallax):
         return UNSEEN, -1
     k = piece_at(view, bearing, sight.half_beam)
