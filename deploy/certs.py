@@ -76,6 +76,8 @@ def issue(folder: Path, robots: Sequence[str], hosts: Sequence[str]) -> list[str
     Raises InputError where one is there already.
     """
     addresses = _addresses(hosts)
+    if folder.is_symlink():  # somebody else may have laid it, to a folder of theirs
+        raise InputError(f"{folder} is a link to {folder.readlink()}: name the folder itself")
     roster = read_roster(folder) if (folder / ROSTER).exists() else {}
     for robot in robots:
         if robot in RESERVED or not re.fullmatch(ID, robot):

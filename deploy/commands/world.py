@@ -148,5 +148,7 @@ def _resumed(context: Context, run: Path) -> RunConfig:
     if given:
         raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
     config = left_by(run)
+    if "listen" in reach:
+        reach = {"insecure": False} | reach  # it was said of the earlier address
     server = config.server.model_copy(update=reach)
     return config.model_copy(update={"server": server})

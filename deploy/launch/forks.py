@@ -1,9 +1,11 @@
 """The server from which a run's world and robots are forked. It loads for a second, so it begins first of all."""
 
 import multiprocessing
+import os
 import signal
+import tempfile
 from contextlib import suppress
-from multiprocessing import forkserver, resource_tracker
+from multiprocessing import forkserver, resource_tracker, util
 
 PRELOAD = ["deploy.launch.leash", "numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely"]
 PRELOAD += ["deploy.launch.processes", "deploy.launch.preload", "__main__"]
@@ -12,10 +14,17 @@ instead of 27, and is up after 10 ms of CPU instead of 70 (measured)."""
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
+SOCKET_BYTES = 107 - len("/pymp-12345678/listener-12345678")
+"""The longest path of a temporary folder in which its socket can have a name: Linux takes 107 bytes (unix(7))."""
+
 
 def begin() -> None:
     """Begin it, where it has not begun; it loads while its caller goes on, and ends with it. Raises OSError."""
     CONTEXT.set_forkserver_preload(PRELOAD)
+    if len(os.fsencode(own := tempfile.gettempdir())) > SOCKET_BYTES:
+        tempfile.tempdir = "/tmp"
+        util.get_temp_dir()  # of multiprocessing: made by the first who asks, for this process and its sockets
+        tempfile.tempdir = own
     resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is the launcher's
     try:

@@ -46,8 +46,10 @@ def fill(
     quiet: bool = False,
 ) -> None:
     """Do those tasks of which the store has no result. Raises InputError, LinkError and OSError."""
-    kept = store.kept() - (store.failed() if retry_failed else set())
-    if left := [task for task in tasks if task.key not in kept]:
+    with store.alone():
+        kept = store.kept() - (store.failed() if retry_failed else set())
+        if not (left := [task for task in tasks if task.key not in kept]):
+            return
         from deploy.sweep.engine import cluster, local_workers, run_all
 
         with SweepProgress(len(left), quiet) as progress, on_interrupt(lambda: _leave(progress)):

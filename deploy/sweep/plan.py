@@ -2,13 +2,14 @@
 
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, FiniteFloat
 
 from deploy.config import RunConfig
 from protocol.configuration import ConfigError, put, validated
@@ -17,7 +18,7 @@ from protocol.errors import InputError
 from protocol.settings import Config
 from world.worldfile import bundled, load
 
-MAX_RUNS = 1_000_000  # more are a typing error
+MAX_RUNS = 100_000  # more are a typing error
 PLANNED = ("world", "seed")
 """Settings with a field of their own."""
 
@@ -29,9 +30,9 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 class Range(Config):
     """Numbers to draw from; integers where both ends are."""
 
-    low: float | int
+    low: FiniteFloat | int
     """The smallest one."""
-    high: float | int
+    high: FiniteFloat | int
     """The largest one."""
     log: bool = False
     """Whether their logarithms are drawn evenly, instead of the numbers."""
@@ -44,7 +45,7 @@ class Drawn(Config):
     """How many combinations."""
     seed: Seed = 0
     """They are drawn from it."""
-    settings: dict[str, Range | list[Any]]
+    settings: dict[str, Range | Annotated[list[Any], Field(min_length=1)]]
     """By dotted key: a range, or a list of which one is taken."""
 
 
@@ -85,13 +86,14 @@ def read_jobs(file: Path) -> list[Job]:
         if not isinstance(fields, dict):
             raise ConfigError(f"a sweep is KEY: VALUE, not {type(fields).__name__}")
         plan = validated(SweepFile, fields)
+        seeds = range(plan.seeds) if isinstance(plan.seeds, int) else plan.seeds
+        drawn = 1 if plan.drawn is None else plan.drawn.count
+        factors = len(plan.worlds), len(seeds), len(plan.cases), drawn, *map(len, plan.grid.values())
+        if math.prod(factors) > MAX_RUNS:  # asked before they are made: all of a large grid fill any memory
+            raise ConfigError(f"more than {MAX_RUNS} runs: divide it, by seeds for instance")
         worlds = {name: _world(file.parent, name) for name in plan.worlds}
         jobs: dict[str, Job] = {}
-        points = list(_points(plan))
-        seeds = range(plan.seeds) if isinstance(plan.seeds, int) else plan.seeds
-        if (runs := len(points) * len(plan.worlds) * len(seeds)) > MAX_RUNS:
-            raise ConfigError(f"{runs} runs; at most {MAX_RUNS} are planned")
-        for point, (name, document), seed in product(points, worlds.items(), seeds):
+        for point, (name, document), seed in product(_points(plan), worlds.items(), seeds):
             job = _job({**point, "world": name, "seed": seed}, document)
             jobs.setdefault(job.key, job)
     except InputError as error:

@@ -1,6 +1,8 @@
 """Results on the disk: one Parquet file a task, PLACE/KEY.parquet, of one row."""
 
+import fcntl
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow as pa
@@ -18,7 +20,23 @@ class Store:
         """Make the folder. revision: of the sources, which stands in each result. Raises OSError."""
         self.place, self._revision = place, revision
         self.place.mkdir(parents=True, exist_ok=True)
-        remove_parts(self.place)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Fill it while no other process does. Raises InputError where one does, and OSError.
+
+        Two would make each run twice, and the later one would take the other's unfinished file for what a killed one
+        left. The system gives the lock back when its process dies.
+        """
+        with (self.place / ".lock").open("ab") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise InputError(
+                    f"{self.place}: another process fills it; wait for its end, or take another folder"
+                ) from None
+            remove_parts(self.place)
+            yield
 
     def kept(self) -> set[str]:
         """Keys of the results that are there."""

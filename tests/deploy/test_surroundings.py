@@ -40,6 +40,15 @@ def test_a_run_whose_streams_are_closed_is_whole(tmp_path: Path) -> None:
     assert told["ended"] == "time" and (tmp_path / "out/report.html").exists()
 
 
+def test_a_run_goes_on_beside_a_temporary_folder_whose_path_no_socket_can_have(tmp_path: Path) -> None:
+    (tmp_path / "room.yaml").write_text(ROOM)
+    (long := tmp_path / ("long" * 40)).mkdir()
+    command = f"{WIRESWARM} run --world room.yaml --robots 1 --until 1 --out out --quiet"
+    done = shell(command, tmp_path, TMPDIR=str(long))
+    assert done.returncode == 0, done.stderr
+    assert not list(long.iterdir())
+
+
 def test_a_run_whose_progress_nobody_reads_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     reading, writing = os.pipe()
     monkeypatch.setattr(sys, "stderr", os.fdopen(writing, "w", closefd=False))

@@ -59,6 +59,14 @@ def test_identities_are_their_owners_alone_and_none_is_overwritten(certs: Path) 
     assert issue(certs, ["r3"], []) == ["r3"] and list(read_roster(certs))[-1] == "r3"
 
 
+def test_no_keys_are_written_to_where_a_link_leads(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "certs").symlink_to("theirs")
+    with pytest.raises(InputError, match=r"certs is a link to theirs: name the folder itself"):
+        issue(tmp_path / "certs", ["r1"], [])
+    assert not list((tmp_path / "theirs").iterdir())
+
+
 def test_a_name_that_was_revoked_may_be_given_anew(certs: Path) -> None:
     before = read_roster(certs)
     revoke(certs, "r2")

@@ -1,6 +1,7 @@
 """A world whose process is killed goes on with its robots, or is finished; nothing of the run is lost."""
 
 import json
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -98,6 +99,18 @@ def test_in_real_time_a_killed_world_goes_on_and_so_do_its_robots(tmp_path: Path
         poses = [line.split()[1:] for line in (run / "trajectories" / f"{robot}.tum").read_text().splitlines()]
         assert len(poses) == 501
         assert len({tuple(pose) for pose in poses[killed_at + 100 :]}) > 50  # it drives on, 5 s after the kill
+
+
+def test_a_world_that_goes_on_at_another_address_is_not_open_to_all_because_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tiny_config(tmp_path, server={"insecure": True, "listen": "tcp/127.0.0.1:0"})
+    manifest.begin(tmp_path, manifest.begun(config, load(config.world)))
+    shutil.copy(config.world, tmp_path / "world.yaml")
+    monkeypatch.setattr(sys, "argv", ["wireswarm", "world", "--resume", str(tmp_path), "--listen", "tcp/0.0.0.0:7447"])
+    with pytest.raises(SystemExit, match="2"):
+        cli.main()
+    assert "whoever reaches this address could take part" in capsys.readouterr().err
 
 
 def killed(folder: Path, until: float = 120.0) -> Path:

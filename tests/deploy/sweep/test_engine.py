@@ -8,10 +8,11 @@ from pathlib import Path
 import psutil
 import pytest
 
+from deploy.revision import revision
 from deploy.sweep.command import sweep
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
-from deploy.sweep.store import read_rows
+from deploy.sweep.store import Store, read_rows
 from deploy.sweep.work import FAILED, work
 from protocol.errors import InputError
 from tests.deploy.sweep.sweeps import (
@@ -86,6 +87,13 @@ def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp
     assert path.stat().st_mtime_ns == before
     sweep(file, tmp_path / "out", workers=1, quiet=True, retry_failed=True)
     assert path.stat().st_mtime_ns > before
+
+
+def test_only_one_process_fills_a_folder(tmp_path: Path) -> None:
+    file, out = write_sweep(tmp_path), tmp_path / "out"
+    with Store(out / revision(), revision()).alone(), pytest.raises(InputError, match="another process fills it"):
+        sweep(file, out, workers=1, quiet=True)
+    assert not results(out)
 
 
 def test_a_worker_with_other_sources_refuses() -> None:

@@ -79,6 +79,13 @@ def test_the_thousand_runs_of_the_docs_are_a_thousand() -> None:
         ("seeds: -1", "seeds: "),
         ("drawn: {count: 1, settings: {robots: {low: 3, high: 1}}}", "drawn.settings.robots: from low to high"),
         ("[1]", "a sweep is KEY: VALUE"),
+        ("", "a sweep is KEY: VALUE"),
+        ("worlds: &a [hall]\ncases: [*a, *a]", "line 2: the alias *a"),
+        (f"cases: {'[' * 5000}{']' * 5000}", "nested deeper than"),
+        (f"grid: {{{', '.join(f'a{k}: [1, 2, 3]' for k in range(300))}}}", "more than 100000 runs"),
+        ("seeds: 100000\nworlds: [hall, office]", "more than 100000 runs"),
+        ("drawn: {count: 1, settings: {robots: []}}", "drawn.settings.robots"),
+        ("drawn: {count: 1, settings: {until: {low: 0, high: .inf}}}", "drawn.settings.until"),
     ],
 )
 def test_a_wrong_file_is_refused_by_a_sentence_with_its_name(tmp_path: Path, text: str, sentence: str) -> None:
