@@ -37,6 +37,27 @@ def placed(
 
 
 @kernel
+def pool(line: Record, hits: float, x: float, y: float, moments: tuple[float, float, float]) -> None:
+    """Fit a line of points to more of them: their number, centroid, and moments xx, xy, yy about it, m2.
+
+    The line has such `hits` and moments, too. Its direction turns by less than a quarter.
+    """
+    total, dx, dy = line.hits + hits, x - line.x, y - line.y
+    w = line.hits * hits / total
+    line.xx += moments[0] + w * dx * dx
+    line.xy += moments[1] + w * dx * dy
+    line.yy += moments[2] + w * dy * dy
+    line.x += dx * hits / total
+    line.y += dy * hits / total
+    line.hits = total
+    angle = 0.5 * math.atan2(2 * line.xy, line.xx - line.yy)
+    ux, uy = math.cos(angle), math.sin(angle)
+    if ux * line.ux + uy * line.uy < 0:
+        ux, uy = -ux, -uy
+    line.ux, line.uy = ux, uy
+
+
+@kernel
 def meet(a: Record, b: Record) -> tuple[float, float]:
     """Sine of the turn from a to b, and where they meet, metres along a from its centroid; 0, 0 where parallel."""
     sine = a.ux * b.uy - a.uy * b.ux

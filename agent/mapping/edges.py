@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL
-from agent.geometry.lines import Record, along, meet
+from agent.geometry.lines import Record, along, meet, pool
 from agent.kernels import kernel
 from agent.state import LARGEST
 from protocol.arrays import Records
@@ -136,20 +136,7 @@ def count_hits(e: Record, hits: float, t: float, size: float) -> None:
 @kernel
 def add_hits(e: Record, hits: float, x: float, y: float, moments: tuple[float, float, float]) -> None:
     """Fuse hits (count, centroid, moments xx, xy, yy about it) into the wall's line; ends keep their places."""
-    total = e.hits + hits
-    dx, dy = x - e.x, y - e.y
-    w = e.hits * hits / total
-    e.xx += moments[0] + w * dx * dx
-    e.xy += moments[1] + w * dx * dy
-    e.yy += moments[2] + w * dy * dy
-    e.x += dx * hits / total
-    e.y += dy * hits / total
-    e.hits = total
-    angle = 0.5 * math.atan2(2 * e.xy, e.xx - e.yy)
-    ux, uy = math.cos(angle), math.sin(angle)
-    if ux * e.ux + uy * e.uy < 0:
-        ux, uy = -ux, -uy
-    e.ux, e.uy = ux, uy
+    pool(e, hits, x, y, moments)
     for side in range(2):
         set_tip(e, side, tip_at(e, side))
 

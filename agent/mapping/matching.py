@@ -8,6 +8,7 @@ import numpy as np
 from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
+from agent.mapping.segments import samples_along
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
@@ -73,6 +74,15 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
             if abs(step[0]) + abs(step[1]) + abs(step[2]) < 1e-3:
                 break
     return Match(pose, h, on / max(len(samples), 1))
+
+
+@kernel
+def share_beside(walls: Records, segments: Records, gate: float) -> float:
+    """Share of the length of segments (k,) that lies beside walls of their frame, within the gate, metres."""
+    samples, on = samples_along(segments), 0
+    for k in range(len(samples)):
+        on += nearest_wall(walls, samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], gate)[0] >= 0
+    return on / max(len(samples), 1)
 
 
 @kernel

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.geometry.lines import Record, above, along, placed
+from agent.geometry.lines import Record, above, along, placed, pool
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
@@ -150,19 +150,8 @@ def _apart(e: Record, p: Record) -> float:
 def _fuse(e: Record, p: Record) -> None:
     """Fuse segment p into e on the same line."""
     ends = (e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy)
-    total, dx, dy = e.hits + p.hits, p.x - e.x, p.y - e.y
-    w = e.hits * p.hits / total
-    e.xx += p.xx + w * dx * dx
-    e.xy += p.xy + w * dx * dy
-    e.yy += p.yy + w * dy * dy
-    e.x += dx * p.hits / total
-    e.y += dy * p.hits / total
-    e.hits, e.seen = total, e.seen + p.seen
-    angle = 0.5 * math.atan2(2 * e.xy, e.xx - e.yy)
-    ux, uy = math.cos(angle), math.sin(angle)
-    if ux * e.ux + uy * e.uy < 0:
-        ux, uy = -ux, -uy
-    e.ux, e.uy = ux, uy
+    pool(e, p.hits, p.x, p.y, (p.xx, p.xy, p.yy))
+    e.seen += p.seen
     t = along(e, p.x, p.y)
     e.low = min(along(e, ends[0], ends[1]), t + p.low)
     e.high = max(along(e, ends[2], ends[3]), t + p.high)

@@ -10,8 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
-from agent.mapping.matching import nearest_wall
-from agent.mapping.segments import samples_along
+from agent.mapping.matching import share_beside
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
 from protocol.wireframe import Wireframe
@@ -96,11 +95,7 @@ def _stand_once(walls: Records) -> Bools:
     """Which walls (n,), longest first, do not lie beside longer ones for the most part."""
     kept, count, out = np.empty_like(walls), 0, np.zeros(len(walls), np.bool_)
     for k in range(len(walls)):
-        samples, on = samples_along(walls[k : k + 1]), 0
-        for j in range(len(samples)):
-            x, y, ux, uy = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
-            on += nearest_wall(kept[:count], x, y, ux, uy, TWICE_M)[0] >= 0
-        if on < TWICE_SHARE * len(samples):
+        if share_beside(kept[:count], walls[k : k + 1], TWICE_M) < TWICE_SHARE:
             kept[count] = walls[k]
             count += 1
             out[k] = True

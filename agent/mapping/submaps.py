@@ -15,7 +15,7 @@ from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
 from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
-from agent.mapping.matching import SAMPLE_SD_M, costs_around, nearest_wall, poses_around, refine
+from agent.mapping.matching import SAMPLE_SD_M, costs_around, poses_around, refine, share_beside
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
 from protocol.arrays import Floats, Records
@@ -270,9 +270,5 @@ def _new_to(walls: Records, others: Records) -> Records:
     """Those of the segments (k,) of others, in the frame of the walls, that lie beside none for half their length."""
     new = np.zeros(len(others), np.bool_)
     for k in range(len(others)):
-        samples, on = samples_along(others[k : k + 1]), 0
-        for j in range(len(samples)):
-            x, y, ux, uy = samples[j, 0], samples[j, 1], samples[j, 2], samples[j, 3]
-            on += nearest_wall(walls, x, y, ux, uy, LAID_M)[0] >= 0
-        new[k] = 2 * on < len(samples)
+        new[k] = share_beside(walls, others[k : k + 1], LAID_M) < 0.5
     return others[new]
