@@ -20,7 +20,7 @@ for (const box of document.querySelectorAll("input[data-layer]"))
   box.addEventListener("change", () => plan.classList.toggle("no-" + box.dataset.layer, !box.checked));
 
 const KINDS = ["walls", "heard", "nominal", "occlusion", "frontier"];
-const GLYPHS = { contact: "◌", proposed: "?", accepted: "✓", rejected: "✗", unmerged: "↶", complete: "■", resumed: "▸", dead: "†", rejoined: "↻" };
+const LANES = 5, MARK_PX = 13;  // of the marks under the slider
 const SAID_S = 8;  // how long an event stays on the map
 const WHOLE_S = 40;  // seconds in which a run is played, but at least at real time
 
@@ -71,14 +71,31 @@ function replay() {
   }
 
   const ticks = element("ticks");
-  for (const { t, robot, event, text } of story) {
+  const marks = story.map(({ t, robot, event, glyph, text }) => {
     const near = byName[robot] ? byName[robot].label.getAttribute("style") : "";
-    const row = event === "contact" ? 11 : 24;
-    const mark = svg("text", { x: (100 * t / last) + "%", y: row, style: near, "data-robot": robot }, GLYPHS[event]);
+    const mark = svg("text", { style: near, "data-robot": robot }, glyph);
     mark.append(svg("title", {}, `${t} s: ${text}`));
     mark.addEventListener("click", () => seek(t));
-    ticks.append(mark);
+    return { t, mark, minor: event === "contact" };
+  }).sort((a, b) => a.minor - b.minor);
+
+  ticks.append(...marks.map(({ mark }) => mark));
+
+  // Each mark in the uppermost lane where it hides none; contacts last. What finds no room stands in the list alone.
+  function lay() {
+    const lanes = Array.from({ length: LANES }, () => []);
+    for (const { t, mark } of marks) {
+      const x = t / last * ticks.clientWidth;
+      const lane = lanes.findIndex((taken) => taken.every((other) => Math.abs(other - x) >= MARK_PX));
+      mark.classList.toggle("crowded", lane < 0);
+      if (lane < 0) continue;
+      lanes[lane].push(x);
+      mark.setAttribute("x", x);
+      mark.setAttribute("y", MARK_PX * (lane + 1));
+    }
+    ticks.style.height = MARK_PX * lanes.filter((taken) => taken.length).length + 6 + "px";
   }
+  new ResizeObserver(lay).observe(element("slider"));
 
   function show(t) {
     now = Math.min(Math.max(t, 0), last);
@@ -101,7 +118,7 @@ function replay() {
       robot.label.setAttribute("x", x + 9 * unit);
       robot.label.setAttribute("y", -y - 7 * unit);
       const own = recent.filter((event) => event.robot === robot.name).pop();
-      robot.said.textContent = own ? ` ${GLYPHS[own.event]} ${own.peer || ""}` : "";
+      robot.said.textContent = own ? ` ${own.glyph} ${own.peer || ""}` : "";
     }
     links.replaceChildren(...pairs.filter((pair) => pair.from <= now && now < pair.until).flatMap(({ robot, peer, trial }) => {
       const [a, b] = [robot, peer].map((name) => byName[name] && place(byName[name], k, part));

@@ -89,7 +89,8 @@ def _switches(run: Run) -> str:
 
 def _legend() -> str:
     """What each mark of the map means."""
-    walls = {
+    marks = {
+        '<path class="solid" d="M0 3h22v6h-22z"/>': "the true walls, which no robot knows",
         '<path class="line" d="M0 6h22"/>': "wall that the robot saw itself; where maps agree, side by side",
         '<path class="line dashed" d="M0 6h22"/>': "wall that it has from others only",
         '<circle cx="11" cy="6" r="4"/>': "nominal: a corner, both walls seen",
@@ -98,9 +99,12 @@ def _legend() -> str:
         '<circle class="line" cx="11" cy="6" r="4.5"/>': "where a robot started; with its name: where it is",
         '<path class="line dotted" d="M0 6h22"/>': "two robots that hear each other",
         '<path class="line dashed trial" d="M0 6h22"/>': "a proposal on trial",
+        '<path class="line thin" d="M0 6h22"/>': "the way that a robot went",
+        '<path d="M11 1l5 5l-5 5l-5 -5z"/>': "on a curve: a merge",
+        '<path class="undone" d="M7 2l8 8M15 2l-8 8"/>': "on a curve: a merge that was undone",
     }
     svg = '<svg width="22" height="12" aria-hidden="true">'
-    rows = [f"<li>{svg}{shape}</svg> {escape(meaning)}</li>" for shape, meaning in walls.items()]
+    rows = [f"<li>{svg}{shape}</svg> {escape(meaning)}</li>" for shape, meaning in marks.items()]
     rows += [f"<li><b>{GLYPHS[event]}</b> {escape(meaning)}</li>" for event, meaning in MEANINGS.items()]
     return f"<ul>{''.join(rows)}</ul>"
 
@@ -108,7 +112,7 @@ def _legend() -> str:
 def _story(run: Run) -> str:
     """The events of trust as a list, each a button that leads there."""
     rows = [
-        f'<li><button data-t="{event["t"]}"><span>{event["t"]:.0f} s</span> <b>{GLYPHS[event["event"]]}</b> '
+        f'<li><button data-t="{event["t"]}"><span>{event["t"]:.0f} s</span> <b>{event["glyph"]}</b> '
         f"{escape(event['text'])}</button></li>"
         for event in told(run)
     ]
@@ -173,7 +177,8 @@ def _events(run: Run) -> str:
     for event in listed:
         details = ", ".join(f"{key} {_short(value)}" for key, value in event.items() if key not in columns)
         rows.append([number(event["t"]), event["robot"], event["event"], details])
-    return f"<h2>Events</h2>\n<p>{escape(about)}</p>\n{table(['t (s)', 'robot', 'event', 'about'], rows, words=4)}"
+    listing = table(["t (s)", "robot", "event", "about"], rows, words=4) if rows else ""
+    return f"<h2>Events</h2>\n<p>{escape(about)}</p>\n{listing}"
 
 
 def _short(value: Any) -> str:

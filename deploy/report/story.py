@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-
 from deploy.report.rundir import Run, mapping
 from deploy.report.words import number
 
@@ -28,25 +26,22 @@ MEANINGS = {
     "rejected": "refuses it",
     "unmerged": "takes a merged map out again",
     "complete": "has nothing left to explore",
+    "resumed": "explores again, as a map that it merged leads on",
+    "dead": "its process has ended",
+    "rejoined": "takes part again",
 }
 """What the legend says of the marks."""
 
 
 def told(run: Run) -> list[dict[str, Any]]:
-    """The events of the story in their order: t, robot, peer, event, text, and where the robot was (x, y)."""
+    """The events of the story in their order: t, robot, peer, event, glyph, text."""
     made: list[dict[str, Any]] = []
     for event in run.events:
-        if event["event"] not in GLYPHS or len(made) >= MAX_TOLD:
+        if (name := event["event"]) not in GLYPHS or len(made) >= MAX_TOLD:
             continue
-        robot, peer = event["robot"], event.get("peer")
-        one = {"t": round(event["t"], 1), "robot": robot, "event": event["event"], "text": sentence(event)}
-        if isinstance(peer, str):
-            one["peer"] = peer
-        path = run.paths.get(robot)
-        if path is not None:
-            _, x, y = path[max(int(np.searchsorted(path[:, 0], event["t"], "right")) - 1, 0)].tolist()
-            one |= {"x": round(x, 2), "y": round(y, 2)}
-        made.append(one)
+        peer = {"peer": event["peer"]} if isinstance(event.get("peer"), str) else {}
+        one = {"t": round(event["t"], 1), "robot": event["robot"], "event": name, "glyph": GLYPHS[name]}
+        made.append(one | peer | {"text": sentence(event)})
     return made
 
 

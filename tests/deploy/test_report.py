@@ -14,6 +14,7 @@ import shapely
 from deploy.report import write_report
 from deploy.report.plan import frames, overview
 from deploy.report.rundir import Map, read_run
+from deploy.report.story import GLYPHS, MEANINGS
 from deploy.report.words import share, size
 
 WORLD = """
@@ -199,7 +200,7 @@ def test_walls_that_only_others_saw_are_drawn_apart(tmp_path: Path) -> None:
     assert [(own.count("M"), heard.count("M")) for _, (own, heard, *_) in (maps[1], maps[-1])] == [(1, 1), (3, 5)]
 
 
-def test_the_story_tells_who_merged_whom_when_where_and_why(tmp_path: Path) -> None:
+def test_the_story_tells_who_merged_whom_when_and_why(tmp_path: Path) -> None:
     run = write_run(tmp_path / "run")
     about = {"peer": "r2", "reason": "the evidence decides", "weight": 5.0, "evidence": {"ground": 1.5, "discs": 3.5}}
     events = [
@@ -224,7 +225,15 @@ def test_the_story_tells_who_merged_whom_when_where_and_why(tmp_path: Path) -> N
     ]
     assert all(one["text"] in page.text for one in story)
     assert [bond["event"] for bond in bonds] == ["contact", "proposed", "accepted", "rejected", "lost"]
-    assert (story[0]["x"], story[0]["y"]) == pytest.approx((1.26, 1.03), abs=0.01)
+    assert "".join(one["glyph"] for one in story) == "◌?✓↶✗✓"
+    assert all(f"{glyph} {MEANINGS[event]}" in page.text for event, glyph in GLYPHS.items())
+
+
+def test_without_an_event_to_list_there_is_no_empty_table(tmp_path: Path) -> None:
+    run = write_run(tmp_path / "run")
+    (run / "events.jsonl").write_text('{"t": 1.0, "tick": 5, "robot": "r1", "event": "frontier"}\n')
+    text = Page(write_report(run)).text
+    assert "1 frontier. Not listed: frontier." in text and "about" not in text.partition("Not listed")[2]
 
 
 @pytest.mark.slow
