@@ -116,7 +116,7 @@ def _result(summary: dict[str, Any]) -> str:
     endings = Counter(str(mapping(row).get("ended")) for row in mapping(summary.get("robots")).values())
     ended = ", ".join(f"{count} {how}" for how, count in endings.most_common())
     team = mapping(summary.get("team"))
-    pieces = [ended or "no robot", f"the team has seen {_number(team.get('coverage'), '.1%')} of the wall"]
+    pieces = [ended or "no robot", f"{_number(team.get('coverage'), '.1%')} of the wall seen"]
     if isinstance(team.get("t_99"), int | float):
         pieces.append(f"99 % after {_number(team['t_99'], '.0f')} s")
     if (factor := summary.get("real_time_factor")) is not None:

@@ -70,16 +70,19 @@ def test_an_open_map_is_free_only_where_its_robot_has_looked(run: Path, tmp_path
     assert not len(grid_of(tmp_path / "alone", "lone")[1])  # whose path is on no record
 
 
-def test_geojson_as_geos_reads_it(run: Path, tmp_path: Path) -> None:
+def test_geojson_as_gdal_reads_it(run: Path, tmp_path: Path) -> None:
+    from pyogrio import raw
+
     export_maps(run, tmp_path, "world", FORMS["geojson"])
-    text = (tmp_path / "r1.geojson").read_text()
-    shapes = list(shapely.from_geojson(text).geoms)
-    walls = [shape for shape in shapes if shape.geom_type == "LineString"]
-    assert len(walls) == 1 and walls[0].is_ring and shapely.is_ccw(walls[0])  # free space on the left
-    assert walls[0].hausdorff_distance(ROOM.exterior) < 1e-3
-    assert sum(len(shape.geoms) for shape in shapes if shape.geom_type == "MultiPoint") == len(RING)
-    head = json.loads(text)
-    assert (head["unit"], head["frame"]) == ("m", "world") and 'UNIT["metre",1]' in head["crs"]["properties"]["name"]
+    about, _, shapes, (kinds, closed) = raw.read(tmp_path / "r1.geojson")
+    assert about["crs"].startswith('LOCAL_CS["world",UNIT["metre",1]')
+    assert kinds.tolist() == ["walls", "nominal"] and closed[0] == 1
+    walls, points = shapely.from_wkb(shapes)
+    assert walls.is_ring and shapely.is_ccw(walls)  # free space on the left
+    assert walls.hausdorff_distance(ROOM.exterior) < 1e-3
+    assert len(points.geoms) == len(RING)
+    head = json.loads((tmp_path / "r1.geojson").read_text())
+    assert (head["unit"], head["frame"]) == ("m", "world")
 
 
 def test_dxf_passes_the_audit_of_ezdxf(run: Path, tmp_path: Path) -> None:

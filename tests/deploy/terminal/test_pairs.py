@@ -52,7 +52,7 @@ def test_the_result_comes_first_and_each_pair_is_a_line_of_80_columns(
     write(tmp_path, 6)
     print_summary(tmp_path)
     first, *rest = capsys.readouterr().out.splitlines()
-    assert first == "6 complete; the team has seen 100.0% of the wall; 99 % after 9 s; 18.3 times real time"
+    assert first == "6 complete; 100.0% of the wall seen; 99 % after 9 s; 18.3 times real time"
     assert len(rest) == 1 + 6 + 1 + 1 + 5 and all(len(line) <= 80 for line in rest)
     assert rest[-1].split()[:8] == ["r6", "r5", "1", "0", "0", "1234.5", "-10.64", "-11.99"]
     assert "accepted: " in rest[-1]
