@@ -61,6 +61,7 @@ lock: $(INSTALLED) ## resolve pyproject.toml into requirements.lock and deploy/l
 	$(COMPILE) pyproject.toml --upgrade --all-extras --output-file requirements.lock
 	sed '/^\(llvmlite\|numba\|numpy\)==/,/[^\\]$$/d' requirements.lock > $(VERSIONS)
 	$(COMPILE_LEAN) --extra world --extra deploy --output-file deploy/locks/world.lock
+	$(COMPILE_LEAN) --extra world --extra deploy --extra sweep --output-file deploy/locks/sweep.lock
 	$(COMPILE_LEAN) $(NOT_IN_AGENT:%=--no-emit-package %) --output-file deploy/locks/agent.lock
 	echo hatchling | $(COMPILE) - --constraints requirements.lock --output-file deploy/locks/build.lock
 

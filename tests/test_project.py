@@ -53,7 +53,9 @@ def test_the_lock_holds_what_the_project_asks_for() -> None:
             assert pin.operator == "==" and requirement.specifier.contains(pin.version), requirement
 
 
-@pytest.mark.parametrize(("image", "extras"), [("agent", []), ("world", ["world", "deploy"])])
+@pytest.mark.parametrize(
+    ("image", "extras"), [("agent", []), ("world", ["world", "deploy"]), ("sweep", ["world", "deploy", "sweep"])]
+)
 def test_images_hold_what_the_project_asks_for_in_the_versions_of_the_lock(image: str, extras: list[str]) -> None:
     lean = {canonicalize_name(Requirement(line).name) for line in read("deploy/locks/lean.txt") if line[0] != "#"}
     taken, lock = locked(f"deploy/locks/{image}.lock"), locked()

@@ -14,6 +14,7 @@ import pytest
 from agent.config import AgentConfig
 from deploy.inprocess import run
 from tests.compose.engine import BASE, build_images, call, wait_for, works
+from tests.deploy.sweep.sweeps import RUNS, comparable, undisturbed, write_sweep
 from world.config import WorldConfig
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -29,7 +30,7 @@ MAX_STOP_S = 2
 @pytest.fixture(scope="module")
 def compose() -> Iterator[list[str]]:
     """The command of compose, with the images built."""
-    build_images()
+    build_images("agent", "world", "sweep")
     plugin = works("docker", "compose", "version")
     if not plugin and not works("docker-compose", "version"):
         pytest.skip("there is neither docker compose nor docker-compose")
@@ -104,6 +105,28 @@ def test_containers_that_wait_for_others_leave_when_they_are_asked(compose: list
         call(*compose, "down", "--volumes", "--timeout", "5", **env)
 
 
+def test_a_sweep_on_workers_in_containers_has_the_results_of_one_process(compose: list[str], tmp_path: Path) -> None:
+    write_sweep(tmp_path)
+    out = tmp_path / "results"
+    out.mkdir()
+    for folder in (tmp_path, *tmp_path.iterdir()):
+        folder.chmod(0o777)
+    compose = [*compose, "--profile", "sweep"]
+    env = {"SWEEPS": str(tmp_path), "SWEEP": "sweep.yaml", "RESULTS": str(out), "WORKERS": "2"}
+    try:
+        said = call(*compose, "run", "--rm", "-T", "sweep", **env)
+        assert f"{RUNS} runs, 0 of them failed" in said
+        workers = call(*compose, "ps", "--quiet", "worker", **env).split()
+        assert len(workers) == 2 and all(state(one)["Running"] for one in workers)
+    finally:
+        call(*compose, "down", "--volumes", "--timeout", "5", **env)
+    made, due = (
+        {key: {name: value for name, value in row.items() if name != "revision"} for key, row in rows.items()}
+        for rows in (comparable(out), undisturbed(tmp_path))
+    )  # an image has no checkout, so its revision is a hash
+    assert made == due
+
+
 def state(container: str) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(call("docker", "inspect", container))[0]["State"]
     return found
@@ -129,7 +152,7 @@ def inside(image: str, script: str) -> list[str]:
 
 
 @pytest.mark.usefixtures("compose")
-@pytest.mark.parametrize("image", ["wireswarm-agent", "wireswarm-world"])
+@pytest.mark.parametrize("image", ["wireswarm-agent", "wireswarm-world", "wireswarm-sweep"])
 def test_an_image_runs_as_nobody_in_particular_and_holds_no_tools_and_no_secrets(image: str) -> None:
     tools = ["gcc", "cc", "g++", "make", "ld", "strip", "eu-strip", "git", "curl", "*.key", "robots", "roster.json"]
     look = f"find / -xdev {' -o '.join(f'-name {tool!r}' for tool in tools)} 2>/dev/null || true"

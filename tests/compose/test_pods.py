@@ -24,7 +24,7 @@ ROBOTS = 3
 @pytest.fixture
 def start() -> Iterator[Callable[..., str]]:
     """Starts a container of a manifest, with folders in place of its volumes; returns its ID."""
-    build_images()
+    build_images("agent", "world")
     call("docker", "network", "create", "--internal", NETWORK)
     started: list[str] = []
 

@@ -162,9 +162,14 @@ def test_a_cable_that_is_cut_for_ten_seconds_costs_time_and_no_byte(hosts: Hosts
 @pytest.mark.timeout(300)
 def test_a_sweep_on_three_hosts_has_the_results_of_one_process(hosts: Hosts) -> None:
     write_sweep(hosts.folder)
-    certs = ("--tls-ca-file=certs/ca.pem", "--tls-cert=certs/world.pem", "--tls-key=certs/world.key")
-    scheduler = ["--protocol", "tls", "--host", "0.0.0.0", "--port", "8786", "--no-dashboard", *certs]
-    worker = ["--nthreads", "1", "--no-dashboard", "--local-directory", str(hosts.folder), *certs]
+    certs = (
+        "--dashboard-address=127.0.0.1:0",
+        "--tls-ca-file=certs/ca.pem",
+        "--tls-cert=certs/world.pem",
+        "--tls-key=certs/world.key",
+    )
+    scheduler = ["--protocol", "tls", "--host", "0.0.0.0", "--port", "8786", *certs]
+    worker = ["--nthreads", "1", "--local-directory", str(hosts.folder), *certs]
     far = [hosts.start("world", *scheduler, module="distributed.cli.dask_scheduler")]
     try:
         for robot, address in hosts.world.items():

@@ -1,9 +1,8 @@
-"""The kustomize base: valid by the published schemas, and its names, ports, images and arguments agree."""
+"""The kustomize bases: valid by the published schemas, and their names, ports, images and arguments agree."""
 
 import copy
 import re
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,25 +20,36 @@ REPO = Path(__file__).parents[2]
 BASE = REPO / "deploy" / "kubernetes"
 SCHEMAS = "1.37"
 
-KUSTOMIZATION = yaml.safe_load((BASE / "kustomization.yaml").read_text())
-RESOURCES = [one for file in KUSTOMIZATION["resources"] for one in yaml.safe_load_all((BASE / file).read_text())]
+
+class Base:
+    """A folder for `kubectl apply --kustomize`."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.kustomization = yaml.safe_load((folder / "kustomization.yaml").read_text())
+        files = self.kustomization["resources"]
+        self.resources = [one for file in files for one in yaml.safe_load_all((folder / file).read_text())]
+
+    def the(self, kind: str, name: str) -> dict[str, Any]:
+        (found,) = (one for one in self.resources if (one["kind"], one["metadata"]["name"]) == (kind, name))
+        return dict(found)
+
+    def pods(self) -> list[dict[str, Any]]:
+        return [one["spec"]["template"]["spec"] for one in self.resources if "template" in one.get("spec", {})]
 
 
-def the(kind: str, name: str) -> dict[str, Any]:
-    (found,) = (one for one in RESOURCES if (one["kind"], one["metadata"]["name"]) == (kind, name))
-    return found
+RUN, SWEEP = Base(BASE), Base(BASE / "sweep")
+BASES = pytest.mark.parametrize("base", [RUN, SWEEP], ids=lambda base: base.folder.name)
+KUSTOMIZATION, the = RUN.kustomization, RUN.the
 
 
 WORLD, AGENTS, SERVICE = the("StatefulSet", "world"), the("Job", "agents"), the("Service", "world")
 PODS = {"world": WORLD["spec"]["template"], "agent": AGENTS["spec"]["template"]}
 
 
-def containers() -> Iterator[dict[str, Any]]:
-    for pod in PODS.values():
-        yield from (*pod["spec"].get("initContainers", []), *pod["spec"]["containers"])
-
-
-@pytest.mark.parametrize("resource", RESOURCES, ids=lambda one: f"{one['kind']}-{one['metadata']['name']}")
+@pytest.mark.parametrize(
+    "resource", RUN.resources + SWEEP.resources, ids=lambda one: f"{one['kind']}-{one['metadata']['name']}"
+)
 def test_resources_are_valid(resource: dict[str, Any]) -> None:
     kubernetes_validate.validate(resource, SCHEMAS, strict=True)
     wrong = copy.deepcopy(resource) | {"spce": {}}
@@ -48,12 +58,18 @@ def test_resources_are_valid(resource: dict[str, Any]) -> None:
 
 
 def test_certificates_are_neither_committed_nor_in_an_image() -> None:
-    assert "deploy/kubernetes/certs/" in (REPO / ".gitignore").read_text().splitlines()
+    assert "deploy/kubernetes/**/certs/" in (REPO / ".gitignore").read_text().splitlines()
     assert "deploy/kubernetes" in (REPO / ".dockerignore").read_text().splitlines()
 
 
-def test_the_base_holds_each_file_of_its_folder() -> None:
-    assert {file.name for file in BASE.glob("*.yaml")} == {*KUSTOMIZATION["resources"], "kustomization.yaml"}
+@BASES
+def test_a_base_holds_each_file_of_its_folder(base: Base) -> None:
+    assert {file.name for file in base.folder.glob("*.yaml")} == {
+        *base.kustomization["resources"],
+        "kustomization.yaml",
+    }
+    names = [one["metadata"]["name"] for one in base.resources if one["kind"] == "Namespace"]
+    assert names == [base.kustomization["namespace"]]
 
 
 def parsed(command: str, words: list[str]) -> dict[str, Any]:
@@ -102,13 +118,13 @@ def test_who_may_reach_whom() -> None:
     assert out_of["egress"][0] == {"to": [{"podSelector": into["podSelector"]}], "ports": into["ingress"][0]["ports"]}
 
 
-def test_containers_have_no_rights_and_bounds() -> None:
+@BASES
+def test_containers_have_no_rights_and_bounds(base: Base) -> None:
     targets = re.findall(r"^FROM .* AS (\S+)$", (REPO / "deploy" / "Dockerfile").read_text(), re.MULTILINE)
-    images = {one["name"] for one in KUSTOMIZATION["images"]}
-    for pod in PODS.values():
-        spec = pod["spec"]
-        assert spec["securityContext"]["runAsNonRoot"] and not spec["automountServiceAccountToken"]
-    for container in containers():
+    images = {one["name"] for one in base.kustomization["images"]}
+    for pod in base.pods():
+        assert pod["securityContext"]["runAsNonRoot"] and not pod["automountServiceAccountToken"]
+    for container in (one for pod in base.pods() for one in (*pod.get("initContainers", []), *pod["containers"])):
         assert container["image"] in images and container["image"].removeprefix("wireswarm-") in targets
         rights = container["securityContext"]
         assert rights["readOnlyRootFilesystem"] and not rights["allowPrivilegeEscalation"]
@@ -148,3 +164,29 @@ def test_a_robot_takes_its_own_identity_only(tmp_path: Path) -> None:
         script = script.replace(f"/{folder}", f"{tmp_path}/{folder}")
     subprocess.run([shell, option, script], env={"JOB_COMPLETION_INDEX": "1", "PATH": "/bin"}, timeout=20, check=True)
     assert {file.name for file in (tmp_path / "certs").iterdir()} == {"ca.pem", "r2.pem", "r2.key"}
+
+
+def test_a_scheduler_and_its_workers_are_those_of_compose_and_reach_each_other_only() -> None:
+    services = yaml.safe_load((REPO / "deploy" / "compose.yaml").read_text())["services"]
+    (identity,) = SWEEP.kustomization["secretGenerator"]
+    for name in ("scheduler", "worker"):
+        template = SWEEP.the("Deployment", name)["spec"]["template"]
+        (container,) = template["spec"]["containers"]
+        assert container["command"] + container["args"] == services[name]["entrypoint"]
+        assert container["readinessProbe"]["exec"]["command"] == services[name]["healthcheck"]["test"][1:]
+        assert {volume["secret"]["secretName"] for volume in template["spec"]["volumes"] if "secret" in volume} == {
+            identity["name"]
+        }
+        assert {word.split("=")[1] for word in container["args"] if word.startswith("--tls")} == {
+            file.replace("certs/", "/certs/") for file in identity["files"]
+        }
+    (port,) = SWEEP.the("Service", "scheduler")["spec"]["ports"]
+    assert f"--port={port['port']}" in services["scheduler"]["entrypoint"]
+    assert f"tls://scheduler:{port['port']}" in services["worker"]["entrypoint"]
+    assert f":{port['port']:04X} 01" in services["worker"]["healthcheck"]["test"]
+    scheduler, worker = (SWEEP.the("NetworkPolicy", name)["spec"] for name in ("scheduler", "worker"))
+    for one, other, at in ((scheduler, worker, port["port"]), (worker, scheduler, 8788)):
+        ports = [{"protocol": "TCP", "port": at}]
+        assert one["ingress"] == [{"from": [{"podSelector": other["podSelector"]}], "ports": ports}]
+        assert other["egress"][0] == {"to": [{"podSelector": one["podSelector"]}], "ports": ports}
+    assert "--worker-port=8788" in services["worker"]["entrypoint"]

@@ -2,13 +2,17 @@
 
 import os
 import signal
+import socket
+import sys
 import time
 from pathlib import Path
 
 import psutil
 import pytest
+import yaml
 
-from deploy.revision import revision
+from deploy.certs import issue
+from deploy.revision import ROOT, revision
 from deploy.sweep.command import sweep
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
@@ -74,6 +78,38 @@ def test_a_killed_scheduler_loses_nothing_where_it_comes_back(tmp_path: Path) ->
             told = client.communicate(timeout=100)[0]
     assert client.returncode == 0, told
     assert comparable(out) == undisturbed(tmp_path)
+
+
+@pytest.mark.slow
+def test_the_commands_of_compose_make_a_cluster_that_strangers_cannot_ask(tmp_path: Path) -> None:
+    issue(tmp_path / "certs", [], ["scheduler"])
+    port, worker_port = free_port(), free_port()
+    services = yaml.safe_load((ROOT / "deploy" / "compose.yaml").read_text())["services"]
+
+    here = {"scheduler:8786": f"127.0.0.1:{port}", "=8786": f"={port}", "=8788": f"={worker_port}"}
+    here |= {"=/tmp": f"={tmp_path}", "=/certs": f"={tmp_path}/certs", "=/results": f"={tmp_path}/out"}
+
+    def command(name: str) -> list[str]:
+        text = "\n".join(services[name]["entrypoint"])
+        for there, instead in here.items():
+            text = text.replace(there, instead)
+        program, *words = text.split("\n")
+        return [str(Path(sys.executable).with_name(program)), *words]
+
+    file = write_sweep(tmp_path)
+    with started(*command("scheduler")) as scheduler, started(*command("worker")) as worker:
+        with started(*command("sweep"), file) as client:
+            told = client.communicate(timeout=100)[0]
+        ears = [one.laddr for process in (scheduler, worker) for one in process.net_connections()]
+    assert client.returncode == 0, told
+    assert comparable(tmp_path / "out") == undisturbed(tmp_path)
+    assert {ear.port for ear in ears if ear.ip in ("0.0.0.0", "::")} == {port, worker_port}
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp_path: Path) -> None:
