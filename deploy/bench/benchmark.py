@@ -22,7 +22,8 @@ from protocol.status import Status
 WIDTH = 150  # characters of a file or pipe, enough for the widest table; on a terminal, wide tables are divided
 PARTS = {
     "lidar": "lidar",
-    "lockstep": "lockstep crowd",
+    "lockstep": "lockstep",
+    "crowd": "crowd many",
     "filter": "filter.runs filter.trials filter.ambiguous filter.storage speed filter.cost filter.sweep",
     "exploration": "exploration.runs exploration.teams exploration.mazes exploration.tours exploration.dense speed",
     "alignment": "alignment.trials alignment.cost alignment.live alignment.exact alignment.thin alignment.forced "

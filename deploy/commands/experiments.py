@@ -25,7 +25,8 @@ Measures = Annotated[
 
 BENCHMARKS = {
     "lidar": "Rays a second in the bundled worlds.",
-    "lockstep": "Ticks a second over Zenoh with robots that do not think, and what a robot costs in a crowd.",
+    "lockstep": "Ticks a second over Zenoh with robots that do not think.",
+    "crowd": "What a robot costs among 3 to 100; 30 and 100 as processes: speed, memory, false merges, bytes.",
     "filter": "Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours.",
     "alignment": "Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours.",
     "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes hours.",
