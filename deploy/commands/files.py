@@ -76,7 +76,7 @@ def map_(
 @commands.command("import", epilog="Example: wireswarm import home.world --out home.yaml --close 2")
 def import_(
     file: Annotated[
-        Path, Argument(help="A map_server YAML, SDF, picture, HouseExpo JSON, GeoJSON, DXF, or map of ours.")
+        Path, Argument(help="A map_server YAML, SDF, picture, HouseExpo JSON, GeoJSON, DXF, or SVG or map of ours.")
     ],
     out: Annotated[
         Path, Option(help="World file to write; a picture goes beside it.", metavar="WORLD.yaml", show_default=False)
@@ -94,7 +94,7 @@ def import_(
         float, Option("--close", help="Close openings of the outer walls up to so many metres wide.", min=0, max=20)
     ] = 0.0,
     boundary: Annotated[bool, Option("--boundary", help="Put a wall around a picture, as Stage does.")] = False,
-    as_is: Annotated[bool, Option("--as-is", help="Leave the outlines of pictures as their cells are.")] = False,
+    as_is: Annotated[bool, Option("--as-is", help="Leave outlines of pictures and HouseExpo as they are.")] = False,
     robots: Annotated[int, Option(help="How many robots must have room to start.", min=1, max=500)] = 3,
 ) -> None:
     """Make a world file from a file of another program."""

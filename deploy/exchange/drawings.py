@@ -12,25 +12,33 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import shapely
 
+from deploy.exchange.raster import straightened
 from deploy.exchange.shapes import Shapes
 from deploy.report.rundir import parse_map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.walls import lengths
+from world.worldfile import MAX_CORNERS, MAX_WALL_M
 
 THICK_M = 0.1  # of the wall around an outline that has none of its own
+STEP_M = 0.02  # in HouseExpo's outlines, which were traced from pictures with cells of a centimetre
 LAYER = "walls"  # of a drawing, where it has one of that name: that alone is taken
 SAGITTA_M = 0.001  # by which a curve's chords may be off
 MAX_POINTS = 100_000
 MAX_M = 1e5  # of a coordinate
 
 
-def read_house_expo(about: Mapping[Any, Any]) -> Shapes:
-    """A floor plan of HouseExpo (JSON): `verts` is the outline of what is free, in metres. Raises InputError."""
+def read_house_expo(about: Mapping[Any, Any], straighten: bool) -> Shapes:
+    """A floor plan of HouseExpo (JSON): `verts` is the outline of what is free, in metres. Raises InputError.
+
+    It was traced from a picture: oblique walls have steps of a centimetre, corners are cut off.
+    """
     ring = _points(about.get("verts"), "verts")
     inside = shapely.Polygon(ring).buffer(0) if len(ring) > 2 else shapely.Polygon()
     if inside.is_empty:
         raise InputError("verts: encloses nothing")
+    if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_WALL_M:  # else no world can be made of it
+        inside = straightened(inside, STEP_M)
     around = inside.buffer(THICK_M, join_style="mitre")
     return Shapes([around.difference(inside)])
 

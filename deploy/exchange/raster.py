@@ -1,4 +1,4 @@
-"""Worlds from pictures: maps of ROS's map_server, and bitmaps of Stage.
+"""Worlds from pictures: maps of ROS's map_server, bitmaps of Stage, and outlines that were traced from pictures.
 
 Cells become areas whose outlines run along the cells' edges. Then walls are straightened: those near the main axis, in
 which most of them run, are laid along it, oblique ones are simplified. Outlines move by less than two cells.
@@ -74,7 +74,10 @@ def read_bitmap(file: Path, width_m: float, straighten: bool, boundary: bool) ->
     rows, columns = solid.shape
     cell = width_m / columns
     area = solid_area(solid, solid, cell, straighten, pad=FRAME_CELLS if boundary else 0)
-    return Shapes([affinity.translate(area, -width_m / 2, -rows * cell / 2)])
+    shapes = Shapes([affinity.translate(area, -width_m / 2, -rows * cell / 2)])
+    if not (boundary or all(edge.all() for edge in (solid[0], solid[-1], solid[:, 0], solid[:, -1]))):
+        shapes.left_out["a wall around the picture, whose edge is free: --boundary puts it there"] += 1
+    return shapes
 
 
 def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
@@ -108,9 +111,19 @@ def solid_area(solid: Bools, sure: Bools, cell: float, straighten: bool, pad: in
     narrow = [room for room in rooms if room.buffer(-BODY_M / cell).is_empty]
     area = shapely.union_all([*parts, *narrow])
     if straighten:
-        axis = _axis(area, pad)
-        area = shapely.union_all([_straight(part, axis) for part in polygons_of(area)])
+        area = _straightened(area, pad)
     return affinity.scale(affinity.translate(area, -pad, -pad), cell, cell, origin=(0, 0))
+
+
+def straightened(area: BaseGeometry, cell: float) -> BaseGeometry:
+    """An area that was traced along the edges of cells (metres), its outlines straight."""
+    cells = affinity.scale(area, 1 / cell, 1 / cell, origin=(0, 0))
+    return affinity.scale(_straightened(cells, 0), cell, cell, origin=(0, 0))
+
+
+def _straightened(area: BaseGeometry, pad: int) -> BaseGeometry:
+    axis = _axis(area, pad)
+    return shapely.union_all([_straight(part, axis) for part in polygons_of(area)])
 
 
 def _outlined(solid: Bools) -> BaseGeometry:

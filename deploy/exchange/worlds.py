@@ -92,7 +92,7 @@ def _of_document(about: Any, text: str, file: Path, options: Options) -> Shapes:
         case {"image": _}:
             return raster.read_map_server(about, file.parent, options.straighten)
         case {"verts": _}:
-            return drawings.read_house_expo(about)
+            return drawings.read_house_expo(about, options.straighten)
         case {"type": "FeatureCollection"}:
             return drawings.read_geojson(about)
         case {"vertices": _, "edges": _}:

@@ -138,7 +138,7 @@ def test_a_picture_needs_its_width_and_may_have_a_boundary(tmp_path: Path) -> No
         imported(file)
     world, told = imported(file, Options(width_m=10, robots=1))
     assert world.solid.symmetric_difference(shapely.box(-2.5, -2, 2.5, 2)).area < 1e-6
-    assert told[1].startswith("its walls do not close")
+    assert told[1].startswith("its walls do not close") and "--boundary puts it there" in told[2]
     world, told = imported(file, Options(width_m=10, boundary=True))
     assert room_of(world, -4, 0).area == pytest.approx(10 * 8 - 5 * 4) and len(told) == 3
 
@@ -148,6 +148,18 @@ def test_a_floor_plan_of_house_expo_is_what_lies_within_its_outline(tmp_path: Pa
     (tmp_path / "0a1b.json").write_text(json.dumps(about))
     world, _ = imported(tmp_path / "0a1b.json")
     assert room_of(world, 1, 1).symmetric_difference(ROOM).area < 1e-3
+
+
+def test_oblique_walls_of_a_floor_plan_lose_their_steps(tmp_path: Path) -> None:
+    steps = np.arange(0, 2.005, 0.01)
+    stairs = np.column_stack((6 - np.repeat(steps, 2)[1:], 2 + np.repeat(steps, 2)[:-1]))
+    ring = [[0, 0], [6, 0], *stairs.round(2).tolist(), [0, 4]]
+    (tmp_path / "plan.json").write_text(json.dumps({"verts": ring}))
+    world, _ = imported(tmp_path / "plan.json")
+    room, traced = room_of(world, 1, 1), shapely.Polygon(ring)
+    assert len(room.exterior.coords) < 12 and room.symmetric_difference(traced).area < 0.004 * traced.area
+    as_traced, _ = imported(tmp_path / "plan.json", Options(robots=1, straighten=False))
+    assert room_of(as_traced, 1, 1).symmetric_difference(traced).area < 1e-3
 
 
 @pytest.mark.parametrize("form", [*FORMS, "map"])
