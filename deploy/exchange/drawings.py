@@ -18,10 +18,11 @@ from deploy.report.rundir import parse_map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.walls import lengths
-from world.worldfile import MAX_CORNERS, MAX_WALL_M
+from world.worldfile import MAX_CORNERS
 
 THICK_M = 0.1  # of the wall around an outline that has none of its own
 STEP_M = 0.02  # in HouseExpo's outlines, which were traced from pictures with cells of a centimetre
+MAX_OUTLINE_M = 1000.0  # of a plan that is straightened: time grows with it, and a house has a tenth
 LAYER = "walls"  # of a drawing, where it has one of that name: that alone is taken
 SAGITTA_M = 0.001  # by which a curve's chords may be off
 MAX_POINTS = 100_000
@@ -37,7 +38,7 @@ def read_house_expo(about: Mapping[Any, Any], straighten: bool) -> Shapes:
     inside = shapely.Polygon(ring).buffer(0) if len(ring) > 2 else shapely.Polygon()
     if inside.is_empty:
         raise InputError("verts: encloses nothing")
-    if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_WALL_M:  # else no world can be made of it
+    if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_OUTLINE_M:
         inside = straightened(inside, STEP_M)
     around = inside.buffer(THICK_M, join_style="mitre")
     return Shapes([around.difference(inside)])
