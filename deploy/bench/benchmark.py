@@ -3,7 +3,7 @@
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
@@ -38,8 +38,11 @@ shows that all works; `TABLES`; and maybe `beforehand(quick)`, which makes what 
 class Benchmark:
     """All that `wireswarm bench NAME` measures."""
 
-    def __init__(self, name: str) -> None:
-        self.name, self.parts = name, [import_module(f"deploy.bench.{part}") for part in PARTS[name].split()]
+    def __init__(self, name: str, tables: Container[str] | None = None) -> None:
+        """tables: only those parts that have one of these; None: all."""
+        parts = [import_module(f"deploy.bench.{part}") for part in PARTS[name].split()]
+        self.name = name
+        self.parts = [part for part in parts if tables is None or any(table.name in tables for table in part.TABLES)]
 
     def cases(self, quick: bool) -> list[Case]:
         """The cases of all parts."""

@@ -19,15 +19,16 @@ PUBLISHED = ROOT / "results"
 
 
 def study(name: str, folder: Path, jobs: int | None) -> Status:
-    """Make an experiment again and compare its tables with the published ones; as `Benchmark.run`.
+    """Make the published tables of an experiment again and compare them; as `Benchmark.run`.
 
     Raises InputError where there is nothing to compare with.
     """
     published = PUBLISHED / f"{STUDIES[name]}.json"
     if not published.is_file() or folder.resolve() == PUBLISHED:
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
-    status = Benchmark(STUDIES[name]).run(False, folder, jobs)
-    before, now = (json.loads(file.read_text(encoding="utf-8")) for file in (published, folder / published.name))
+    before = json.loads(published.read_text(encoding="utf-8"))
+    status = Benchmark(STUDIES[name], before["sections"]).run(False, folder, jobs)
+    now = json.loads((folder / published.name).read_text(encoding="utf-8"))
     comparison(before, now).section({}).print(Console())
     return status
 

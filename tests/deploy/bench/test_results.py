@@ -41,6 +41,13 @@ def test_the_committed_results_have_the_declared_tables_columns_and_bars(name: s
             assert found["title"] == table.title
 
 
+@pytest.mark.parametrize("name", STUDIES.values())
+def test_a_study_measures_what_its_published_tables_need_and_no_more(name: str) -> None:
+    kept = json.loads((ROOT / f"results/{name}.json").read_text())["sections"]
+    parts = [{table.name for table in part.TABLES} for part in Benchmark(name, kept).parts]
+    assert kept.keys() <= set().union(*parts) and all(tables & kept.keys() for tables in parts)
+
+
 def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
     figures = {
         f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
