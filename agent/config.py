@@ -21,9 +21,9 @@ class JoinConfig(Config):
     join_timeout_s: Positive = 10.0
     """Seconds that a robot tries to reach a world at its start. A world that starts with it is up after 1 to 5 s."""
     reconnect_s: NotNegative = 60.0
-    """Seconds that a robot waits for a world that is gone: a minute, as a laptop or a busy machine stands still for
-    longer than a process takes to start. One that restarts is found 0.5 s after it is up. `wireswarm run` knows when
-    its world has ended, and tells the robots."""
+    """Seconds that a robot waits for a world that is gone: a minute, as a laptop or a busy machine may stand still for
+    so long. A world that restarts is found 0.5 s after it is up. `wireswarm run` knows when its world has ended, and
+    tells the robots."""
 
 
 class AgentConfig(Config):

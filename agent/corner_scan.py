@@ -23,12 +23,12 @@ NOISE_SIGMAS = 3.5  # standard deviations by which noise may part a measurement 
 NOISE_FLOOR_M = 0.003  # least standard deviation of a range: real walls are not flatter, whatever the lidar promises
 BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that there is wall between them
 TELLING_HITS = 1.0
-"""A piece that is worth less than one near hit tells of no end: every sixth that it seems to have is none, and others
-are off by a distance of two beams."""
+"""Pieces with fewer hits than this, as PIECE counts them, tell of no ends. Every sixth end of such a piece is none, and
+the others are off by the distance of two beams."""
 
 PIECE = np.dtype(
     [
-        ("hits", "f8"),  # beams on the piece; of far ones that are noisier, as many near ones as tell the same
+        ("hits", "f8"),  # beams on the piece; one that is noisier than a near one counts less, by its variance
         ("x", "f8"),  # m, centroid of the hits, on the fitted line
         ("y", "f8"),
         ("ux", "f8"),  # unit direction, counter-clockwise: free space on the left
@@ -37,8 +37,8 @@ PIECE = np.dtype(
         ("residual", "f8"),  # m2, the same across it: how well the hits fit the line
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
-        ("face", "f8", (2,)),  # m before an occlusion end that may be of a small face beyond the wall's corner
-        ("gap", "f8", (2,)),  # m before a nominal end without a hit: the line is prolonged so far to its corner
+        ("face", "f8", (2,)),  # m by which it may lie farther in, where the last hits may be on a small face beyond it
+        ("gap", "f8", (2,)),  # m from the last hit to a nominal end: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
         ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the turn, 1 at the stamp
@@ -52,11 +52,13 @@ PIECE = np.dtype(
 class Sight(NamedTuple):
     """What a scan shows beside walls, for the kernels."""
 
-    open: Floats  # (s, 3) rad, from and to (may exceed 2 pi): sectors in which nothing is within reach; inf
-    blind: Floats  # (b, 3) as open: sectors in which stands what is no wall piece: a teammate, a post; m, how near
+    open: Floats  # (s, 3) sectors without anything within reach: from and to, rad (to may exceed 2 pi), and inf
+    blind: Floats
+    """(b, 3) sectors with hits on no piece, such as a teammate or a post, or without measurements: from and to as in
+    `open`, and how near the nearest hit is, m; 0 where nothing was measured."""
     reach: float  # m, how far open sectors are known to be free
-    half_beam: float  # half the angle between two beams, rad: what is nearer to a sector's or piece's edge is uncertain
-    shift: float  # m, by which the lidar moved in the turn: what lies at a sector's or piece's edge is as uncertain
+    half_beam: float  # half the angle between two beams, rad: the edges of sectors and pieces are uncertain by this
+    shift: float  # m, by which the lidar moved in the turn: seen from the stamp, the edges are uncertain by this, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +92,7 @@ def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
 
 @shared_kernel
 def to_map_frame(pieces: Records, pose: Pose) -> Records:
-    """Pieces (k,) moved from the robot's frame into that of its pose. Bearings stay the robot's."""
+    """Pieces (k,) moved from the robot's frame into the frame in which its pose is given; bearings stay as they are."""
     out = pieces.copy()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(out)):

@@ -4,9 +4,9 @@ import math
 
 from protocol.messages import RobotSpec
 
-LEAST_VIEW_DEG = 180.0  # what is beside the robot is what it turns into next
-LEAST_BEAMS = 180  # a turn: a post of 0.1 m gets three beams from 1 m away, and a wall of 0.25 m from 2.4 m
-MOST_TURN_DEG = 90.0  # in a scan: a quarter of the room is then seen twice, or not at all
+LEAST_VIEW_DEG = 180.0  # with less, a robot does not see the place beside it that it turns into
+LEAST_BEAMS = 180  # of a whole turn: a post of 0.1 m gets three beams from 1 m away, a wall of 0.25 m from 2.4 m
+MOST_TURN_DEG = 90.0  # of the robot in a scan: a quarter of the room is then seen twice, or not at all
 
 
 def doubts(spec: RobotSpec) -> list[str]:

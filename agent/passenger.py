@@ -23,11 +23,11 @@ from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Event, Heard, Observation, RobotSpec, Send
 from protocol.wireframe import Wireframe
 
-LOOKS_M = 1.0  # of way, or twice this in radians, after which peers are told a newer map, and it is held against theirs
+LOOKS_M = 1.0  # m of way (`travelled`) after which peers are told a newer map, and it is held against theirs
 IN_LIVED_ROOMS = {"conflict_weight": 1.0, "max_conflict": 0.6, "min_score_m": 10.0, "max_beside": 1.0}
-"""Of alignments. What stands in a building moves between visits, people walk, and maps told before a loop was closed
-are bent. Measured on maps of thirds of two logs: right transforms score 24 m and more, with up to 0.57 m of conflict a
-metre that agrees; of 27 pairs of other buildings none scores more than 1 m."""
+"""Settings of alignment for recorded logs. What stands in a building moves between visits, people walk, and maps told
+before a loop was closed are bent. Measured on maps of thirds of two logs: right transforms score 24 m and more, with up
+to 0.57 m of conflict a metre that agrees; of 27 pairs of other buildings none scores more than 1 m."""
 
 
 class Passenger:

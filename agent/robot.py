@@ -23,13 +23,13 @@ from protocol.messages import Action, Heard, MapReport, Observation, PoseReport,
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
-MOVED_M = 0.01  # a corner that moved by less has not changed: maps travel on a grid of this size
+MOVED_M = 0.01  # a corner that moved by less along either axis has not changed: maps travel on a grid of this size
 LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 NOBODY = np.zeros((0, 2))  # places of teammates where nobody is near
-LAY_S = 0.6  # merged maps are laid over the own one at most this often; what was just seen is in the scan anyway
+LAY_S = 0.6  # least time between two layings of merged maps over the own one; until then the scan shows what is new
 
 
 class Step(NamedTuple):
@@ -60,8 +60,8 @@ class Robot:
         self._map_bytes = encode_wireframe(self.wireframe)
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
-        self._arrived: bool | None = None
-        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0
+        self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
+        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks
 
     def state(self) -> State:
         """For a checkpoint, after a step: the own map, the pose, and what was seen. Peers are met anew."""
@@ -145,12 +145,12 @@ class Robot:
         )
 
     def _looks_first(self) -> bool:
-        """Whether the robot still stands where it began: what it sees there is the axis of all it will see."""
+        """Whether the robot still stands and looks in this tick, of which it has LOOK_S at its start."""
         self._to_look -= 1
         return self._to_look >= 0
 
     def _nbytes(self) -> int:
-        """Bytes that the map needs, and what was seen."""
+        """Bytes of the filter, of the submaps, and of the places seen and tried."""
         loops = self.loops.submaps.nbytes if self.loops else 0
         return self.filter.nbytes + self.explorer.nbytes + loops
 

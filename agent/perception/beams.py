@@ -27,10 +27,10 @@ class Beams(NamedTuple):
     ranges: Floats  # (n,) from each beam's origin; inf where nothing came back, NaN where nothing was measured
     origins: Floats  # (n, 2) where the lidar was
     rays: Floats  # (n, 2) unit directions
-    moments: Floats  # (n,) when: 0 at the start of the turn, 1 at the stamp
-    distances: Floats  # (n,) from the robot at the stamp to what was met, inf where nothing was
-    bearings: Floats  # (n,) the same direction, or that of the beam's far end; rising over one turn but for parallax
-    step: float  # mean angle between neighbours
+    moments: Floats  # (n,) when they were taken: 0 at the start of the turn, 1 at the stamp
+    distances: Floats  # (n,) from the robot at the stamp to what was met; inf where nothing was
+    bearings: Floats  # (n,) of what was met, or of the beam's end at the lidar's range; rising but for parallax
+    step: float  # angle between neighbours while the robot does not turn
     shift: float  # greatest distance of an origin from the robot at the stamp
 
 

@@ -6,11 +6,11 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
-SEEN_SCANS = 4  # scans for which a disc seen no more is expected: one in ten misses it, four in a row almost never
+SEEN_SCANS = 4  # scans for which a disc is expected that they miss: one in ten misses it, four in a row almost never
 STILL_SCANS = 15  # a disc still for so many scans while nobody is heard is a post; an exploring robot stands for four
-STILL_M = 0.06  # ... nor by more than this: the spread of a disc from scan to scan; a teammate drives it in 0.3 s
-SILENCE_S = 21.0  # nobody is near where four beacons in a row did not come: at 30 % loss they do one time in 120
-MAX_POSTS = 200  # posts kept, the newest (16 bytes each): a hall has a dozen
+STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to scan; a teammate drives so far in 0.3 s
+SILENCE_S = 21.0  # without any message nobody is near: of four beacons all are lost one time in 120 at 30 % loss
+MAX_POSTS = 200  # posts that are kept, the newest (16 bytes each): a hall has a dozen
 REACH_MARGIN_M = 1.0  # posts are asked for this far beyond the lidar's range
 
 
@@ -19,7 +19,7 @@ class SeenDiscs:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._step_m = spec.max_speed_mps / spec.lidar.rate_hz
-        self._seen = np.zeros((0, 4))  # (k, 4) x, y in m, scans since last seen, and scans in a row that saw it before
+        self._seen = np.zeros((0, 4))  # (k, 4) x, y in m, scans since it was last seen, and scans in a row that saw it
 
     def expected(self, pose: Pose) -> Floats:
         """(k, 3) discs in the robot's frame: centre, and by how much the teammate may have moved; metres."""
@@ -46,7 +46,7 @@ class Posts:
     def __init__(self, spec: RobotSpec) -> None:
         self._reach_m = spec.lidar.range_max_m
         self._silence = round(SILENCE_S * spec.lidar.rate_hz)
-        self._heard = -self._silence
+        self._heard = -self._silence  # tick of the last message
         self._standing = np.zeros((0, 4))  # (k, 4) x, y, and the ticks of the first and last sighting
         self.places = np.zeros((0, 2))  # (k, 2) metres
 

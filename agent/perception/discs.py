@@ -12,7 +12,7 @@ from agent.perception.segmentation import beam_sums, fit
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 
-FEW_BEAMS = 3  # fewer beams show no disc: any circle fits so many, and any line; of more, what fits better decides
+FEW_BEAMS = 3  # fewer beams show no disc. A circle fits so many as well as a line does; more must fit a circle better
 MAX_CHI2 = 4.0  # mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn
 INNER = 0.9  # share of a disc's width whose beams are surely on it, also where its place is not yet fitted
 ROUNDS = 3  # Gauss-Newton steps from the first guess, which is off by half a radius at most
@@ -40,7 +40,7 @@ class Fit(NamedTuple):
 
     beams: int  # beams well inside the disc
     on: int  # those of them that end on it
-    chi2: float  # of these
+    chi2: float  # of these, in sum
     first: int  # the first and the last of these; they may lie outside of a turn
     last: int
 
@@ -49,8 +49,9 @@ class Fit(NamedTuple):
 def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
     """Discs in a full turn of beams: (d, 2) metres, centres in the robot's frame. noise: (n,) sd of the ranges.
 
-    A disc is a run of beams that fit a circle of the radius, fit no line as well, and end at a jump or at
-    another disc. Far posts and wall ends pass now and then, which only hides them until the robot is nearer.
+    A disc is a run of beams that fit a circle of the radius better than a line, with a jump in range at one end, and a
+    jump or another disc at the other. Far posts and wall ends pass now and then, which only hides them until the robot
+    is nearer.
     """
     turn = _evenly_spread(beams, noise, radius)
     found = np.empty((len(turn.ranges), 3))  # distance, bearing, mean chi-square
@@ -90,7 +91,7 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
 
 @kernel
 def _near(turn: Panorama, k: int) -> float:
-    """By how much, m, the range of beam k may differ from that to a disc that it meets."""
+    """Metres by which the range of beam k may differ from that to a disc, if the beam is to end on it."""
     return NOISE_SIGMAS * turn.noise[k] + 0.1 * turn.radius
 
 
@@ -119,7 +120,7 @@ def _span(turn: Panorama, disc: Disc) -> tuple[int, int]:
 
 @kernel
 def _off(turn: Panorama, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
-    """By how much the range of beam k exceeds that of a disc at a bearing (cosine cb, sine sb).
+    """Metres by which the range of beam k exceeds that to a disc at a bearing (cosine cb, sine sb); -inf if it misses.
 
     With the cosine and sine of the angle from the disc's centre to the beam.
     """
@@ -195,7 +196,10 @@ def _is_line(turn: Panorama, disc: Disc, fitted: Fit) -> bool:
 
 @kernel
 def _keep_best(found: Floats, count: int, disc: Disc, residual: float, radius: float) -> int:
-    """Note a disc, unless one on the same spot fits better; returns the count."""
+    """Note a disc in found (n, 3), unless one on the same spot fits better; returns how many are noted.
+
+    residual: its mean chi-square.
+    """
     at = count
     for c in range(count):
         apart = math.hypot(

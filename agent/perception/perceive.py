@@ -11,7 +11,7 @@ from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, 
 from agent.geometry.clearance import distances_to_walls
 from agent.kernels import kernel
 from agent.perception.beams import Beams, ring_of, width_of
-from agent.perception.config import Method, PerceptionConfig
+from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
 from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, Turn, pieces_of
@@ -23,23 +23,23 @@ from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 
-OPEN_BEAMS = 3  # silent beams in a row that show free space: fewer may have dropped out
+OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer may have dropped out
 IN_WALL_M = 0.08  # a disc centred this near to a known wall is that wall's end: a teammate's centre is a radius away
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
-WALL_M = 0.3  # no teammate stands in a mapped wall, unless the wall is shorter: it may be the teammate's front
+WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter one may be a teammate's front itself
 NOTHING = np.zeros((0, 4))
 
 
 class Perception:
-    """Turns observations into corner scans, and remembers teammates of the last scans and posts."""
+    """Turns observations into corner scans, and remembers posts, and teammates of the last scans."""
 
     def __init__(self, config: PerceptionConfig, spec: RobotSpec, *, alone: bool = False) -> None:
-        """alone: nobody else is about, so that nothing round is a teammate."""
+        """alone: no other robot is about, so that nothing round is a teammate."""
         self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._tick = -1  # of the last observation
         self.company = False
-        """Whether somebody may be near. Else discs of the last scan are posts, legs, tips of walls, or a teammate that
+        """Whether somebody may be near, as messages came lately. Else discs are posts, legs, tips of walls, or one who
         comes and was not heard yet."""
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
@@ -47,8 +47,8 @@ class Perception:
     def see(self, observation: Observation, way: Floats, start: Pose, own: Wireframe) -> CornerScan:
         """Corner scan of an observation.
 
-        way: (k + 1, 3) poses since the last one, in the frame of the first, which is `start` in the frame of the map.
-        own: the robot's own map.
+        way: (k + 1, 3) poses from the last observation to this one, in the frame of the first; that one is `start` in
+        the frame of the map. own: the robot's own map.
         """
         if own is not self._map:
             walls = own.segments()
@@ -80,7 +80,7 @@ class Perception:
 def perceive(
     ranges: Floats,
     spec: RobotSpec,
-    method: Method = "piecewise",
+    method: Segmentation = "piecewise",
     *,
     way: Floats | None = None,
     expected: Floats = NOTHING,
@@ -91,12 +91,12 @@ def perceive(
 ) -> CornerScan:
     """Corner scan of a turn of the lidar, in the robot's frame at its stamp.
 
-    ranges: (beams,) float64 metres, inf where nothing came back, NaN where nothing was measured. Anything else that is
-    no positive number is treated as silent. way: (k + 1, 3) odometry poses at equal steps from the start of the turn to
-    the stamp, in a frame of their own; None where the robot stood. In the robot's frame: expected: (k, 3) metres,
-    teammates seen a moment ago, centre and slack. known: (m, 4) metres, walls of the map, in which no teammate stands.
-    posts: (p, 2) metres, what is round and no teammate. alone: whether nothing round can be a teammate. company:
-    whether somebody may be near; else beams on discs tell of walls, too.
+    ranges: (beams,) float64 metres, inf where nothing came back, NaN where nothing was measured. What is not positive,
+    or more than 1 m beyond the lidar's range, counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
+    start of the turn to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing round
+    can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
+    In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
+    the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
     """
     lidar, radius = spec.lidar, spec.radius_m
     good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
@@ -128,9 +128,9 @@ def perceive(
 
 @kernel
 def _sectors(marked: Bools, beams: Beams, least: int) -> Floats:
-    """(s, 3) rad, rad, m: runs of at least so many marked beams of a full turn, and how near what they met is.
+    """(s, 3) sectors, as in Sight, of runs of at least so many marked beams (n,) of a full turn.
 
-    What was not measured may be as near as can be.
+    From and to in radians, and metres to the nearest hit: inf without hits, 0 where a beam was not measured.
     """
     n, unmarked = len(marked), np.flatnonzero(~marked)
     far = np.where(np.isnan(beams.ranges), 0.0, beams.distances)

@@ -17,23 +17,25 @@ MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
 EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the lidar's range may give no return
 GROWN_EDGE_SIGMAS = 3.5
-"""The same where noise grows with range: in `symmetric` one far end of ten was called a corner that was none."""
-UNSEEN_FACE_SIGMAS = 3.0  # hits so near behind a wall's line are taken for the wall's, two stray beams cost as much
+"""The same where noise grows with range. With less, one far end in ten was taken for a corner in `symmetric`."""
+UNSEEN_FACE_SIGMAS = 3.0
+"""Standard deviations behind a wall's line up to which hits on the small face beyond its end pass for hits on the wall:
+two of them cost the fit as much as two strays."""
 CORNER_SIGMAS = 3.0
 """Standard deviations of a range by which two faces must lie apart along a beam for it to tell which of them it met.
 Near a corner a beam counts for the face that noise puts it nearer to. A face that stands out into the room gains beams
 from behind so: a column of 0.4 m seemed 1 mm too far away from 0.5 m and 5 mm from 2.7 m, and a robot that came nearer
 took itself to have come 0.2 % farther than it had."""
-DOUBTFUL = 0.1  # what a beam counts that may have met either of two faces, so that short pieces keep a line
-MAX_SLACK_M = 0.1  # a corner is at most this far outside its walls' hits, as directions of few hits excuse any place
+DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0, so that short pieces keep a line
+MAX_SLACK_M = 0.1  # a corner lies at most so far off its walls' hits, however unsure the directions of few hits are
 
 
 class Turn(NamedTuple):
-    """The beams of a turn, and what is to be known of them."""
+    """The beams of a turn, and what kernels need to know of them and of their lidar."""
 
     beams: Beams  # (n,)
     noise: Floats  # (n,) m, standard deviation of each range
-    hidden: Bools  # (n,) those not measured, and those that end on a teammate or pass it narrowly
+    hidden: Bools  # (n,) which were not measured, end on a teammate, or pass it narrowly
     used: Ints  # (m,) indices of those that may show walls, rising
     range_max: float  # m, beyond which nothing comes back
     silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
@@ -195,9 +197,10 @@ def _only_strays(turn: Turn, first: int, end: int, joint: Floats) -> bool:
 
 @kernel
 def _fill(piece: Record, turn: Turn, cut: Ints, ends: Ints, total: Floats, worth: Floats) -> None:
-    """Fill a piece with its line and hits; ends: its first and last beam. Both are frontiers until more is known.
+    """Fill a piece with its line and hits. Both its ends are frontiers until more is known.
 
-    worth: (n,) what each beam counts.
+    cut: (2,) first and end of its beams in the doubled turn. ends: (2,) its first and last beam. total: (6,) sums over
+    its beams. worth: (n,) what each beam counts.
     """
     m, beams = len(turn.used), turn.beams
     a, b, _ = fit(total)
@@ -292,7 +295,7 @@ def _predicted_label(turn: Turn, beam: int, side: int, sums: Floats) -> tuple[in
         k = (beam + (2 * side - 1) * ahead) % n
         c, s = beams.rays[k, 0], beams.rays[k, 1]
         away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
-        u = (a * c + b * s) / away if away > 0.0 else 0.0
+        u = (a * c + b * s) / away if away > 0.0 else 0.0  # 1 / range at which the beam meets the line
         if turn.hidden[k] or u <= 1.0 / turn.range_max:
             return FRONTIER, k
         predicted = 1.0 / u

@@ -50,7 +50,7 @@ def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: Floats) -> Floats
 
 @kernel
 def fit(sums: Floats) -> tuple[float, float, float]:
-    """Line a x + b y = 1 and chi-square of six sums; chi-square is inf where the beams fix no line."""
+    """Line a x + b y = 1 (a, b in 1 / m) and chi-square of six sums; chi-square is inf where the beams fix no line."""
     det = sums[0] * sums[2] - sums[1] * sums[1]
     if det <= 1e-12 * sums[0] * sums[2] + 1e-300:
         return 0.0, 0.0, math.inf

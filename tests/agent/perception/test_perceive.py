@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from agent.corner_scan import CornerScan, to_map_frame
-from agent.perception.config import Method
+from agent.perception.config import Segmentation
 from agent.perception.perceive import perceive
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec, RobotSpec
@@ -45,7 +45,7 @@ def wall_ends_before(segment: np.ndarray, pose: np.ndarray, beam: int) -> bool:
     return t > 0 and not 0 <= u <= 1
 
 
-def judge(world: World, count: int, seed: int, method: Method = "piecewise") -> tuple[np.ndarray, int, int]:
+def judge(world: World, count: int, seed: int, method: Segmentation = "piecewise") -> tuple[np.ndarray, int, int]:
     """Errors of nominal corners, and how many chain ends are labelled wrongly of how many."""
     lidar = Lidar(world.segments, SPEC)
     poses = poses_in(world, count, seed)
