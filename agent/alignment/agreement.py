@@ -16,13 +16,13 @@ from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.walls import directions, lengths, points_along
 
 SAMPLE_M = 0.1  # distance of the samples at which walls are compared
-MAX_SAMPLES = 20_000  # samples of one map: 2 km of wall at that distance. Those of a longer map are farther apart
-MAX_CELLS = 200_000  # cells of one index. A map whose walls lie farther apart gets larger cells
+MAX_SAMPLES = 20_000  # samples of one map: 2 km of wall at that distance. With more wall they lie farther apart
+MAX_CELLS = 200_000  # cells of one index. A map that would need more gets larger ones
 AGREE_M = 0.08  # a wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma
-EXACT_M = 0.03  # the same of a transform that is fitted on all walls: three errors of a wall, in either map
+EXACT_M = 0.03  # the same under a transform that is fitted on all walls: 3 sigma of a wall, in either map
 STRIP_NEAR_M = 0.15  # free ground before a wall begins here: what is nearer may be noise, or a thin wall's other face
 STRIP_FAR_M = 0.5  # free ground before a wall ends here (measured): a map need not have looked farther away
-STRIP_END_M = 0.1  # the ground before the last piece of a wall does not count as free, as other walls may begin there
+STRIP_END_M = 0.1  # before so much of a wall's end the ground does not count as free, as other walls may begin there
 REACH_M = max(AGREE_M, STRIP_NEAR_M, STRIP_FAR_M)
 
 
@@ -108,7 +108,8 @@ def agreement(mine: Walls, theirs: Walls, transform: Floats, agree_m: float = AG
 def beside(mine: Walls, theirs: Walls, transform: Floats) -> float:
     """Share of what both maps have under a transform (3,) fitted on all walls that lies beside its wall, not on it.
 
-    Of the same place it is nothing but what a map errs; a place that is only like it differs by centimetres somewhere.
+    Two maps of one place differ by their errors alone; maps of two places that are alike differ by centimetres
+    somewhere.
     """
     on, near = (agreement(mine, theirs, transform, limit)[0] for limit in (EXACT_M, STRIP_NEAR_M))
     return 1.0 - on / near if near > 0.0 else 0.0

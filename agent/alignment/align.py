@@ -11,8 +11,7 @@ from agent.alignment.meeting import Meeting
 from agent.alignment.prepared import PreparedMap
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
-from protocol.arrays import Floats
-from protocol.geometry import Pose
+from protocol.geometry import Pose, pose_of
 
 
 @dataclass(frozen=True)
@@ -21,13 +20,14 @@ class Alignment:
 
     transform: Pose | None  # the peer's frame in mine, x, y, theta; None where the maps do not tell
     reason: str
-    """`aligned`, or why not: small, large, unlike, weak, conflict, ambiguous, inexact, impossible (by the meeting)."""
+    """`aligned`, or `sighted` where seeing the peer gave it. Else why there is none: small, large, unlike, weak,
+    conflict, ambiguous, inexact, impossible (by the meeting)."""
     candidates: int = 0  # distinct transforms held against all walls
     inliers: int = 0  # corners that match under the best
     residual: float = 0.0  # root mean square distance of these, metres
     margin: float = 0.0  # share by which the best score exceeds the second-best distinct one's; 1 without a second
     agreement: float = 0.0  # wall that both maps have under the best
-    conflict: float = 0.0  # wall of one where the other has free ground
+    conflict: float = 0.0  # wall of either map where the other has free ground
     overlap: float = 0.0  # agreement over the wall of the smaller map
     score: float = 0.0  # agreement less weighted conflict
     best: Pose | None = None  # the best candidate, also where it was not good enough
@@ -82,7 +82,7 @@ def align_prepared(
 
 
 def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: float = 0.0) -> Alignment:
-    """The first candidate with its figures, not judged yet: without a transform, for the reason `ambiguous`.
+    """The first candidate with its figures. It is not judged yet, so it has no transform, for the reason `ambiguous`.
 
     rival: score of the best transform that contradicts it and is not among the candidates; 0 without.
     """
@@ -95,9 +95,3 @@ def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: 
     margin = 1.0 - second / score if score > 0.0 else 0.0
     share, count = agreed / min(mine.walls.length_m, theirs.walls.length_m), len(found.transforms)
     return Alignment(None, "ambiguous", count, inliers, residual, margin, agreed, conflict, share, score, pose_of(best))
-
-
-def pose_of(transform: Floats) -> Pose:
-    """A transform (3,) as a pose."""
-    x, y, theta = transform.tolist()
-    return x, y, theta

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.agreement import agreement
-from agent.alignment.align import Alignment, pose_of
+from agent.alignment.align import Alignment
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
@@ -22,7 +22,7 @@ from agent.corner_scan import CornerScan
 from agent.geometry.transform import apart, fit, move
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Ints
-from protocol.geometry import Pose, wrapped
+from protocol.geometry import Pose, pose_of, wrapped
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Consensus(NamedTuple):
 
 
 def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting]:
-    """Sightings with a disc, each of the peer at a place at least `moved_m` from those before."""
+    """Sightings with a disc, each of the peer at a place at least `moved_m` metres from all before it."""
     kept: list[Sighting] = []
     for one in sightings:
         x, y, _ = one.theirs
@@ -56,9 +56,10 @@ def apart_places(sightings: Sequence[Sighting], moved_m: float) -> list[Sighting
 
 
 def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Consensus | None:
-    """Two sightings give a transform; the one that explains most of them, to `gate_m`. None where no two fit.
+    """The transform that explains most sightings, of all that pairs of them give; None where no two fit.
 
-    base_m: two places this far apart give a turn. Transforms are compared at the middle of the peer's places.
+    gate_m: a sighting is explained where a disc is so near to the place at which the transform has the peer. base_m:
+    how far apart the peer's places of a pair are at least, as they give the turn. Metres.
     """
     if len(sightings) < 2:
         return None
@@ -83,9 +84,10 @@ def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Co
 def align_by_sight(
     mine: PreparedMap, theirs: PreparedMap, found: Consensus, config: AlignmentConfig, least_corners: int
 ) -> Alignment:
-    """The alignment that a consensus gives, put right on the corners of both maps; its reason says if walls agree.
+    """The alignment that a consensus gives, refined on the corners of both maps; its reason says if walls agree.
 
-    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`.
+    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`. least_corners:
+    those that must match.
     """
     none = Alignment(None, "unlike", best=pose_of(found.transform))
     square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)

@@ -22,7 +22,7 @@ MAX_CANDIDATES = 80  # distinct transforms refined on all corners (measured: the
 MAX_SCORED = 20  # those with most matched corners, held against all walls (30 find the same on 1,612 pairs)
 LIKE_M = 0.3  # two candidates nearer than this at the map's centre are one, as refinement pulls both to the same place
 LIKE_RAD = math.radians(6.0)  # the same for their turn
-DISTINCT_M = 0.5  # results farther apart at the map's centre contradict: twice the error of what counts as wrong
+DISTINCT_M = 0.5  # transforms farther apart at the map's centre contradict: twice the least error that counts as wrong
 DISTINCT_RAD = math.radians(10.0)  # the same for their turn
 COARSE_M = 0.25  # corners this near are the same in the first round of refinement (measured)
 FINE_M = 0.12  # the same in the later rounds (measured)
@@ -54,7 +54,7 @@ def ranked(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig, rng:
 
 
 def like_transforms(mine: Corners, theirs: Corners, drawing: str, rng: np.random.Generator) -> Floats:
-    """(k, 3) distinct transforms from pairs of like corners; first those that most likely pairs give."""
+    """(k, 3) distinct transforms from pairs of like corners, ordered by the likelihoods of their pairs in sum."""
     scores = likeness(mine, theirs)
     found = np.flatnonzero(scores.reshape(-1) > 0.0)  # likelier the same corner than not
     likelihoods = scores.reshape(-1)[found]
@@ -70,13 +70,16 @@ def like_transforms(mine: Corners, theirs: Corners, drawing: str, rng: np.random
 class Refined(NamedTuple):
     """Distinct refined transforms, most matched corners first."""
 
-    transforms: Floats
-    inliers: Ints
-    residuals: Floats
+    transforms: Floats  # (k, 3) their frame in mine
+    inliers: Ints  # (k,) matched corners
+    residuals: Floats  # (k,) root mean square distance of matched corners, metres
 
 
 def refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool = True) -> Refined:
-    """Fit transforms (k, 3), first come first, to the corners that they match; by_walls: of like walls only."""
+    """Fit the first MAX_CANDIDATES of transforms (k, 3) to the corners that they match.
+
+    by_walls: only corners with like walls match.
+    """
     transforms, inliers, residuals = _refine(first[:MAX_CANDIDATES], mine, theirs, by_walls)
     order = np.lexsort((residuals, -inliers))
     order = order[inliers[order] >= 2]

@@ -29,7 +29,7 @@ class AlignmentConfig(Config):
     max_conflict: Positive = 0.15
     """Metres in conflict per metre of wall that agrees, at most."""
     max_beside: Annotated[float, Field(ge=0, le=1)] = 0.1
-    """Share of common wall that may lie centimetres beside its wall. Right transforms have at most 0.05 of it, half
-    turns of halls that are nearly the same then 0.15 and more in most cases."""
+    """Share of the wall that both maps have that may lie centimetres beside itself. Right transforms have at most 0.05;
+    half turns of a hall that looks nearly the same after one have 0.15 and more in most cases."""
     margin: Annotated[float, Field(ge=0, lt=1)] = 0.45
-    """Share by which the best score must exceed that of the second-best distinct transform."""
+    """Share of the best score by which it must exceed that of the second-best distinct transform."""

@@ -12,7 +12,7 @@ from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose
 
 RANGE_SLACK_M = 0.3  # a peer may be this far beyond the radio's range: both robots move while a message is under way
-BODY_SLACK_M = 0.03  # a body may overlap a mapped wall by this: 3 sigma of a corner
+BODY_SLACK_M = 0.03  # a body may overlap a mapped wall by so much: 3 sigma of a corner
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Meeting:
     mine: Pose  # the robot that aligns, in its own frame
     theirs: Pose  # the peer, in the peer's frame
     range_m: float = math.inf  # how far the radio carries; inf where unknown
-    radius_m: float = 0.0  # of both robots' bodies
+    radius_m: float = 0.0  # of the body of either robot
 
     def possible(self, transforms: Floats, here: Place, there: Place) -> Bools:
         """(k,) whether transforms (k, 3) put both in range and in free space; here, there: by my map and by theirs."""

@@ -36,9 +36,9 @@ def patterns(one: Corners, drawing: str, rng: np.random.Generator) -> Floats:
 def rival_score(
     best: Floats, agreed_m: float, mine: PreparedMap, theirs: PreparedMap, drawing: str, rng: np.random.Generator
 ) -> float:
-    """Score in metres of the best rival of the transform `best` (3,), under which so much wall agrees; 0 without.
+    """Score in metres of the best rival of the transform `best` (3,), under which agreed_m of wall agrees; 0 without.
 
-    Where the robots met rules no rival out: the true transform of two partial maps may be none of those found.
+    No rival is ruled out by where the robots met: the true transform of two partial maps may be none of those found.
     """
     strongest = 0.0
     for which, one, other, there in (

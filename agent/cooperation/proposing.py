@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from agent.alignment.agreement import agreement, beside
-from agent.alignment.align import Alignment, align_prepared, pose_of
+from agent.alignment.align import Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
@@ -18,7 +18,7 @@ from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.transform import apart
 from protocol.arrays import Floats
-from protocol.geometry import apply
+from protocol.geometry import apply, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 

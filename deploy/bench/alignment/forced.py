@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from agent.alignment.align import pose_of
 from agent.alignment.candidates import ranked
 from agent.alignment.prepared import prepare
 from agent.cooperation.peer import Merged, Met, Proposed
@@ -16,7 +15,7 @@ from deploy.bench.errors import errors, right
 from deploy.bench.explored import explore
 from deploy.bench.layouts import drawn_starts, path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, runs_of
-from protocol.geometry import Pose, compose, relative
+from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Observation
 from protocol.wireframe import Wireframe
 from world.worldfile import load

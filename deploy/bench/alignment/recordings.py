@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.alignment.align import pose_of
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.layouts import path_of, present
 from deploy.metrics import CORNER_NEAR_M, NEAR_M, Truth, distance_to, nearest_point, truth_of
 from protocol.arrays import Bools, Floats
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import Observation, RobotSpec
 from protocol.wireframe import Label, Wireframe, certain, decode_wireframe, encode_wireframe
 from world.worldfile import load
