@@ -13,6 +13,7 @@ from deploy.exchange import drawings, raster, sdf
 from deploy.exchange.shapes import Shapes
 from deploy.figures import write_figure
 from deploy.terminal.worlds import size_of
+from protocol.arrays import Floats
 from protocol.document import parse_document, read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
@@ -21,6 +22,7 @@ from world.worldfile import World, WorldFileError, from_document, to_yaml
 
 PICTURES = frozenset({".png", ".pgm", ".pbm", ".bmp", ".gif", ".jpg", ".jpeg", ".tif", ".tiff"})
 BODY_M = raster.BODY_M
+CLOSE = "--close 2 closes doors of 2 m"
 SEED = 0  # by which the starts of the preview are drawn
 
 
@@ -44,7 +46,7 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
         if options.close_m:
             shapes = shapes.closed(options.close_m)
         world = from_document(shapes.document(file.stem, file.name), out.name)
-        starts = world.starts(options.robots, BODY_M, np.random.default_rng(SEED))
+        starts = _starts(world, options)
     except WorldFileError as error:
         raise InputError(f"{file}: {str(error).removeprefix(f'{out.name}: ')}") from None
     except InputError as error:
@@ -53,18 +55,38 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
     picture = out.with_suffix(".png")
     _draw(world, starts, picture)
     size = size_of(world)
-    closed = world.region_of(float(starts[0, 0]), float(starts[0, 1]), BODY_M)
     told = [
         f"{size.name}: {size.width_m:.1f} m x {size.height_m:.1f} m, {size.walls} walls of {size.wall_m:.0f} m, "
-        f"{size.free_m2:.1f} m2 free; {options.robots} robots can start"
+        f"{size.free_m2:.1f} m2 free; {options.robots} robots can start",
+        *_openings(world, starts[0]),
     ]
-    if closed is not None and not closed.within(shapely.box(*world.solid.bounds)):
-        told.append("its walls do not close: robots can leave, which --close 2 mends for doors of 2 m")
     told += [
         f"left out: {printable(what)}{f' ({count} times)' if count > 1 else ''}"
         for what, count in shapes.left_out.items()
     ]
     return [*told, str(out), str(picture)]
+
+
+def _starts(world: World, options: Options) -> Floats:
+    """(robots, 3) places where robots can start. Raises WorldFileError where there is no room."""
+    try:
+        return world.starts(options.robots, BODY_M, np.random.default_rng(SEED))
+    except WorldFileError as error:
+        hint = "" if options.close_m else f"; where its walls do not close, {CLOSE}"
+        raise WorldFileError(f"{error}{hint}") from None
+
+
+def _openings(world: World, start: Floats) -> list[str]:
+    """What there is to tell of outer walls that do not close."""
+    around = shapely.box(*world.solid.bounds)
+    home = world.region_of(float(start[0]), float(start[1]), BODY_M)
+    if home is None or not home.within(around):
+        return [f"its walls do not close: robots can leave; {CLOSE}"]
+    outside = [region for region in world.regions(BODY_M) if not region.within(around)]
+    open_m2 = shapely.union_all(outside).intersection(world.solid.convex_hull).area
+    if open_m2 <= home.area:
+        return []
+    return [f"robots start in closed {home.area:.0f} m2, but {open_m2:.0f} m2 amid its walls are open; {CLOSE}"]
 
 
 def read_shapes(file: Path, options: Options) -> Shapes:

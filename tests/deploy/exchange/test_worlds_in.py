@@ -186,6 +186,17 @@ def test_an_opening_of_the_outer_walls_is_closed(tmp_path: Path) -> None:
     assert len(told) == 3 and room_of(world, 1, 1).area == pytest.approx(24, abs=0.15)
 
 
+def test_a_closet_in_a_house_that_is_open_is_told(tmp_path: Path) -> None:
+    house = [[2.9, 0], [6, 0], [6, 4], [0, 4], [0, 0], [2, 0]]
+    closet = [[5, 3], [5.8, 3], [5.8, 3.8], [5, 3.8], [5, 3]]
+    lines = [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": line}} for line in (house, closet)]
+    (tmp_path / "open.geojson").write_text(json.dumps({"type": "FeatureCollection", "unit": "m", "features": lines}))
+    assert "robots start in closed 0 m2, but 2" in imported(tmp_path / "open.geojson")[1][1]
+    with pytest.raises(InputError, match=r"no room for 30 robots; where its walls do not close, --close 2 closes"):
+        imported(tmp_path / "open.geojson", Options(robots=30))
+    assert len(imported(tmp_path / "open.geojson", Options(close_m=1, robots=3))[1]) == 3
+
+
 BAD = {
     "a.sdf": sdf().replace("6.15 0.15 2.5", "6.15 x 2.5"),
     "b.sdf": "<!DOCTYPE x [<!ENTITY a 'aaaa'>]><sdf>&a;</sdf>",
