@@ -23,6 +23,9 @@ from protocol.messages import Action, Heard, MapReport, Observation, PoseReport,
 from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
+MERGE_S = 0.2
+"""Scans are merged this far apart, at least: walls and their ends count scans for and against them, which have much
+the same errors where they come from nearly one place."""
 MOVED_M = 0.01  # a corner that moved by less along either axis has not changed: maps travel on a grid of this size
 LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
@@ -57,7 +60,10 @@ class Robot:
         self.own = Wireframe()  # the map of own scans alone
         self.wireframe = Wireframe()  # the map: the same with merged ones laid over it
         self.version = 0  # rises whenever the map changes
+        self.told = Wireframe()  # what peers are told: own walls, and those that merged peers saw themselves
+        self._told_version = 0
         self._map_bytes = encode_wireframe(self.wireframe)
+        self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick = -self._lay_ticks
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
@@ -84,7 +90,10 @@ class Robot:
         started, tick = time.perf_counter(), observation.tick
         way = self.filter.way(observation.poses())
         scan = self.perception.see(observation, way, self.filter.pose, self.own)
-        self.filter.update(scan, observation.poses())
+        if tick % self._merge_ticks == 0:
+            self.filter.update(scan, observation.poses())
+        else:
+            self.filter.move(observation.poses())
         if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose):
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)
@@ -122,7 +131,7 @@ class Robot:
             {} if command.complete else {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}
         )
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(tick, pose, self.wireframe, self.version, looked, ask, in_sight)
+        sends = self.exchange.talk(tick, pose, self.told, self._told_version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -156,14 +165,18 @@ class Robot:
 
     def _read_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
-        layers = [peer.layer for peer in self.team.merged]
-        new = self.own
-        if layers:
+        merged = self.team.merged
+        new = told = self.own
+        if merged:
             due = own_changed and tick - self._laid_tick >= self._lay_ticks
             if not due and not self.team.changed:
                 return False
             self._laid_tick = tick
-            new = self.filter.wireframe_with(layers, SAME_WALL_M)
+            new = self.filter.wireframe_with([peer.layer for peer in merged], SAME_WALL_M)
+            told = self.filter.told_with([peer.first_hand for peer in merged], SAME_WALL_M)
+        if told is not self.told and not _alike(told, self.told):
+            self.told = told
+            self._told_version += 1
         if new is self.wireframe or _alike(new, self.wireframe):
             return False
         self.wireframe = new
@@ -172,9 +185,10 @@ class Robot:
 
 
 def _alike(new: Wireframe, old: Wireframe) -> bool:
-    """Whether two maps have the same walls in the same places."""
+    """Whether two maps have the same walls in the same places, seen by the robot itself or not."""
     return (
         np.array_equal(new.labels, old.labels)
         and np.array_equal(new.edges, old.edges)
+        and np.array_equal(new.own, old.own)
         and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
     )

@@ -46,8 +46,8 @@ def merge(peer: Proposed, tick: int, own: Wireframe) -> Merged:
     """Accept a proposal: the map on trial becomes part of the robot's."""
     peer.log.map_is_news = True
     walls, fit = peer.trial.walls, fit_on_walls(own, peer.map.wireframe, peer.trial.transform)
-    hidden, layer = _laid(peer.map, fit.transform, walls)
-    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, hidden, layer, tick, tick)
+    laid = _laid(peer.map, fit.transform, walls)
+    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, *laid, tick, tick)
 
 
 def hide_seen_through(peer: Merged) -> Merged:
@@ -57,8 +57,8 @@ def hide_seen_through(peer: Merged) -> Merged:
     """
     if not (peer.walls.hidden(HIDDEN_AFTER) & ~peer.hidden).any():
         return peer
-    hidden, layer = _laid(peer.map, peer.transform, peer.walls)
-    return replace(peer, hidden=hidden, layer=layer)
+    hidden, layer, first_hand = _laid(peer.map, peer.transform, peer.walls)
+    return replace(peer, hidden=hidden, layer=layer, first_hand=first_hand)
 
 
 def contradiction(peer: Merged) -> Figures | None:
@@ -89,9 +89,9 @@ def update(
     if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
-    hidden, layer = _laid(newest, fit.transform, peer.walls)
-    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre), hidden=hidden, layer=layer)
-    return replace(peer, agreed_m=agreed, refused=0), figures
+    hidden, layer, first_hand = _laid(newest, fit.transform, peer.walls)
+    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre))
+    return replace(peer, hidden=hidden, layer=layer, first_hand=first_hand, agreed_m=agreed, refused=0), figures
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:
@@ -103,7 +103,11 @@ def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inli
     return transform if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)) else new
 
 
-def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer]:
-    """A received map in the robot's own frame, and (m,) the walls that it does not show."""
-    hidden = walls.hidden(HIDDEN_AFTER)
-    return hidden, layer_of(received.wireframe, np.asarray(transform), hidden, HITS_PER_M)
+def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer, Layer]:
+    """(m,) walls of a received map that are not shown, and the others in the own frame: all, and those at first hand.
+
+    At first hand are those that the sender saw itself.
+    """
+    wireframe, transform, hidden = received.wireframe, np.asarray(transform), walls.hidden(HIDDEN_AFTER)
+    layer = layer_of(wireframe, transform, hidden, HITS_PER_M)
+    return hidden, layer, layer_of(wireframe, transform, hidden | ~wireframe.own, HITS_PER_M)

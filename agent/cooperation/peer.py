@@ -160,6 +160,8 @@ class Merged:
     """(m,) walls of the merged map that own scans have seen through, and that are not shown."""
     layer: Layer
     """The merged map in the robot's own frame."""
+    first_hand: Layer
+    """What of it the peer saw itself: the rest is told to nobody."""
     since: int
     """Tick at which it was merged."""
     updated: int

@@ -26,7 +26,7 @@ from agent.state import State, checked
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
-LOOKS = 4  # scans from near a standing point before a goal counts as unresolved: a map changes its mind after three
+LOOKS_S = 0.8  # near a standing point before a goal counts as unresolved: a map changes its mind after three scans
 ARRIVED_M = 0.08  # nearer is there: half of what two ticks drive at full speed, so that no robot overshoots
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew in the time of a drive this long if the map changed: half a doorway
@@ -317,7 +317,7 @@ class Explorer:
         """Make the task the target; where it is the old one's, go on with its deadline and counts."""
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
-        looks_due = LOOKS if is_end(task) else 1
+        looks_due = self._ticks(LOOKS_S) if is_end(task) else 1
         self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):
             self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck

@@ -11,15 +11,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import PIECE
+from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
+from agent.geometry.lines import along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
-from agent.mapping.edges import CANDIDATE, FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, remove
+from agent.mapping.edges import CANDIDATE, FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, remove, set_end, set_tip, tip_at
 from agent.mapping.scan_merge import merge_scan
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 
+LONGER_M = 0.1  # what a layer adds to an own wall is cut off it where it is longer: corners move by less
 SCANS = 20.0  # scans that a received wall's likelihood stands for
 
 
@@ -65,6 +67,53 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
     for layer in layers:
         count = _lay(edges, count, layer.pieces, layer.likelihood, gates)
     return edges[:count]
+
+
+def first_hand(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
+    """The same for peers, from layers of what their senders saw themselves; own is but what own scans saw.
+
+    Walls at second hand are told to nobody. Else two robots whose walls each has from the other hold them for ever.
+    """
+    edges = merged(own, layers, gates)
+    count = len(edges)
+    edges = np.concatenate((edges, np.zeros(3 * len(own), own.dtype)))
+    return edges[: _cut_off_heard(edges, count, own)]
+
+
+@kernel
+def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
+    """Cut what layers have added to own walls (m,) off them, as walls of their own; returns the new count.
+
+    Own walls that a layer has joined into one stand beside it again.
+    """
+    for k in range(len(own)):
+        was = own[k]
+        if was.alive != WALL or was.seen < PUBLISH_AFTER:
+            continue
+        if edges[k].alive != WALL or edges[k].own == 0:
+            edges[count] = was
+            for side in range(2):
+                edges[count].link[side] = -1
+                if was.label[side] == NOMINAL:
+                    edges[count].label[side] = OCCLUSION
+            count += 1
+            continue
+        for side in range(2):
+            e, end = edges[k], along(edges[k], was.tip[side, 0], was.tip[side, 1])
+            if (tip_at(e, side) - end) * (1.0 if side == 1 else -1.0) <= LONGER_M:
+                continue
+            edges[count] = e
+            heard, partner = edges[count], e.link[side]
+            heard.own, heard.link[1 - side] = 0, -1
+            set_end(heard, 1 - side, FRONTIER, 0.0, 0.0)
+            set_tip(heard, 1 - side, end)
+            if partner >= 0:
+                edges[partner].link[1 - side] = count
+            e.link[side] = -1
+            set_end(e, side, FRONTIER, 0.0, 0.0)
+            set_tip(e, side, end)
+            count += 1
+    return count
 
 
 @kernel

@@ -26,7 +26,7 @@ from agent.mapping.joint import (
     relate,
     row_of,
 )
-from agent.mapping.layers import Layer, merged
+from agent.mapping.layers import Layer, first_hand, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.scan_merge import merge_scan
@@ -175,14 +175,7 @@ class WireframeFilter:
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
-        way = np.atleast_2d(odometry)
-        told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
-        grown = np.zeros((len(self.poses), 2))
-        if self._noisy:
-            self._make_room()
-            grown = self.wheels.move(self.poses, self.joint, told)
-        else:
-            self.poses[:] = self._odometry
+        grown = self.move(odometry)
         scores = update_particles(
             *self._particles(),
             grown,
@@ -193,6 +186,19 @@ class WireframeFilter:
             self._patience,
         )
         self._weigh(scores)
+
+    def move(self, odometry: Floats | Pose) -> Floats:
+        """Move every particle by odometry alone, as in `update`.
+
+        Returns (p, 2): by how much the variance of place and heading grew.
+        """
+        way = np.atleast_2d(odometry)
+        told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
+        if not self._noisy:
+            self.poses[:] = self._odometry
+            return np.zeros((len(self.poses), 2))
+        self._make_room()
+        return self.wheels.move(self.poses, self.joint, told)
 
     def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:
         """What each particle believes, a row each: walls and their number, pose, wheels, axis, joint covariance."""
@@ -312,6 +318,10 @@ class WireframeFilter:
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
         return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
+
+    def told_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
+        """The same as it is told to peers, from layers of what their senders saw themselves."""
+        return Wireframe(*_published(first_hand(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""

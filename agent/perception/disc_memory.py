@@ -7,7 +7,7 @@ from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
 SEEN_SCANS = 4  # scans for which a disc is expected that they miss: one in ten misses it, four in a row almost never
-STILL_SCANS = 15  # a disc still for so many scans while nobody is heard is a post; an exploring robot stands for four
+STILL_S = 3.0  # a disc still for so long while nobody is heard is a post; an exploring robot stands for 0.8 s
 STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to scan; a teammate drives so far in 0.3 s
 SILENCE_S = 21.0  # without any message nobody is near: of four beacons all are lost one time in 120 at 30 % loss
 MAX_POSTS = 200  # posts that are kept, the newest (16 bytes each): a hall has a dozen
@@ -45,6 +45,7 @@ class Posts:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._reach_m = spec.lidar.range_max_m
+        self._still = round(STILL_S * spec.lidar.rate_hz)
         self._silence = round(SILENCE_S * spec.lidar.rate_hz)
         self._heard = -self._silence  # tick of the last message
         self._standing = np.zeros((0, 4))  # (k, 4) x, y, and the ticks of the first and last sighting
@@ -71,10 +72,10 @@ class Posts:
                 self._standing[int(away.argmin()), 3] = tick
             else:
                 self._standing = np.vstack((self._standing, (x, y, tick, tick)))
-        stood = self._standing[:, 3] - self._standing[:, 2] >= STILL_SCANS
+        stood = self._standing[:, 3] - self._standing[:, 2] >= self._still
         if stood.any():
             self.places = np.vstack((self.places, self._standing[stood, :2]))[-MAX_POSTS:]
-        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= STILL_SCANS)]
+        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= self._still)]
 
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) those in reach of a pose, in its frame."""

@@ -8,7 +8,7 @@ from agent.config import AgentConfig
 from agent.robot import Robot
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import EVERYONE, Heard, Observation, RobotSpec
+from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
 from world.lidar import Lidar
@@ -51,6 +51,14 @@ def test_a_step_answers_its_tick_and_counts_its_messages() -> None:
         assert step.action.sent == len(step.sends)
         assert abs(step.action.speed_mps) <= SPEC.max_speed_mps
         assert abs(step.action.turn_rps) <= SPEC.max_turn_rps
+
+
+@pytest.mark.parametrize("rate_hz", [5, 10, 20])
+def test_walls_count_as_many_scans_in_a_second_at_any_rate(rate_hz: float) -> None:
+    mind = Robot("r1", RobotSpec(lidar=LidarSpec(rate_hz=rate_hz)), AgentConfig(), seed=3)
+    for tick in range(round(2 * rate_hz)):
+        mind.step(observation(tick), [])
+    assert len(mind.wireframe.edges) == 4 and abs(mind.filter.edges["due"].max() - 10) <= 1
 
 
 def test_a_robot_alone_sends_beacons_only() -> None:

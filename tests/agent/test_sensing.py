@@ -6,8 +6,10 @@ from deploy.bench.explored import explore
 
 HALF = {"turning": True, "field_of_view_deg": 180.0, "first_beam_deg": -90.0, "beams": 180}
 
+FAST = pytest.param({"turning": True, "rate_hz": 20.0}, marks=pytest.mark.slow)
 
-@pytest.mark.parametrize("lidar", [{"turning": True}, {"turning": True, "clockwise": True}, HALF])
+
+@pytest.mark.parametrize("lidar", [{"turning": True}, {"turning": True, "clockwise": True}, HALF, FAST])
 def test_an_apartment_is_mapped_with_a_lidar_that_turns_and_wheels_that_err(lidar: dict) -> None:
     spec = {"lidar": lidar, "odometry": {"noisy": True}}
     run = explore({"world": "apartment", "robots": 1, "seed": 0, "until": 45.0, "spec": spec}, {})

@@ -10,8 +10,9 @@ from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.geometry.transform import compose, inverse
 from agent.mapping.association import Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.layers import layer_of, merged
+from agent.mapping.layers import Layer, layer_of, merged
 from agent.perception.perceive import perceive
+from protocol.arrays import Records
 from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain
@@ -47,6 +48,18 @@ def laid(walk: Walk, theirs: Wireframe, transform: np.ndarray = T, hidden: np.nd
     return walk.filter.wireframe_with([layer], 0.06)
 
 
+def _with(wireframe: Wireframe, wall: np.ndarray) -> Wireframe:
+    """The same with one more wall (2, 2), both its ends open."""
+    n = len(wireframe.points)
+    return Wireframe(
+        np.vstack((wireframe.points, wall)),
+        np.append(wireframe.labels, [Label.FRONTIER, Label.FRONTIER]).astype(np.uint8),
+        np.vstack((wireframe.edges, (n, n + 1))).astype(np.int32),
+        np.append(wireframe.likelihood, 1.0).astype(np.float32),
+        np.append(wireframe.own, True),
+    )
+
+
 def test_what_the_other_saw_closes_all_frontiers(walk: Walk, whole: Wireframe) -> None:
     own = walk.filter.wireframe()
     assert (own.labels == Label.FRONTIER).any() and len(own.edges) < 10
@@ -80,27 +93,67 @@ def test_a_merge_is_undone_by_leaving_the_layer_away(walk: Walk, whole: Wirefram
     assert np.array_equal(again.points, own.points) and np.array_equal(again.labels, own.labels)
 
 
+@pytest.mark.parametrize("prolongs", [True, False])
+def test_a_wall_that_its_owner_has_dropped_is_soon_on_nobodys_map(walk: Walk, prolongs: bool) -> None:
+    own = walk.filter.wireframe()
+    head = int(np.flatnonzero((own.labels == Label.FRONTIER) & np.isin(np.arange(len(own.points)), own.edges[:, 1]))[0])
+    tail = int(own.edges[own.edges[:, 1] == head][0, 0])
+    along = (own.points[head] - own.points[tail]) / np.hypot(*(own.points[head] - own.points[tail]))
+    begin = own.points[head] if prolongs else np.array([1.0, 0.8])
+    ghost = np.array([begin, begin + 1.5 * along])
+    maps = [_with(own, ghost), own, own]  # what three robots in one place and frame tell each other
+
+    def ghostly(wireframe: Wireframe) -> bool:
+        pieces, _ = pieces_of(wireframe)
+        return bool((np.hypot(*(pieces[:, :2] - ghost.mean(0)).T) < 0.3).any())
+
+    def heard(robot: int, first_hand: bool) -> list[Layer]:
+        others = [maps[k] for k in range(3) if k != robot]
+        return [layer_of(other, np.zeros(3), ~other.own & first_hand, HITS_PER_M) for other in others]
+
+    maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M) for robot in range(3)]
+    assert [ghostly(told) for told in maps] == [False, True, True]
+    for _ in range(2):
+        maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M) for robot in range(3)]
+    assert not any(map(ghostly, maps))
+    assert not any(ghostly(walk.filter.wireframe_with(heard(robot, False), SAME_WALL_M)) for robot in range(3))
+
+
 def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) -> None:
     both = laid(walk, whole)
     theirs = np.sort(whole.likelihood)[: (~both.own).sum()]
     assert both.likelihood[~both.own].min() > theirs.min() - 0.1
 
 
-@pytest.mark.parametrize("tilt_deg", [-1.0, 0.5, 1.0])
-def test_a_stub_never_turns_ten_metres_that_a_peer_saw(tilt_deg: float) -> None:
-    tilt, length = math.radians(tilt_deg), 0.3
+def _stub(length: float, tilt_deg: float, hits: float) -> Records:
+    """(1,) of EDGE: a wall of own scans that begins at zero, both its ends open."""
+    tilt = math.radians(tilt_deg)
     u, middle = np.array([math.cos(tilt), math.sin(tilt)]), np.array([0.5 * length, 0.0])
     stub = np.zeros(1, EDGE)
-    stub["alive"], stub["own"], stub["hits"], stub["seen"], stub["link"] = WALL, 1, 500.0, 50.0, -1
+    stub["alive"], stub["own"], stub["hits"], stub["seen"], stub["link"] = WALL, 1, hits, 50.0, -1
     stub["x"], stub["y"] = middle
     stub["ux"], stub["uy"] = u
-    stub["xx"], stub["xy"], stub["yy"] = 500.0 * length**2 / 12 * np.array([u[0] ** 2, u[0] * u[1], u[1] ** 2])
+    stub["xx"], stub["xy"], stub["yy"] = hits * length**2 / 12 * np.array([u[0] ** 2, u[0] * u[1], u[1] ** 2])
     stub["tip"], stub["label"] = (middle - 0.5 * length * u, middle + 0.5 * length * u), Label.FRONTIER
+    return stub
+
+
+@pytest.mark.parametrize("tilt_deg", [-1.0, 0.5, 1.0])
+def test_a_stub_never_turns_ten_metres_that_a_peer_saw(tilt_deg: float) -> None:
+    stub = _stub(0.3, tilt_deg, hits=500.0)
     wall = certain(np.array([(0.0, 0.0), (10.0, 0.0)]), np.array([(0, 1)]))
     layer = layer_of(wall, np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M)
     laid = merged(stub, [layer], Gates(0.01, SAME_WALL_M))
     assert len(laid) == 1 and np.abs(laid["tip"][0, :, 1]).max() < 0.01
     assert np.abs(laid["tip"][0, :, 0] - (0.0, 10.0)).max() < 0.01
+
+
+def test_a_stub_of_centimetres_takes_no_wall_half_a_metre_beside_it() -> None:
+    stub = _stub(0.036, 0.0, hits=12.0)
+    wall = certain(np.array([(-3.7, 0.53), (-0.08, 0.53)]), np.array([(0, 1)]))
+    layer = layer_of(wall, np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M)
+    laid = merged(stub, [layer], Gates(0.01, SAME_WALL_M))
+    assert len(laid) == 2 and np.abs(laid["tip"][1] - wall.points).max() < 1e-6
 
 
 def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
@@ -144,15 +197,7 @@ def test_ground_that_an_alignment_used_is_not_fresh_and_what_is_known_of_it_outl
 
 
 def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wireframe) -> None:
-    segments = [tuple(s) for s in apply(FRAME, np.array([(1.0, 1.0), (1.0, 0.2)])).reshape(1, 4)]
-    n = len(whole.points)
-    phantom = Wireframe(
-        np.vstack((whole.points, np.array(segments).reshape(2, 2))),
-        np.append(whole.labels, [2, 2]).astype(np.uint8),
-        np.vstack((whole.edges, (n, n + 1))).astype(np.int32),
-        np.append(whole.likelihood, 1.0).astype(np.float32),
-        np.append(whole.own, True),
-    )
+    phantom = _with(whole, apply(FRAME, np.array([(1.0, 1.0), (1.0, 0.2)])))
     ground = WallEvidence()
     ground.lay(phantom)
     pose = (2.5, 0.7, 0.0)

@@ -18,12 +18,13 @@ def posts() -> Posts:
     return Posts(RobotSpec())
 
 
-def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard() -> None:
-    one = posts()
-    for tick in range(15):
+@pytest.mark.parametrize("rate_hz", [5, 20])
+def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard(rate_hz: int) -> None:
+    one, ticks = Posts(RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))), 3 * rate_hz
+    for tick in range(ticks):
         one.add(tick, HERE, STANDING + 0.01 * (tick % 3), heard=False)
     assert not len(one.places)
-    one.add(15, HERE, STANDING, heard=False)
+    one.add(ticks, HERE, STANDING, heard=False)
     assert np.allclose(one.places, STANDING, atol=0.03)
     assert np.allclose(one.seen_from((2.0, 0.0, np.pi / 2)), [[0.5, 0.0]], atol=0.03)
     assert not len(one.seen_from((20.0, 0.0, 0.0)))
