@@ -37,11 +37,11 @@ SLACK_LEVELS = 2
 AXIS_SLACK_DEG = 1.0
 """The grid is turned anew where the map's main axis is off by more: a wall of 1.2 m then costs 6 bits more."""
 MOST_HEARD = 80
-"""Messages of one peer that are read in a tick (ours): all parts of a map, and some more. Honest peers send 3."""
+"""Messages of one peer that are read in a tick (ours): all parts of a map, and some more. An honest peer sends 3."""
 MOST_ANSWERS = 8
-"""Maps of one peer that are acknowledged in a tick, the newest; else one peer has a robot say more than it may."""
+"""Maps of one peer that are acknowledged in a tick, the newest ones; else it could use up what a robot may say."""
 MOST_TRIES = 10
-"""A newer map waits until one in several parts is acknowledged, or was sent this often: else none would arrive."""
+"""A newer map waits until an older one in several parts is acknowledged, or was sent this often: else none arrives."""
 
 
 @dataclass(slots=True)
@@ -86,6 +86,7 @@ class Told:
     update: int = NEVER
     """Tick of the newest update."""
     tries: int = 0
+    """How often the newest update was sent again, or replaced, without an acknowledgement."""
     compared: int = -1
     """State of the robot's map that was last compared with what the peer has, or is being told."""
     untold: str = ""

@@ -10,14 +10,15 @@ from agent.exploration.planning import Roads
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 
-Kind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "wait", "park"]
+TaskKind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "wait", "park"]
 
 TOUR_TASKS = 40
 """Most tasks that are put in order, the nearest ones. maze-15 has 15 at most, gbeltramo_building 34.
 
-With 12 of 20 and no haste a robot may turn for ever, as tasks behind it leave the twelve while it drives to others.
+Among the nearest 12 of 20, without haste, a robot may turn to and fro for ever: tasks behind it leave the twelve while
+it drives to others.
 """
-SWITCH_GAIN_M = 1.5  # metres of path by which a tour must beat the task begun; with less, a robot may turn for ever
+SWITCH_GAIN_M = 1.5  # m by which a tour must beat the best that begins with the task under way; else robots dither
 _FAR_M = 1e6  # stands for no way, as a tour cannot add up infinities
 _LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding errors could go on for ever
 
@@ -25,11 +26,11 @@ _LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding
 class Task(NamedTuple):
     """Something to look at, and from where."""
 
-    kind: Kind
+    kind: TaskKind
     place: Floats  # (2,) what is to be seen, metres
     stand: Floats  # (2,) where to stand for it
     along: Floats = np.zeros(2)  # (2,) unit, of an open end: where its wall goes on
-    extra_m: float = 0.0  # metres of path that the view from this standing point is worse than a view from close by
+    extra_m: float = 0.0  # added to the path, metres: how much worse the view from there is than one from close by
     samples: Floats | None = None  # (n, 2) samples of free area that a sweep is to see from there
     begun: bool = False  # whether the robot is on its way there
 
@@ -58,7 +59,10 @@ def is_end(task: Task) -> bool:
 
 
 def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
-    """Tasks that no rival is nearer to by path; rivals: (k, 3) place, and metres by which each must be nearer."""
+    """Tasks that no rival, a teammate that shares the work, is nearer to by path.
+
+    rivals: (k, 3) place, and metres by which each must be nearer.
+    """
     if not len(rivals) or not tasks:
         return tasks
     stands = np.array([task.stand for task in tasks])

@@ -31,7 +31,7 @@ class ExplorationConfig(Config):
     least_likelihood: Chance = 0.5
     """Walls that are less likely than this (0 to 1) are looked at again by the least-likely state."""
     haste: Annotated[float, Field(ge=0, lt=1)] = 0.25
-    """How much an order of goals is judged by the mean way to the frontiers (1) rather than by its length (0).
+    """How much an order of goals is judged by the mean way to the open ends (1) rather than by its length (0).
 
     With 0 and 0.25, five starts in each of seven worlds: 269 and 248 m until 99 % in gbeltramo_building and no clear
     difference elsewhere; with 0.5 all take 4 % longer until complete."""
@@ -39,7 +39,7 @@ class ExplorationConfig(Config):
     """Attempts at a goal before it counts as unreachable. Later ones are made when nothing else is left and the map
     has changed."""
     patience_s: Positive = 15.0
-    """A goal is given up when it takes so many seconds more than twice the time that its path needs."""
+    """A goal is given up after twice the time that its path takes at full speed, and so many seconds more."""
 
 
 class DrivingConfig(Config):

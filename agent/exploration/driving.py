@@ -13,19 +13,19 @@ from protocol.geometry import Pose
 from protocol.messages import RobotSpec
 
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
-_LOOKAHEAD_STEPS = 10
+_LOOKAHEAD_STEPS = 10  # points of the lookahead that are tried, the farthest first
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
-BESIDE_M = 0.6
+BESIDE_M = 0.6  # a teammate whose centre is nearer is beside the robot
 TURN_BESIDE_RAD = 0.5
-"""Heading error beyond which the robot turns on the spot beside a teammate, which may be this near: both move, and in
-an arc the robot cannot give way. Without, robots touched in one of five runs of five robots in maze-15."""
+"""Heading error beyond which a robot turns on the spot beside a teammate; elsewhere a quarter turn. Both move, and in
+an arc the robot cannot give way: without this, robots touched in one of five runs of five robots in maze-15."""
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
 HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and the next if the answer to a scan is late
 _ARC_STEPS = 4  # places on that motion that are checked
 MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
-CLEAR_SIDE_M = 0.15  # one this far to the right of the way is passed on the left: it sees the robot on its right, too
+CLEAR_SIDE_M = 0.15  # a teammate so far to the right of the way is passed on the left, as it has the robot on its right
 
 
 class Obstacles(NamedTuple):
@@ -57,7 +57,7 @@ STANDS = Motion(0.0, 0.0, False)
 def _steer_point(x: float, y: float, path: Floats, walls: Floats, clearance: float) -> tuple[float, float]:
     """Farthest point of the path (k, 2), at most the lookahead along it, that is reached straight and clear.
 
-    Walked backwards in steps of a tenth of the lookahead; the nearest one is taken unasked.
+    Points are tried from the farthest back, a tenth of the lookahead apart; the nearest one is taken unasked.
     """
     steps = _LOOKAHEAD_STEPS
     best_x, best_y = path[0, 0], path[0, 1]

@@ -29,7 +29,7 @@ from protocol.messages import Event, RobotSpec
 LOOKS_S = 0.8  # near a standing point before a goal counts as unresolved: a map changes its mind after three scans
 ARRIVED_M = 0.08  # nearer is there: half of what two ticks drive at full speed, so that no robot overshoots
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
-RECONSIDER_M = 0.44  # goals are compared anew in the time of a drive this long if the map changed: half a doorway
+RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 BACK_OFF_M = 0.2  # how far a stuck robot moves away from what it is close to
@@ -64,7 +64,8 @@ class Explorer:
         self.headway = Headway(rng, spec.lidar.rate_hz)
         self.complete = False
         self.target: Target | None = None
-        self._put_back: Target | None = None  # the last tick's, to be compared anew or with a path no longer good
+        self._put_back: Target | None = None
+        """The last target, where this tick compares it with others, or its path is no longer clear."""
         self._errand: Floats | None = None
         self._errand_arrived: bool | None = None
         self._events: list[Event] = []
@@ -80,7 +81,7 @@ class Explorer:
         return self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.goals.memory.nbytes
 
     def look(self, situation: Situation) -> Scene:
-        """Take in the situation. A target that is resolved, in vain or to be compared anew is under way no longer."""
+        """Take in the situation. The target is dropped where it is resolved, in vain, or to be compared anew."""
         scene = self.surroundings.look(situation)
         self._events, self._errand_arrived, self._put_back = [], None, None
         self._take_errand(scene.errand)
@@ -189,6 +190,7 @@ class Explorer:
             self._resume(self.goals.ends.points[fresh[0]], "a new frontier")
 
     def _resume(self, place: Floats, reason: str) -> None:
+        """End `complete`; place: (2,) where something is to be done."""
         self.complete, self.target = False, None
         self._tell("resumed", reason=reason, place=rounded(place))
 
@@ -246,7 +248,7 @@ class Explorer:
         self._give_up(f"still open seen from {tried} standing points")
 
     def _give_up(self, reason: str) -> None:
-        """Abandon the target, and remember why."""
+        """Drop the target, and remember why."""
         target, self.target = self.target, None
         assert target is not None
         if is_end(target.task):
@@ -274,7 +276,7 @@ class Explorer:
     def _choose_frontier(self, scene: Scene, old: Target | None) -> Target | None:
         """The first task of a tour through fresh ends, or else through those to be tried again; None without any."""
         begun = None if old is None else old.task
-        # slots are looked into from close by, once, where no fresh end can be seen on at ease
+        # close views, into slots, are tried where no other view of a fresh end can be had
         for ends, views in ((self.goals.fresh(), (False, True)), (self.goals.again(), (False,))):
             for close in views if len(ends) else ():
                 for roads in self.surroundings.ways(scene):
@@ -349,6 +351,7 @@ class Explorer:
         return any(self.states.next(scene, roads, eyes) for roads in self.surroundings.ways(scene, teammates=False))
 
     def _wait(self, scene: Scene) -> Target:
+        """Stand until the teammates that bar all there is may have moved on."""
         self._waits += 1
         self.headway.restart(scene.tick)
         here, patience = Task("wait", scene.here, scene.here), self.headway.patience
@@ -356,12 +359,14 @@ class Explorer:
         return self.target
 
     def _deadline(self, scene: Scene, path: Floats) -> float:
+        """Tick at which a target at the end of a path (k, 2) is given up."""
         seconds = 2.0 * length_of(path) / self.spec.max_speed_mps + self.config.patience_s
         return scene.tick + math.ceil(seconds / self.driver.tick_s)
 
     # how to get there
 
     def _drive(self, scene: Scene, target: Target) -> Motion:
+        """The next motion along the target's path, or back. Here a robot finds that it is stuck, or long barred."""
         if scene.tick < self._back_off[0]:
             return self._drive_back(scene)
         target.path = ahead_of(target.path, scene.here, scene.walls, target.clearance)

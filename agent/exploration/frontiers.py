@@ -29,10 +29,10 @@ def _offsets(along: tuple[float, ...], off: tuple[float, ...]) -> Floats:
 _FRONTIER = _offsets((-0.3, 0.2, 0.7, 1.3), (0.3, 0.6, 1.0, 1.6, 2.3))
 _OCCLUSION = _offsets((0.2, 0.5, 1.0, 1.6), (1.2, 0.6, 0.25, 0.0, -0.4))
 _EDGE = _offsets((-0.6, 0.0, 0.6), (0.5, 1.0, 1.6))
-"""Standing points (n, 2): metres along the wall beyond its end, and off it on the free side."""
+"""Standing points (n, 2): metres along the wall beyond its end (of `_EDGE` its middle), and off it on the free side."""
 _CLOSE_FRONTIER = _offsets((-0.6, -0.4, -0.2, 0.0), (0.14, 0.2))
 _CLOSE_OCCLUSION = _offsets((0.04, 0.08, 0.13), (0.15, 0.25, 0.4, 0.6))
-"""The same for a view into a slot too narrow to stand in: beside a wall, hardly beyond the end, and flat."""
+"""The same for a view into a slot too narrow to stand in: close beside the wall, hardly beyond its end."""
 
 
 class Ends(NamedTuple):
@@ -71,7 +71,10 @@ def open_ends(wireframe: Wireframe) -> Ends:
 
 
 def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:
-    """Per end (g,) the lowest end that faces it across a gap in one wall, or itself: they count once."""
+    """Per end (g,) the row of the first end that faces it across a gap in one wall, or its own: these are one goal.
+
+    gap_m: between them along the wall; off_m: across it, at most.
+    """
     d = ends.points[None, :] - ends.points[:, None]
     ahead, aside = (d * ends.along[:, None]).sum(2), np.abs((d * ends.free[:, None]).sum(2))
     facing = (ends.free @ ends.free.T > 0.95) & (ends.along @ ends.along.T < -0.95)

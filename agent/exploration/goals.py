@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agent.exploration.agenda import Kind, Task, is_end
+from agent.exploration.agenda import Task, TaskKind, is_end
 from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
 from agent.exploration.planning import Roads
@@ -20,13 +20,14 @@ from protocol.wireframe import Wireframe
 
 REFRESH_M = 0.13  # open ends move with each scan: read in each drive this long, and when the map's structure changes
 OTHER_STAND_M = 0.25  # a standing point nearer than this to one that did not help will not help either
-STARE_COST = 0.5  # metres of path that a metre of distance between standing point and goal is worth: nearer sees better
+STARE_COST = 0.5  # metres of path that a metre from standing point to goal is worth: from nearer more is seen
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
 TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
 SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
 SAME_DIRECTION_RAD = 0.8
-"""They also go on in directions that differ by less: 45 degrees, as opposite faces and corners differ by 90."""
-MOST_ENDS = 40  # open ends that are goals at a time, the nearest that are left: a map of hostile peers has hundreds
+"""The directions in which the walls of two such ends go on differ by less, 45 degrees: those of the two walls at a
+corner differ by 90."""
+MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 
@@ -35,11 +36,11 @@ REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about
 class Tried:
     """What became of a goal."""
 
-    attempts: int = 0
+    attempts: int = 0  # in vain
     blocked: int = 0  # times when a teammate was in the way; these are no attempts
     version: int = -1  # map version at the last attempt
     stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
-    reason: str = ""
+    reason: str = ""  # of the last attempt's end
     unreachable: bool = False
 
 
@@ -96,7 +97,7 @@ class Goals:
         return [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
 
     def read(self, scene: Scene) -> int:
-        """Read the open ends where the map is new or it is time; ticks for which this reading stands, 0 without."""
+        """Read the open ends where the map is new or it is time; ticks since the last reading, 0 where none is made."""
         passed = self.refresh_ticks if self._tick < 0 else scene.tick - self._tick
         if scene.version == self._version and passed < self.refresh_ticks:
             return 0
@@ -117,6 +118,7 @@ class Goals:
         self._tried = self._tried[kept]
 
     def _recall(self) -> None:
+        """Look up the record of each open end."""
         self._tried = self.memory.find(self.ends.points, self.ends.along)
 
     def fresh(self) -> Ints:
@@ -149,7 +151,7 @@ class Goals:
         return one.kind == other.kind and bool((one.stand == other.stand).all())
 
     def tasks(self, goals: Ints, roads: Roads, begun: Task | None = None, close: bool = False) -> list[Task]:
-        """Open ends that can be seen on from a standing point that is reached: one task for each wall.
+        """Open ends whose walls can be seen on from a standing point that is reached: one task for each wall.
 
         goals: rows of ends; begun: the task that the robot is on its way to; close: of `stands_of`.
         """
@@ -171,7 +173,7 @@ class Goals:
             if route is not None:
                 k = here[route.goal]
                 place, along, _, frontier, _ = (of_ends[goal_of[k]] for of_ends in self.ends)
-                kind: Kind = "frontier" if frontier else "occlusion"
+                kind: TaskKind = "frontier" if frontier else "occlusion"
                 begins = kept >= 0 and bool(once[kept] == wall)
                 tasks.append(Task(kind, place, points[k], along, extra_m=float(extra[k]), begun=begins))
         return tasks

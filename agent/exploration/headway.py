@@ -18,7 +18,7 @@ class Headway:
     def __init__(self, rng: np.random.Generator, rate_hz: float) -> None:
         self.rng, self.rate_hz = rng, rate_hz
         self.patience = 0  # ticks that the robot waits for a teammate
-        self._least_left_m, self._tick, self._blocked = math.inf, 0, 0
+        self._least_left_m, self._tick, self._blocked = math.inf, 0, 0  # the tick of that; ticks barred since then
 
     def restart(self, tick: int) -> None:
         """Begin anew, with new patience."""

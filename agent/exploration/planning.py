@@ -28,7 +28,7 @@ FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
 _WAYPOINT_M = 0.03  # a waypoint this near is passed
 
 _NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
-_FROM_START, _NO_WAY = -1, -2  # of what comes before a goal on its way, where otherwise the row of a node stands
+_FROM_START, _NO_WAY = -1, -2  # in place of the row of the node before a goal
 _START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
 _STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
 _TWO_NODES_RAD = 0.5 * math.pi + 0.1  # a sharper corner has two nodes, so that ways around it stay short

@@ -16,7 +16,7 @@ from protocol.geometry import Pose, apply
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
-NEAR_M = 1.5  # walls within this of the robot matter for the next commands; at full speed it drives 0.09 m in two
+NEAR_M = 1.5  # walls within this of the robot matter for the next two commands, in which it drives 0.09 m at most
 PUSHING_SHARE = 0.3  # a robot that gets on by less than this share of what was commanded pushes against something
 PUSHING_S = 1.0  # a robot that has pushed for so long pushes against an unseen wall
 MOST_WALLS = 50  # most unseen walls kept in memory (32 bytes each): 12 m of glass
@@ -24,11 +24,11 @@ MOST_WALLS = 50  # most unseen walls kept in memory (32 bytes each): 12 m of gla
 
 @dataclass(frozen=True)
 class Situation:
-    """What the robot knows in a tick. Metres and radians; the robot's own frame, if nothing else is said."""
+    """What the robot knows in a tick. Metres and radians; the frame of the map, the robot's own, unless said."""
 
     tick: int
     wireframe: Wireframe  # the map
-    version: int  # greater whenever the map changed structurally
+    version: int  # of the map, greater whenever it changed
     pose: Pose
     scan: Wireframe  # corners and walls seen now, frame of the robot's pose
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose

@@ -28,7 +28,7 @@ LATTICE_M = 0.6  # distance between standing points considered by the sweep: a q
 LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, that a stand must show: fewer are a sliver
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
-_STOOD_M = 0.15  # standing points closer than this to a former one show nothing more
+_STOOD_M = 0.15  # standing points nearer than this to a former one show nothing more
 SPACING_M = 0.5  # distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side
 MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
 
@@ -93,9 +93,9 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond:
 
 
 def _cover(views: Bools, keep: bool) -> list[int]:
-    """Rows that together cover what the matrix (k, n) covers, the one that adds most first, while that is enough.
+    """Rows of views (k, n) that together show most columns, each the one that adds most, while it adds LEAST_SAMPLES.
 
-    keep: the first row that shows enough comes first.
+    keep: the first row that shows so many is taken first.
     """
     chosen: list[int] = []
     while True:

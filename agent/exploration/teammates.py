@@ -14,7 +14,7 @@ from protocol.messages import RobotSpec
 _SAME_M = 0.3  # a disc this near to where a teammate was is the same one; it drives 0.05 m a tick
 _STILL_M = 0.05  # a teammate that moved less stands
 _IN_WALL = 0.8  # a disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate
-_FIXED_S = 1.0  # how long a disc in a wall is remembered: a scan longer than perception hides its beams
+_FIXED_S = 1.0  # how long a disc in a wall is remembered: a scan longer than perception leaves out its beams
 STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
 AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
@@ -67,8 +67,8 @@ class Teammates:
     def fronts(self, eye: Floats) -> Floats:
         """Walls (k, 4) where discs in walls were hit lately, seen from eye (2,): posts and ends, hidden from the map.
 
-        What perception takes for a teammate is in no wall of the scan, and what stands in a wall is no teammate:
-        without these fronts nothing would keep a robot from driving into it.
+        Perception makes no wall of what it takes for a teammate, and what stands in a wall is no teammate here. Without
+        these fronts nothing would keep a robot from driving into it.
         """
         if not any(map(len, self._fixed)):
             return np.zeros((0, 4))

@@ -1,4 +1,4 @@
-"""Walls in the cells of a grid."""
+"""Walls as cells of a grid, for programs that take grids."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 from protocol.arrays import Floats
 from protocol.walls import directions, lengths, points_along
 
-CELL_M = 0.05  # of grids for others, as most maps of Nav2
+CELL_M = 0.05  # of such grids, as in most maps of Nav2
 MARGIN_CELLS = 4  # around the walls of such a grid
 ASIDE_M = 1e-6  # a wall on the line between two cells belongs to the one that is solid
-SAMPLES = 4  # of a wall, per cell
+SAMPLES = 4  # of a wall in the length of a cell
 
 
 def wall_cells(walls: Floats, corner: tuple[float, float], cell_m: float) -> NDArray[np.int64]:

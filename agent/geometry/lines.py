@@ -38,9 +38,9 @@ def placed(
 
 @kernel
 def pool(line: Record, hits: float, x: float, y: float, moments: tuple[float, float, float]) -> None:
-    """Fit a line of points to more of them: their number, centroid, and moments xx, xy, yy about it, m2.
+    """Fit a line to more points: their number, their centroid, and their moments xx, xy, yy about it, m2, are added.
 
-    The line has such `hits` and moments, too. Its direction turns by less than a quarter.
+    The line is a record with `hits` and such moments of its own. Its direction turns by less than a right angle.
     """
     total, dx, dy = line.hits + hits, x - line.x, y - line.y
     w = line.hits * hits / total

@@ -9,7 +9,7 @@ from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 
 STAND_M = 0.3  # distance between the places on a robot's path from which its views are drawn
-VIEW_RAYS = 90  # of a view, besides those past the ends of walls
+VIEW_RAYS = 90  # directions of a view, beside those past the ends of walls
 _BESIDE_RAD = 1e-4  # rays beside a wall's end see the wall itself, and what lies behind it; 0.35 mm at 3.5 m
 
 

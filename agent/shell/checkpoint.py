@@ -1,8 +1,8 @@
 """A mind on disk: what a robot's process that was killed and started again goes on from.
 
-A file is one record of arrays by name, each its type, shape and bytes, moved to its place as a whole. numpy's own
-archives have Python literals in them, whose parser fails in more ways than it says. The file before is kept, because a
-process may be killed after it wrote a checkpoint of the tick at which it then comes back.
+A file is one record of arrays by name, each as type, shape and bytes, and moved to its place as a whole. It is no
+archive of numpy's, as these have Python literals in them, whose parser fails in more ways than it says. The file before
+the last is kept, too: a process may be killed after it wrote a checkpoint of the very tick at which it then comes back.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from protocol.files import write_whole
 from protocol.records import UNREADABLE, opened, sealed
 
 CHECKPOINT_S = 4.0
-"""Simulated time between two checkpoints. One takes 1 ms; no map may lose more than 5 s."""
+"""Simulated time between two checkpoints: a robot that comes back is to lose 5 s of its map at most. One takes 1 ms."""
 MAX_BYTES = 64 << 20
-"""Of a checkpoint: ten times that of a mind with as many walls as it takes."""
+"""Of a checkpoint: ten times that of a mind with as many walls as a map may have."""
 KINDS = re.compile(r"[<|][biufU]\d{1,3}")
 """Types of arrays, as numpy writes them, that a file may have."""
 

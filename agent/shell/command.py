@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 Certs = Annotated[Path | None, Option(help="Folder of `wireswarm certs`; links are encrypted.", metavar="DIR")]
 
 LAST_TICK_S = 1.0
-"""A tick takes some ms; containers are killed 2 s or more after they are asked to stop."""
+"""How long a robot that is asked to stop may take for its tick. One takes some ms, and containers are killed after 2 s
+or more."""
 
 
 def agent(

@@ -34,7 +34,7 @@ MakeMind = Callable[[str, RobotSpec, AgentConfig, int], Mind]
 
 
 class OwnMind:
-    """A base for minds of your own: derive from it, write `drive`, and `wireswarm run --mind package:Class`."""
+    """A base for minds of your own: derive from it, write `drive`, run it by `wireswarm run --mind package:Class`."""
 
     complete = False
     """Set it when there is nothing left to explore; a run until complete ends when all robots say so."""
@@ -64,7 +64,7 @@ class OwnMind:
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """What the shell calls."""
-        from agent.robot import Step  # with all of our own mind
+        from agent.robot import Step  # only here, as it brings all of our own mind
 
         tick = observation.tick
         self._sends, self._map = [], None
@@ -81,10 +81,10 @@ class Minds:
     """Makes the mind that is named for each robot; ours where none is."""
 
     names: Mapping[str, str]
-    """As the setting `mind`."""
+    """package:Class by robot, `*` for all others, as in the setting `mind`."""
 
     def __call__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> Mind:
-        """As agent.robot.Robot."""
+        """Make a mind."""
         name = self.names.get(robot) or self.names.get(EVERYONE)
         if name is None:
             from agent.robot import Robot

@@ -39,6 +39,10 @@ class AgentInbox(Inbox):
     """What comes to one robot: samples of robots/ID/in/**, and changes of the world's liveliness token."""
 
     WORLD = "world"
+    world_up = False
+    """Whether the world's liveliness token is there."""
+    world_changes = 0
+    """How often that has changed. Where it changed since a question was asked, nobody knows which world answered."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,13 +51,8 @@ class AgentInbox(Inbox):
         self.robot = ""
         """Who this process is, once it is known."""
 
-    world_up = False
-    """Whether the world's liveliness token is there."""
-    world_changes = 0
-    """How often that has changed. Where it changed since a question was asked, nobody knows which world answered."""
-
     def last_words(self) -> None:
-        """What is to be done where this process ends at once; on another thread."""
+        """Do what is left to do where this process ends at once; called on another thread."""
 
     def watch(self, sample: zenoh.Sample) -> None:
         """Take a change of the world's liveliness token."""
@@ -113,17 +112,19 @@ def run_agent(
 
 
 def _leave(session: zenoh.Session, robot: str, inbox: AgentInbox) -> None:
+    """Tell the world that this robot goes."""
     for _ in session.get(keys.service(robot, keys.LEAVE), payload=_question(session, robot, inbox), timeout=LEAVE_S):
         pass
 
 
 def _question(session: zenoh.Session, robot: str, inbox: AgentInbox) -> bytes:
+    """What a robot asks the world with: who it is."""
     zid = str(session.info.zid())
     return encode(Join(version=PROTOCOL_VERSION, robot=robot, session=zid, process=inbox.process))
 
 
 def own_mind(inbox: AgentInbox) -> MakeMind:
-    """Ours, with its kernels loaded."""
+    """What makes minds of ours, with their kernels loaded."""
     with inbox.long_work():
         from agent.robot import Robot
         from agent.warmup import rehearse
@@ -276,6 +277,7 @@ class Life:
         return "interrupted"
 
     def _keep(self, tick: int) -> None:
+        """Keep the mind after its step at a tick, if a checkpoint is due."""
         welcome = self._entry.welcome
         if self._checkpoints is None or tick == self._kept or not due(tick, welcome.spec.lidar.rate_hz):
             return

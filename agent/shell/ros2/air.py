@@ -20,8 +20,8 @@ from protocol.session import at_once
 from protocol.talk import MAX_SENDS
 
 HEARD_FOR_S = 3.0  # a place that was told longer ago is none: at 0.2 m/s a robot is 0.6 m away by then
-MAX_ROBOTS = 500  # whose places are kept
-MOST_HEARD = 5000  # messages of all robots in a step: 6 MB
+MAX_ROBOTS = 500  # whose places are kept at a time
+MOST_HEARD = 5000  # messages of all robots between two steps: 6 MB
 
 
 class Air:

@@ -16,7 +16,7 @@ Frame = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_./-]{1,100}$")]
 
 
 def is_namespace(name: str) -> bool:
-    """Whether a name such as /r1 is a namespace, / that of none."""
+    """Whether a name is a namespace of ROS 2, such as /r1, or / for none."""
     return name == "/" or (re.fullmatch(rf"(/{NAME})+", name) is not None and len(name) <= MAX_NAMESPACE)
 
 

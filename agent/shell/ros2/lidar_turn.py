@@ -10,10 +10,10 @@ from protocol.messages import MAX_BEAMS, LidarSpec
 
 APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 m/s the robot is elsewhere by then
 LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
-MAX_RANGE_M = 100.0  # of a LidarSpec
-MIN_VIEW = math.radians(1)  # of a LidarSpec
-MAX_VIEW = 7.0  # rad: a turn and some directions again
-MAX_TURN_S = 10.0  # of a lidar; a slower one is a unit that is mixed up
+MAX_RANGE_M = 100.0  # as in LidarSpec
+MIN_VIEW = math.radians(1)  # as in LidarSpec
+MAX_VIEW = 7.0  # rad: a whole turn, and some directions again
+MAX_TURN_S = 10.0  # a turn that takes longer is told in a wrong unit
 
 
 def stamp_of(message: Any) -> float:

@@ -32,17 +32,17 @@ from protocol.settings import MAX_NUMBER
 from protocol.wireframe import Wireframe, decode_wireframe
 
 LOOK_S = 0.05
-"""So often the shell looks whether scans cease."""
+"""The shell looks this often whether scans have ceased."""
 TELL_S = 1.0
 """Between two diagnostics; a robot that stands is told to stop as often."""
 MOST_TAKERS = 1000
-"""Subscribers of commands that are counted."""
+"""Subscribers of commands that are counted, at most."""
 PATIENCE = 5
 """Diagnostics after which a reason to stand is said on stderr, too: at the start, topics come one after the other."""
 MOST_WAITING = 4000
-"""Messages that wait, of which all are taken between two steps: odometry of 1 kHz in four seconds."""
+"""Messages that wait at most, all of which are taken between two steps: odometry of 1 kHz in four seconds."""
 THERE_S = 1.0
-"""A router answers within some ms whether a robot of this name is there."""
+"""How long the router may take to say whether a robot of this name is there; it takes some ms."""
 DEAD_MAN = "dead_man"
 """Topic of the dead man's switch."""
 COMMANDS = (wire.TWIST, wire.TWIST_STAMPED)
@@ -191,6 +191,7 @@ class Ros2Shell:
         self._drive(0.0, 0.0)
 
     def _hear(self, arrival: Arrival) -> None:
+        """Act on what came: a message of a topic, a change among those who take commands, or one from another robot."""
         what, robot, payload, _ = arrival
         if what in self._take:
             kind, take = self._take[what]
@@ -271,6 +272,7 @@ class Ros2Shell:
             self._tell(hindrance)
 
     def _tell(self, hindrance: str) -> None:
+        """Publish how the robot does (diagnostics)."""
         sentence = hindrance or ("complete" if self._complete else "explores")
         figures: dict[str, object] = {"walls": len(self._map.edges), "messages lost": self._inbox.lost}
         figures |= self._sensing.skipped
@@ -285,6 +287,7 @@ class Ros2Shell:
         return self._last.stamp_s + max(0.0, time.monotonic() - self._sensing.last_seen)
 
     def _drive(self, speed_mps: float, turn_rps: float) -> None:
+        """Command a speed and a turn rate, in each type that the robot subscribes to."""
         self._stands = speed_mps == turn_rps == 0.0
         for kind, publisher in list(self._commands.items()):
             if kind == wire.TWIST:

@@ -17,15 +17,15 @@ from protocol.geometry import Pose, compose, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
 from protocol.settings import MAX_NUMBER
 
-WAIT_S = 0.15  # odometry of the scan's end may come later than the scan; it comes every 0.05 s and less
-KEPT_S = 10.0  # of odometry
-MOST_KEPT = 10_000  # odometry messages: of 1 kHz in these seconds
-KNOTS = 5  # poses of odometry along a turn of the lidar: every 40 ms for one of 0.2 s
+WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes every 0.05 s or more often
+KEPT_S = 10.0  # of odometry, at least
+MOST_KEPT = 10_000  # messages of odometry that are kept: 1 kHz in these seconds
+KNOTS = 5  # poses of odometry for each scan: every 40 ms of a turn of 0.2 s
 BACK_AGAIN = 10
-"""So many messages in a row that are older than the one before: the clock was set back, and its new time holds."""
+"""Messages in a row, older than one before, after which the clock counts as set back, and its new time holds."""
 JUMP_M, JUMP_RAD = 0.3, 0.5
-"""Odometry that moves by so much more than twice what the robot can do began anew: its base was started again."""
-SLIP_TICKS = 2  # a lidar that is not as fast as it says leaves the clock's ticks by at most so many
+"""Odometry that moves by more than twice what the robot can do, and so much, began anew: its base was started again."""
+SLIP_TICKS = 2  # ticks counted by scans are fewer than so many off those of the clock, as no lidar is exactly on time
 EPOCH_S = 1_767_225_600.0
 """Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
 MAX_TICK = 2**32 - 1  # of a beacon
@@ -108,7 +108,7 @@ class Wheelpath:
         return np.column_stack([np.interp(times, rows[:, 0], column) for column in rows[:, 1:].T])
 
     def told(self, own: Pose) -> Pose:
-        """A pose of the way as the odometry tells it now."""
+        """A pose of the way in the frame in which the odometry tells poses now."""
         return relative(self._fix, own)
 
 

@@ -17,7 +17,7 @@ from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe
 
-REACH_M = 8.0  # of a view, whatever the lidar's range: drawn in 8 ms among 300 walls
+REACH_M = 8.0  # of a view at most, where the lidar's range is longer: it is drawn in 8 ms among 300 walls
 MAX_CELLS = 25_000_000  # of a grid: a square of 250 m
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100  # as in nav_msgs/msg/OccupancyGrid
 LINE_M = 0.03  # as wide as walls are drawn, and half of an open end
@@ -58,7 +58,7 @@ class SeenArea:
         self.seen[bottom:top, left:right] |= shapely.contains_xy(area, x, y)
 
     def _grow(self, low: Ints, high: Ints) -> bool:
-        """Have cells from one to before another; false where they would be too many."""
+        """Have cells from `low` to before `high`, column and row; false where they would be too many."""
         if np.prod(high - low) > MAX_CELLS:
             return False
         (left, bottom), (right, top) = (self.low - low).tolist(), (high - self.high).tolist()
