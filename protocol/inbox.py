@@ -12,7 +12,7 @@ import zenoh
 from protocol import keys
 
 SIGNAL_S = 0.2
-"""After so long a handler of a signal runs: a stop is to take less than 2 s, and five wakes a second cost nothing."""
+"""Longest time until a signal is handled, by waking so often: a stop is to take less than 2 s."""
 
 
 class Arrival(NamedTuple):
@@ -30,7 +30,7 @@ class Inbox(SimpleQueue[Arrival]):
     STOP = "stop"
     stopped = False
     busy = False
-    """Whether that thread is at work for minutes that nobody needs to be brought to its end."""
+    """Whether the thread that empties it is at long work that may be broken off, such as compiling."""
 
     def stop(self) -> None:
         """Ask the thread that empties the inbox to end its run."""

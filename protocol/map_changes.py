@@ -41,7 +41,7 @@ class Changes(NamedTuple):
 
     built: dict[int, list[VertexRun]]
     """Those chains of the new map that are not in the base, in the order in which they cost the fewest bits."""
-    dropped: list[int]  # chains of the base that are gone, but those from which a run takes vertices
+    dropped: list[int]  # chains of the base that are gone, without those from which a run takes vertices
 
 
 def changes(new: GridMap, base: GridMap) -> Changes:

@@ -271,7 +271,7 @@ class Observation(Message):
     """At the stamp, in the robot's own frame, which is its start pose."""
     way: Annotated[bytes, Field(max_length=24 * MAX_WAY), AfterValidator(_way)] = b""
     """float64 little-endian poses in the same frame, at equal steps of the period since the last stamp; the last one is
-    `odometry`. None where the wheels were read at the stamp only."""
+    `odometry`. Empty where the wheels were read at the stamp only."""
     heard: Count = 0
     """How many Heard of the same tick came before."""
 
@@ -297,7 +297,7 @@ def scan_of(ranges: bytes) -> Floats:
 
 
 class Heard(Message):
-    """World to robot: what came through the radio gate."""
+    """World to robot: a message of another robot that came through the radio gate."""
 
     tick: Tick
     sender: RobotId
@@ -330,7 +330,7 @@ class Event(Message):
 
 
 class Action(Message):
-    """Robot to world, the last of a tick."""
+    """Robot to world, the last of a tick's messages: how it drives, and how it does."""
 
     tick: Tick
     speed_mps: Finite
@@ -338,9 +338,12 @@ class Action(Message):
     sent: Count = 0
     """How many Send of the same tick came before."""
     complete: bool = False
+    """Whether the robot has nothing left to explore."""
     events: Annotated[list[Event], Field(max_length=1000)] = []
     map_bytes: Count = 0
+    """Of the map as `MapReport` carries it."""
     filter_bytes: Count = 0
+    """Of all that the robot keeps of the building."""
     step_ms: Annotated[Finite, Field(ge=0)] = 0.0
     """Wall-clock time of the step; it is reported and changes nothing."""
     merged: dict[RobotId, Tick] = {}
@@ -362,7 +365,7 @@ class MapReport(Message):
 
 
 class TeammatePose(Message):
-    """Where a peer is, as far as the robot knows."""
+    """Where a peer is whose frame is proposed or known, as far as the robot knows."""
 
     robot: RobotId
     tick: Tick

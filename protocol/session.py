@@ -30,8 +30,8 @@ from protocol.inbox import SIGNAL_S
 FREE_PORT_TRIES = 8
 """Another run may take a free port between its being found and being used; then another port is tried."""
 MAX_STRANGERS = 4000
-"""Connections that have not said who they are yet; Zenoh closes further ones at once, robots' ones, too. By default it
-takes 100, which one idle program fills. Each takes 11 kB."""
+"""Connections that may be open and have not said yet who they are. Zenoh closes further ones at once, also those of
+robots. Its default is 100, which one idle program fills. Each takes 11 kB."""
 INTRODUCTION_MS = 3000
 """A connection that has not said by then who it is is closed: a robot's takes some ms, under load some hundred."""
 RETRY_S = 0.2
@@ -40,7 +40,7 @@ UNREACHED = "check that it runs and asks for no secret, the address, the port an
 MAX_FILES = 1 << 20
 """As many as a process of Linux may open where nothing else is set."""
 OTHER_FILES = 2000
-"""Files and connections of a world beside: 1000 sessions, the files of 500 robots."""
+"""Files and connections that a world needs beside strangers: 1000 sessions, and the files of 500 robots."""
 
 
 def _config(mode: str, settings: dict[str, object]) -> str:

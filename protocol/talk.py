@@ -15,7 +15,7 @@ RESEND = "resend"  # parts of a map or of changes that are sent again because th
 ACK = "ack"
 
 VERSION = 1
-MAX_SENDS = 256  # messages of one robot in one tick (ours). A map has 64 parts at most, one of a building two
+MAX_SENDS = 256  # messages of one robot in one tick (ours). A map has 64 parts at most, that of a building two
 MAX_PARTS = 64  # parts of one map (ours): room for 75 kB, and for 3 kB where a message has 64 bytes
 MAX_BODY = 65_536  # bytes of one map in all its parts (ours)
 

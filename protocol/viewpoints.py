@@ -18,7 +18,7 @@ from protocol.talk import angle_of, check_version, first_byte, take_varint, turn
 from protocol.wireframe import MAX_COORDINATE_M
 
 VIEWS = "views"  # kind of message, as in radio.csv
-CELL_M = 0.1  # a robot keeps 0.13 m from walls, so from the middle of its cell nearly the same is seen
+CELL_M = 0.1  # of the grid: a robot keeps 0.13 m from walls, so nearly the same is seen from the middle of its cell
 MAX_VIEWPOINTS = 4000  # of one message: 2 km of path (ours)
 _ASKS, _PLACES = 1, 2  # flags in the lowest bits of the first byte: a question; with the asked robot's frame
 _FRAME = struct.Struct("<iiH")

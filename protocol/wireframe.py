@@ -83,7 +83,7 @@ class Wireframe:
 
 
 def certain(points: NDArray[np.float64], edges: NDArray[np.signedinteger[Any]]) -> Wireframe:
-    """A map of true corners (n, 2) and of walls (m, 2) between them that its robot has seen itself."""
+    """A map without doubt: corners (n, 2), all nominal, and walls (m, 2) between them, all seen by its own robot."""
     n, m = len(points), len(edges)
     return Wireframe(points, np.zeros(n, np.uint8), edges.astype(np.int32), np.ones(m, np.float32), np.ones(m, bool))
 
@@ -107,7 +107,7 @@ _ARRAYS = (
     ("likelihood", "<f4", np.float32, 1),
     ("own", "u1", np.bool_, 1),
 )
-"""Fields as they follow each other in the bytes, their types there and here, and the columns of each."""
+"""Fields in the order of the bytes: name, type in the bytes, type in a Wireframe, number of columns."""
 
 
 def encode_wireframe(wireframe: Wireframe) -> bytes:

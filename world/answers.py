@@ -16,7 +16,7 @@ TRIES = 3
 
 @dataclass
 class Answer:
-    """What one robot said since its last action was taken."""
+    """What one robot has said since its last answer was taken."""
 
     sends: list[Send] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
@@ -84,7 +84,8 @@ _MESSAGES: dict[str, type[Send] | type[MapReport] | type[Action]] = {
 class LockstepAnswers(Answers):
     """Answers where the world waits for every robot that has joined. One that has not joined yet stands still.
 
-    A tick is said again where a link was lost, and its answer may come twice. Each saying excuses one answer too many.
+    A tick is said again where a link was lost, and its answer may then come twice: for each time that a tick is said
+    again, one answer too many is excused.
     """
 
     def __init__(self, robots: Iterable[str]) -> None:

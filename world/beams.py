@@ -15,7 +15,7 @@ def beams_within(begin: Floats, sweep: Floats, step: float | Floats, beams: int)
     """All (row, beam) with the beam's bearing in [begin, begin + sweep]; a pair may come twice.
 
     begin, sweep: (n,) radians, counted from beam 0, begin in [0, 2 pi). step: between two beams, radians, one for all
-    or (n,). Where all beams make more than a full turn, the same bearing is held by two of them.
+    or (n,). Where the beams make more than a full turn, two of them have the same bearing.
     """
     low, high, turn = begin / step, (begin + sweep) / step, np.full(begin.shape, 2 * math.pi / step)
     first, last = np.ceil(low - _ROUNDING_BEAMS), np.floor(high + _ROUNDING_BEAMS)
@@ -34,7 +34,10 @@ def beams_within(begin: Floats, sweep: Floats, step: float | Floats, beams: int)
 
 
 def keep_nearest(ray: Ints, found: Floats, what: Ints, nearness: Floats, met: Ints) -> None:
-    """Raise `nearness` to the largest value found on each ray, and note in `met` what stood there."""
+    """Raise `nearness` (1 / range) of rays to the largest value found on each, and note in `met` what stood there.
+
+    ray, found, what: (n,) rows of the two, values 1 / range, and what each is of.
+    """
     np.maximum.at(nearness, ray, found)
     won = np.flatnonzero(found == nearness.take(ray))  # a mask of booleans takes three times as long
     met[ray.take(won)] = what.take(won)

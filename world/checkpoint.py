@@ -1,8 +1,8 @@
 """The file from which a killed run goes on: the world's state at one tick, and what it was told since.
 
-A database would call them checkpoint and log. Told the same, a world does the same, so the state at the tick of the
-end is found by telling a world at the checkpoint all that follows it. The file is moved to its place as a whole with
-each new state; the log is appended to it, entry by entry, and an entry that was cut off counts as never told.
+A database would call them checkpoint and log. A world that is told the same does the same. So one that goes on from the
+checkpoint, and is told all that is in the log, comes to the tick at which the run was killed. With each new state the
+file is written anew as a whole. The log is appended to it entry by entry; an entry that was cut off was never told.
 """
 
 import errno
@@ -28,7 +28,7 @@ NAME = "checkpoint.msgpack"
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
 FORMAT = 5
-"""Of the file; another one is refused."""
+"""Version of the file; others are refused."""
 State = Mapping[str, Any]
 """What a part of the world needs in order to go on, as values of msgpack."""
 Entry = tuple[str, bool, list[Any]]

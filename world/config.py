@@ -34,8 +34,8 @@ class WorldConfig(Config):
     """Whether every scan is kept, as measured, in scans/: 13 kB a simulated second and robot. `wireswarm export --to
     carmen` needs them."""
     faults: list[FaultText] = Field([], max_length=1000)
-    """Robots whose process is killed and started again, and the tick at which, such as r2@100: for tests of recovery.
-    A run in one process does the same with its minds."""
+    """Robots whose process is killed and started again, each with the tick at which, such as r2@100: for tests of
+    recovery. A run in one process does the same with its minds."""
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     radio: RadioConfig = RadioConfig()

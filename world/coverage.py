@@ -23,7 +23,7 @@ GRAZING_RAD = math.radians(8.0)
 GRID_M = 0.30
 """Distance between the poses from which visibility is tried (as in the scorer)."""
 _EYE_M = 2e-4
-"""Sight of a piece of wall ends this far before its middle, in free space (as in the scorer)."""
+"""A line of sight to a piece of wall ends this far before its middle, in free space (as in the scorer)."""
 _BLOCK = 1_000_000
 """Pairs of a pose and a piece of wall that are compared at a time; a pair takes 50 bytes."""
 _JOINT_M = 1e-6
@@ -31,7 +31,7 @@ _JOINT_M = 1e-6
 NEVER = np.iinfo(np.int32).max
 """In place of a tick: not yet."""
 _ROW_M = 1e4
-"""Key of a place on the outline: index of its segment times this, plus metres along it. No wall is longer."""
+"""The key of a place on the outline is its segment's index times this, plus metres along it. No wall is longer."""
 
 
 class VisibleWall(NamedTuple):
@@ -108,11 +108,14 @@ def _poses(reachable: Polygon) -> Floats:
 
 
 class _Lookup(NamedTuple):
-    """Pieces in the order in which they begin on the lidar's segments."""
+    """Pieces (n,) of the outline around one region, in the order in which they begin on the lidar's segments."""
 
     begins: Floats
+    """Key (see _ROW_M) of the place where each begins, rising."""
     walls: Ints
+    """The segment that each is a part of."""
     pieces: Ints
+    """Its index among the pieces of all regions."""
 
 
 class Coverage:
@@ -233,6 +236,7 @@ class Coverage:
                 self.team_reached.setdefault(share, t)
 
     def _count(self, tick: int, robot: Ints, wall: Ints, place: Floats, lookup: _Lookup) -> None:
+        """Count hits (h,) of robots on walls at places (see _ROW_M)."""
         nth = np.maximum(np.searchsorted(lookup.begins, place + _JOINT_M, side="right") - 1, 0)
         known = lookup.walls[nth] == wall  # a beam may meet the outside of a building, which has no pieces
         robot, piece = robot[known], lookup.pieces[nth[known]]

@@ -34,13 +34,14 @@ class Allowance(NamedTuple):
     """Bytes of a run directory that a robot may fill (ours)."""
 
     at_once: int
+    """At any time."""
     a_second: int
-    """... and so many more for each simulated second."""
+    """So many more for each simulated second."""
 
 
 ALLOWED = {"events": Allowance(256 * 1024, 1024), "maps": Allowance(2 << 20, 16 * 1024)}
-"""events.jsonl, to which an honest robot writes 600 in a tick and 40 a second; updates.jsonl and snapshots together: to
-the first of them the most that one of 94 robots wrote was 1,200 a second."""
+"""`events`: events.jsonl, of which an honest robot fills 600 bytes in a tick and 40 a second. `maps`: updates.jsonl and
+snapshots; of the former no robot of 94 filled more than 1,200 a second."""
 
 
 class Look(NamedTuple):

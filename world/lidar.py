@@ -19,10 +19,10 @@ from world.way import along
 
 CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
 STRIDE_M = 0.05  # ... and for each multiple of this that a lidar moves in half a scan
-CHUNK = 100  # robots whose scans are cast at once: the fewer, the more calls; the more, the less is in the caches
+CHUNK = 100  # robots whose scans are cast at once: fewer take more calls, more do not fit into the processor's caches
 _KEPT_BYTES = 1 << 24
-"""glibc gives freed memory back to the system where it is more than twice the largest array freed before. To page it in
-again took half of the time of 30 scans."""
+"""Size of an array that is made and freed once, so that glibc keeps freed arrays up to twice this size rather than give
+them back to the system. To page them in again took half of the time of 30 scans."""
 
 NOTHING, DISC = -1, -2
 """In place of a wall's index: the beam met nothing within range, or disc 0; disc 1 is DISC - 1, and so on."""
@@ -38,7 +38,7 @@ class Lidar:
         `one_sided` promises that free space lies on the left of every wall and every lidar in free space, as in
         `World.segments`: half of the walls, those seen from behind, are never looked at.
         """
-        np.empty(_KEPT_BYTES, np.uint8)  # is freed at once
+        np.empty(_KEPT_BYTES, np.uint8)  # freed at once, see there
         segments = np.asarray(segments, np.float64).reshape(-1, 4)
         self.spec, self._one_sided = spec, one_sided
         long = lengths(segments)
@@ -191,13 +191,13 @@ class Lidar:
 
 
 def _ways(ways: Floats) -> Floats:
-    """As (s, k, 3)."""
+    """Ways (s, k, 3) or poses (k, 3) as (s, k, 3)."""
     ways = np.asarray(ways, np.float64)
     return ways if ways.ndim == 3 else ways.reshape(1, -1, 3)
 
 
 def _own(poses: Floats, discs: Floats) -> Bools:
-    """(k, m) which discs a robot's centre is in."""
+    """(k, m) which of discs (m, 3) the centre of each robot, at poses (k, 3), is in."""
     offset = discs[None, :, :2] - poses[:, None, :2]
     return np.asarray(np.hypot(offset[..., 0], offset[..., 1]) <= discs[:, 2])
 

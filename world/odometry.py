@@ -24,7 +24,7 @@ class Odometry:
         self._config, self._rng = config, rng
         left, right, axle = (1 + rng.standard_normal(3) * (config.wheel_sd, config.wheel_sd, config.axle_sd)).tolist()
         self._size, self._axle = (left + right) / 2, axle
-        self._bend = (right - left) / config.axle_m  # rad a metre
+        self._bend = (right - left) / config.axle_m  # rad that a straight drive seems to turn in each metre
         self.pose: Pose = (0.0, 0.0, 0.0)
         """Where the robot believes to be, in its own frame; theta in (-pi, pi]."""
 

@@ -17,9 +17,9 @@ from world.checkpoint import State, luck_state, restore_array, restore_luck
 from world.worldfile import World, WorldFileError
 
 LEG_M, COAT_M = 0.06, 0.2
-"""Radius of a leg at the height of a lidar, and of who wears a long coat; every second one does."""
+"""Radius of a leg at the height of a lidar, and of a long coat; every second person wears one."""
 APART_M, STEP_M = 0.2, 0.25
-"""Distance of two legs that stand, and by how much they get ahead of and behind the body in a step."""
+"""Distance between the middles of two standing legs, and how far a leg gets ahead of and behind the body in a step."""
 STRIDE_M = 4 * STEP_M
 """Way of two steps."""
 ROOM_M = 0.4
@@ -29,7 +29,7 @@ GAP_M = 0.6
 SPEEDS_MPS, WAYS_M, REST_S = (0.4, 1.2), (0.5, 8.0), 5.0
 """Bounds of a walk's speed and length, and of the rest after it."""
 PATIENCE_S = 1.0
-"""Who is stopped for this long goes elsewhere."""
+"""Whoever is stopped for this long goes elsewhere."""
 TRIES = 30
 """Ways that are drawn until one is free; else the person stands for a tick."""
 

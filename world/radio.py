@@ -55,7 +55,7 @@ def _count(books: Counter[str], size: int) -> None:
 
 @dataclass
 class Books:
-    """Counts of payloads: a broadcast counts once on the air, and once per receiver on the links."""
+    """Counts of messages and payload bytes: a broadcast counts once on the air, and once per receiver on the links."""
 
     on_air: defaultdict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
     """By sender and kind."""
@@ -205,6 +205,7 @@ class Radio:
                     self._flying.append(Flying(due, sender, receiver, send, lost))
 
     def _lost_to(self, hop: Hop) -> str | None:
+        """The reason of the first model that loses a message; None where none does."""
         return next((reason for reason, loses in self._losses if loses(hop)), None)
 
     def deliver(

@@ -26,7 +26,7 @@ from world.tick import BadOutputsError, Inputs, Outputs
 from world.wire import Wire
 
 OTHER_WORLD_S = 2.0
-"""A router answers within some ms whether a world is there already."""
+"""How long a router may take to say whether a world is there already; it takes some ms."""
 FAREWELL_S = 1.0
 """At the end of a run, robots have this long to go by themselves before the router closes."""
 ENDED, LEFT, LOST = "its process ended", "it took its leave", "its link was lost"
@@ -35,7 +35,7 @@ FLOODS = f"more than {MOST_WAITING} of its messages, or {MOST_BYTES_WAITING} byt
 SAY_AGAIN_S = 2.0
 """In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
 PROGRESS_S = 0.2
-"""Clock and progress are published this often, so that a viewer looks alive."""
+"""Time between two publications of clock and progress, so that a viewer looks alive."""
 
 
 OnProgress = Callable[[Progress], None]

@@ -15,9 +15,9 @@ from world.episode import Episode
 from world.tick import Inputs
 
 SHOW_S = 0.1
-"""A screen needs no more (ours)."""
+"""Time between two ticks that are shown; a screen needs no more (ours)."""
 SITE_S = 1.0
-"""So long at most a viewer that has just come waits for the walls."""
+"""Time between two tellings of the walls, for which a viewer that has just come waits."""
 
 MOST_BYTES = MAX_MESSAGE_BYTES // 2
 """Of the ranges of all robots, beside their poses; more of them are not shown: 360 robots of 360 beams."""

@@ -31,7 +31,7 @@ class Outputs(NamedTuple):
 
     @classmethod
     def restored(cls, sends: list[Any], action: Any, map_: Any) -> Self:
-        """From a state."""
+        """The answer that `state` gave."""
         said = [Send.model_validate(send) for send in sends]
         return cls(said, Action.model_validate(action), map_ and MapReport.model_validate(map_))
 

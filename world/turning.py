@@ -17,7 +17,8 @@ from world.way import Steps, along, between, steps
 _ON_M = 1e-9  # a beam that passes a wall's end by less than this meets it; a lidar nearer to a wall's line is on it
 _SMALL_RAD = 0.3  # up to here a polynomial gives cosine and sine to 2e-9, in a fourth of NumPy's time
 _EVEN = (0.5, 1.5)
-"""Where the robot's turn makes the lidar's slower or faster than these shares, every beam is tested on every wall."""
+"""Shares of the lidar's own turn rate between which it must stay as the robot turns; else every beam is tested on every
+wall."""
 
 
 class Turning:
@@ -34,7 +35,7 @@ class Turning:
         self._steps: dict[int, tuple[Floats, Steps]] = {}
 
     def steps(self, count: int) -> tuple[Floats, Steps]:
-        """(count, beams) by which values at steps of a period make those at the beams' moments, and `way.steps`."""
+        """(count, beams) weights that make values of a way at the beams' moments of so many, and their `way.steps`."""
         if count not in self._steps:
             weights = np.ascontiguousarray(along(np.eye(count), self.moments).T)
             self._steps[count] = weights, steps(count, self.moments)

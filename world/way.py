@@ -12,9 +12,9 @@ Steps = tuple[Ints, Ints, Floats]
 
 
 def along(way: Floats, moments: Floats) -> Floats:
-    """What `way` (s, ...), of which the first is the begin and the last the end of a period, is at moments (n,).
+    """Values (n, ...) of a `way` (s, ...) at moments (n,), shares of its period from 0 to 1.
 
-    Moments are shares of the period from 0 to 1. Returns (n, ...). Of one value only, all is that value.
+    The first value is at the begin of the period, the last one at its end. A way of one value has it all the time.
     """
     before, after, share = steps(len(way), moments)
     share = share.reshape(-1, *[1] * (way.ndim - 1))
@@ -22,7 +22,7 @@ def along(way: Floats, moments: Floats) -> Floats:
 
 
 def between(way: Complexes, steps: Steps, column: Ints, moment: Ints) -> Complexes:
-    """The same of one column (n,) of `way` (s, m) each, at one (n,) of the moments that `steps` are of."""
+    """Values (n,) of `way` (s, m), each of one column (n,) at one moment (n,): a row of what `steps` were made of."""
     before, after, share = steps
     begin, end = (way.take(step.take(moment) * way.shape[1] + column) for step in (before, after))
     return np.asarray(begin + share.take(moment) * (end - begin))

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-FRAME_BYTES = 12  # Zenoh's overhead of a message on a declared key, beside the field for the length of the payload
+FRAME_BYTES = 12  # that Zenoh adds to a message on a declared key, without the field for the length of the payload
 
 _RECEIVED_AT, _SENT_AT = 128, 200
 """Offsets of bytes_received and bytes_sent in tcp_info (linux/tcp.h, since Linux 4.19)."""

@@ -39,16 +39,16 @@ SPAWN_CLEARANCE_M = 0.1
 MAX_COORDINATE_M = 1000.0
 """A file with larger coordinates is probably not in metres."""
 MAX_AREA_M2 = 40_000.0
-"""Largest rectangle around a world. A robot of 0.22 m/s sees a quarter of it in two hours, and poses on a grid that
-fills it take 250 MB."""
+"""Largest rectangle around a world. A robot of 0.22 m/s sees a quarter of it in two hours, and the poses of a
+visibility grid over it take 250 MB."""
 MAX_WALL_M = 10_000.0
 """Edges of all shapes together: 200,000 pieces of wall to account for."""
 MAX_CORNERS = 10_000
 """Corners of all shapes: half of what a robot's map may have."""
 MAX_NEAR, MAX_CROSSINGS = 1_000_000, 50_000
-"""Pairs of edges whose rectangles overlap, and that cross or touch: joining shapes costs time and memory for each."""
+"""Most pairs of edges whose rectangles overlap, and that cross or touch: each costs time and memory to join."""
 MAX_SPAWNS = 1000
-"""Twice as many as robots."""
+"""Twice as many as a run may have robots."""
 MAX_NAME = 100
 """Characters of a world's name."""
 
