@@ -85,7 +85,7 @@ class DefaultStates:
             if self._edges.note(middle, along).attempts >= self.config.attempts:
                 continue
             stands = stands_at_edges(wireframe, np.array([k]))
-            good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+            good = roads.standable(stands.points) & all_seen(stands.points, stands.in_view, roads.walls)
             route = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
             if route is not None:
                 return Task("edge", middle, stands.points[good][route.goal], along)

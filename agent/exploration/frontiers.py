@@ -49,7 +49,7 @@ class Stands(NamedTuple):
     """Standing points, as arrays over s points."""
 
     points: Floats  # (s, 2) metres
-    targets: Floats  # (s, 2) metres: what must be in view from there
+    in_view: Floats  # (s, 2) metres: what must be in view from there
     goal: Ints  # (s,): which goal it serves
 
 
@@ -91,25 +91,25 @@ def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
     close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
     """
     grazing_rad = CLOSE_GRAZING_RAD if close else GRAZING_RAD
-    points, targets, goal = [], [], []
+    points, in_view, goal = [], [], []
     for frontier in (True, False):
         chosen = which[ends.frontier[which] == frontier]
         p, u, n = ends.points[chosen], ends.along[chosen], ends.free[chosen]
         if frontier:
-            offsets, target = _CLOSE_FRONTIER if close else _FRONTIER, p + _BEYOND_M * u + _TOUCH_M * n
+            offsets, seen = _CLOSE_FRONTIER if close else _FRONTIER, p + _BEYOND_M * u + _TOUCH_M * n
         elif close:
-            offsets, target = _CLOSE_OCCLUSION, p + _TOUCH_M * u - _BEYOND_M * n
+            offsets, seen = _CLOSE_OCCLUSION, p + _TOUCH_M * u - _BEYOND_M * n
         else:
-            offsets, target = _OCCLUSION, p + _BEYOND_M * u
+            offsets, seen = _OCCLUSION, p + _BEYOND_M * u
         stand = p[:, None] + offsets[:, :1] * u[:, None] + offsets[:, 1:] * n[:, None]
-        view = stand - target[:, None]
+        view = stand - seen[:, None]
         # a frontier's wall goes on along u, seen from the side n; an occluded wall leaves the end towards -n
         across = (view * (n if frontier else u)[:, None]).sum(2)
         good = across >= math.sin(grazing_rad) * np.hypot(view[..., 0], view[..., 1])
         points.append(stand[good])
-        targets.append(np.broadcast_to(target[:, None], stand.shape)[good])
+        in_view.append(np.broadcast_to(seen[:, None], stand.shape)[good])
         goal.append(np.broadcast_to(chosen[:, None], good.shape)[good])
-    return Stands(np.concatenate(points), np.concatenate(targets), np.concatenate(goal))
+    return Stands(np.concatenate(points), np.concatenate(in_view), np.concatenate(goal))
 
 
 def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
@@ -119,5 +119,5 @@ def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
     n = np.stack((-u[:, 1], u[:, 0]), 1)
     middle = 0.5 * (a + b)
     stand = middle[:, None] + _EDGE[:, :1] * u[:, None] + _EDGE[:, 1:] * n[:, None]
-    target = np.broadcast_to((middle + _TOUCH_M * n)[:, None], stand.shape)
-    return Stands(stand.reshape(-1, 2), target.reshape(-1, 2), np.repeat(which, len(_EDGE)))
+    seen = np.broadcast_to((middle + _TOUCH_M * n)[:, None], stand.shape)
+    return Stands(stand.reshape(-1, 2), seen.reshape(-1, 2), np.repeat(which, len(_EDGE)))

@@ -157,13 +157,13 @@ class Goals:
         """
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, SAME_PLACE_M)
         stands = stands_of(self.ends, goals, close)
-        good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+        good = roads.standable(stands.points) & all_seen(stands.points, stands.in_view, roads.walls)
         for goal in goals[self._tried[goals] >= 0]:
             for x, y in self.memory.tried[self._tried[goal]].stands:
                 again = np.hypot(stands.points[:, 0] - x, stands.points[:, 1] - y) < OTHER_STAND_M
                 good &= ~(again & (stands.goal == goal))
         points, goal_of = stands.points[good], stands.goal[good]
-        extra = STARE_COST * np.hypot(*(points - stands.targets[good]).T)
+        extra = STARE_COST * np.hypot(*(points - stands.in_view[good]).T)
         wall_of = once[goal_of]
         kept = self.end_of(begun) if begun is not None and is_end(begun) else -1
         tasks = []

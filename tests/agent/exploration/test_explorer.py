@@ -394,7 +394,7 @@ def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
     shown = []
     for close in (False, True):
         stands = stands_of(ends, np.array([0]), close)
-        good = roads.standable(stands.points) & all_seen(stands.points, stands.targets, roads.walls)
+        good = roads.standable(stands.points) & all_seen(stands.points, stands.in_view, roads.walls)
         seen = all_seen(stands.points, np.broadcast_to(hidden, stands.points.shape).copy(), roads.walls)
         shown.append((int(good.sum()), int((good & seen).sum())))
     assert shown[0][0] == 0
