@@ -74,7 +74,7 @@ class Passenger:
         return self.exchange.talk(tick, pose, self.own, self.version), events
 
     def finish(self, tick: int = 0) -> list[Event]:
-        """After the last scan: look for the loops of the last way, and settle all once more; what happened."""
+        """After the last scan: look for loops on the last of the way, and settle all once more; what happened."""
         self.submaps.finish()
         self._since_own = math.inf
         self.team.events = []
@@ -85,13 +85,13 @@ class Passenger:
         return self.team.events
 
     def _look_at_own(self) -> None:
-        """Draw the own map, where the last is of long ago."""
+        """Draw the own map anew where the robot has moved by LOOKS_M since the last one."""
         if self._since_own >= LOOKS_M:
             self.own, self._since_own = self.drawn(), 0.0
             self.version += 1
 
     def _cooperate(self, tick: int) -> list[Event]:
-        """Judge proposals and align maps, as Robot.step does."""
+        """Align maps, and judge proposals without a drive to verify them."""
         self.team.align_maps(tick, self.own)
         self.team.judge(tick, self.own, self.submaps.pose, None)
         return self.team.events

@@ -108,7 +108,7 @@ class Robot:
             self.team.hear(tick, news, pose, scan, self.own)
             self.team.judge(tick, self.own, pose, self._arrived)  # Z and T by the evidence so far
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
-        changed = self._read_map(tick, own_changed)
+        changed = self._draw_map(tick, own_changed)
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
@@ -127,9 +127,8 @@ class Robot:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
         looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
-        ask = (
-            {} if command.complete else {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}
-        )
+        partners = [] if command.complete else self.team.shares_work_with
+        ask = {peer.log.name: pose_of(peer.transform) for peer in partners}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self.told, self._told_version, looked, ask, in_sight)
         if changed:
@@ -163,7 +162,7 @@ class Robot:
         loops = self.loops.submaps.nbytes if self.loops else 0
         return self.filter.nbytes + self.explorer.nbytes + loops
 
-    def _read_map(self, tick: int, own_changed: bool) -> bool:
+    def _draw_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
         merged = self.team.merged
         new = told = self.own
@@ -185,7 +184,7 @@ class Robot:
 
 
 def _alike(new: Wireframe, old: Wireframe) -> bool:
-    """Whether two maps have the same walls in the same places, seen by the robot itself or not."""
+    """Whether two maps have the same walls in the same places, to MOVED_M, seen by the robot itself or not."""
     return (
         np.array_equal(new.labels, old.labels)
         and np.array_equal(new.edges, old.edges)
