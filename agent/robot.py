@@ -61,7 +61,7 @@ class Robot:
         self.wireframe = Wireframe()  # the map: the same with merged ones laid over it
         self.version = 0  # rises whenever the map changes
         self.told = Wireframe()  # what peers are told: own walls, and those that merged peers saw themselves
-        self._told_version = 0
+        self._told_version = 0  # rises whenever that changes
         self._map_bytes = encode_wireframe(self.wireframe)
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
