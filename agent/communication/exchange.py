@@ -226,9 +226,9 @@ class Exchange:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
         pose: the robot's own. wireframe: what peers are told. looked: where it looked from, for those that ask. state:
-        a number that changes with the wireframe. ask: peers whose viewpoints are wanted, once a beacon's period, with
-        their frames in the robot's own, which are told those that have not merged its map. in_sight: a peer whose frame
-        is not known may be in sight, and so see the robot, too; beacons come sooner then.
+        a number that changes with the wireframe. ask: the transform of each peer whose viewpoints are wanted; they are
+        asked for once a beacon's period, and the question holds the transform until that peer has asked, too.
+        in_sight: a peer whose frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
