@@ -34,7 +34,7 @@ from protocol.wireframe import enclosed
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
 TICKS_TO_COMPILE = 120  # enough for two robots to merge their maps, after 82, and to explore what is left
 
-TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which are loops
+TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which close loops
 
 _OUTLINE = [
     (0, 0), (3, 0), (3, 2), (3.2, 2), (3.2, 0), (6.5, 0), (6.5, 2), (8, 2), (8, 5), (4, 5), (4, 3.2), (3.8, 3.2),
@@ -58,9 +58,10 @@ def rehearse() -> None:
 
 
 def compile_kernels() -> None:
-    """Compile all kernels, in two processes where there are two cores, which then meet in the cache.
+    """Compile all kernels, in two processes where there are two cores.
 
-    The other maps before this one, which plans and perceives first, comes to need that.
+    The other one begins with mapping, this one with planning and perception. When this one comes to need mapping, it
+    finds those kernels in the cache.
     """
     gc.disable()  # numba makes millions of objects that live on
     other = None
@@ -71,10 +72,11 @@ def compile_kernels() -> None:
     _explore(_STARTS, TICKS_TO_COMPILE)
     if other is not None:
         other.join()
-    _map_and_align()  # what another failed to compile, or where there is none
+    _map_and_align()  # what the other failed to compile, or all of it where there is no other
 
 
 def _map_and_align() -> None:
+    """Call the kernels of mapping that an empty scan reaches, of alignment and of loops."""
     mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
     nowhere = np.zeros((0, 3))
     sight = Sight(nowhere, nowhere, 1.0, 0.0, 0.0)

@@ -15,7 +15,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 class ConfigError(InputError):
-    """A file, flag or setting that is no configuration; one sentence that names the key."""
+    """A file, flag or setting that cannot be used; one sentence that names the key."""
 
 
 def load(

@@ -244,9 +244,9 @@ class _Walk:
         return whole
 
     def _chain(self, told: _Told, last: Place) -> Place:
-        """Whether it is a ring, its runs with their vertices, who saw its edges, their likelihoods.
+        """A chain: whether it is a ring, its runs with their vertices, who saw its edges, their likelihoods.
 
-        Returns the place of its last vertex.
+        last: place of the vertex before it. Returns the place of its last vertex.
         """
         coder, base = self.coder, self.base
         ring = bool(coder.bits(told.ring, 1))
@@ -293,6 +293,10 @@ class _Walk:
         return last
 
     def _place(self, origin: int, row: int, last: Place, before: list[Place], here: Place) -> Place:
+        """Place of a vertex: that of a row of the base, or a step from it or from the last vertex.
+
+        before: the chain's vertices so far. here: the place that is told.
+        """
         coder = self.coder
         if origin == VertexOrigin.COPY:
             return self.places[row]
@@ -312,7 +316,7 @@ class _Walk:
         return [self.coder.bits(one, 1) for one in told or [0] * edges] if some else [0] * edges
 
     def _levels(self, told: Sequence[int], base_rows: list[int], edges: int) -> list[int]:
-        """Levels of the edges of a chain. As in the base is expected where it has the edge, else SURE."""
+        """Levels of the edges of a chain. Expected is that of the base where it has the edge, else SURE."""
         if not self.likelihoods:
             return [SURE] * edges
         pairs = list(pairwise([*base_rows, base_rows[0]]))[:edges]

@@ -22,7 +22,8 @@ MAX_BODY = 65_536  # bytes of one map in all its parts (ours)
 _BEACON = struct.Struct("<BIiiH")
 _TURN = 65_536
 _SINGLE, _PARTIAL, _UNKNOWN = 1, 1, 2
-"""Flags in the lowest bits of the first byte: of a part, and of an acknowledgement."""
+"""Flags in the lowest bits of the first byte: _SINGLE of a part that is all; the others of an acknowledgement, for
+parts that are missing and for a base that is not known."""
 
 
 class Beacon(NamedTuple):
@@ -127,7 +128,7 @@ def turn_of(theta: float) -> int:
 
 
 def angle_of(turn: int) -> float:
-    """The same back, in (-pi, pi]."""
+    """The angle in radians, (-pi, pi], that `turn_of` gave as a part of a turn."""
     theta = turn / _TURN * 2 * math.pi
     return theta - 2 * math.pi * (theta > math.pi)
 

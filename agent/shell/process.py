@@ -234,7 +234,7 @@ class Life:
     """A mind in one run of a world: what it heard, and what it last did, which it says again where that was lost."""
 
     def __init__(self, mind: Mind, entry: Entry, robot: str, checkpoints: Path | None) -> None:
-        """entry: how the robot was let in. checkpoints: the folder where its mind is kept, if it is."""
+        """entry: how the robot was let in. checkpoints: the folder where its mind is kept; None keeps nothing."""
         self._mind, self._entry = mind, entry
         self._robot, self._checkpoints, self._kept = robot, checkpoints, -1
         self._heard: list[Heard] = []
