@@ -37,7 +37,7 @@ def cases(quick: bool) -> list[Case]:
 
 def measure(robots: int, side: str, until: str | float) -> Figures:
     """Both runs of a team in a maze from seed 0."""
-    settings = {"world": f"generated-{side}-0", "robots": robots, "until": until}
+    settings = {"world": f"generated-{side}-0", "robots": robots, "until": until, "server": {"join_timeout_s": 600}}
     with _memory() as taken, launched(settings) as (run, ended):
         summary, frames = read_json(run / "summary.json"), read_json(run / "truth.json")["frames"]
         events = map(json.loads, (run / "events.jsonl").read_text(encoding="utf-8").splitlines())

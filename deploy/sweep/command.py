@@ -12,6 +12,7 @@ from deploy.sweep.plan import read_jobs
 from deploy.sweep.progress import SweepProgress
 from deploy.sweep.store import Store
 from deploy.sweep.work import Row, WorkerTask
+from protocol.errors import InputError
 from protocol.status import Status
 
 
@@ -30,7 +31,10 @@ def sweep(
     Raises ConfigError, WorldFileError, InputError, LinkError and OSError.
     """
     tasks = [task_of(job) for job in read_jobs(file)]
-    store = Store(out / revision(), revision())
+    try:
+        store = Store(out / revision(), revision())
+    except OSError as error:
+        raise InputError(f"--out {out}: {error.strerror}; name a directory that can be written") from None
     fill(store, tasks, workers, scheduler=scheduler, certs=certs, retry_failed=retry_failed, quiet=quiet)
     return len(tasks), len(store.failed() & {task.key for task in tasks}), store.place
 

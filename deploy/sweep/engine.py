@@ -87,12 +87,14 @@ def run_all(
     Raises LinkError where the scheduler or its workers stay away, or the workers cannot do the tasks.
     """
     left = {task.key: task for task in tasks}
+    doubted = set[str]()
     since = time.monotonic()
     while left:
         try:
             with Client(address, security=security, timeout=CONNECT_S, set_as_default=False) as client:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
-                for row in _results(client, list(left.values())):
+                asked = [task for key, task in left.items() if key not in doubted] or list(left.values())[:1]
+                for row in _results(client, asked, doubted):
                     keep(row)
                     del left[row["key"]]
                     since = time.monotonic()
@@ -103,8 +105,12 @@ def run_all(
             time.sleep(RETRY_S)
 
 
-def _results(client: Client, tasks: Sequence[WorkerTask]) -> Iterator[Row]:
-    """Rows as they come; those whose tasks were lost with the scheduler are missing."""
+def _results(client: Client, tasks: Sequence[WorkerTask], doubted: set[str]) -> Iterator[Row]:
+    """Rows as they come; those whose tasks were lost with the scheduler are missing.
+
+    So are those on which Dask gave up, once: it blames a worker's death on the tasks that wait there, too. Their keys
+    are put into `doubted`, and fail where it happens again when they are asked for alone.
+    """
     by_key = {task.key: task for task in tasks}
     futures = client.map(work, tasks, code=sources(), key=list(by_key), retries=0)
     arriving = as_completed(futures, loop=client.loop)
@@ -113,7 +119,9 @@ def _results(client: Client, tasks: Sequence[WorkerTask]) -> Iterator[Row]:
         if future.status == "finished":
             yield future.result()
         elif isinstance(error := future.exception() if future.status == "error" else None, KilledWorker):
-            yield by_key[future.key].row(FAILED, f"its worker died {error.allowed_failures + 1} times")
+            if future.key in doubted:
+                yield by_key[future.key].row(FAILED, f"its worker died {2 * (error.allowed_failures + 1)} times")
+            doubted.add(future.key)
         elif isinstance(error, OtherSourcesError):
             raise LinkError(str(error))
         elif error is not None:

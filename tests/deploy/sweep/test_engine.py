@@ -13,11 +13,12 @@ import yaml
 
 from deploy.certs import issue
 from deploy.revision import ROOT, revision
-from deploy.sweep.command import sweep
+from deploy.sweep.command import fill, sweep
+from deploy.sweep.engine import SETTINGS
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
 from deploy.sweep.store import Store, read_rows
-from deploy.sweep.work import FAILED, work
+from deploy.sweep.work import FAILED, OK, Row, WorkerTask, work
 from protocol.errors import InputError
 from tests.deploy.sweep.sweeps import (
     RUNS,
@@ -110,6 +111,34 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def test_results_go_into_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "out").touch()
+    with pytest.raises(InputError, match=r"--out .*out: Not a directory; name a directory that can be written"):
+        sweep(write_sweep(tmp_path), tmp_path / "out", workers=1, quiet=True)
+
+
+def die(deaths: str, times: int) -> Row:
+    """Kill this worker, but for the first so many times only."""
+    with Path(deaths).open("a") as file:
+        file.write("x")
+    if Path(deaths).stat().st_size <= times:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+@pytest.mark.slow
+def test_a_task_fails_only_where_its_worker_dies_again_when_it_is_asked_for_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SETTINGS, "distributed.scheduler.allowed-failures", 0)
+    times = {"unlucky": 1, "deadly": 1000}
+    tasks = [WorkerTask(key, {"settings": "{}"}, die, (str(tmp_path / key), most)) for key, most in times.items()]
+    store = Store(tmp_path, "")
+    fill(store, tasks, 1, quiet=True)
+    assert store.row("unlucky")["status"] == OK
+    assert store.row("deadly")["reason"] == "its worker died 2 times"
 
 
 def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp_path: Path) -> None:
