@@ -15,7 +15,7 @@ from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.explored import explore
 from protocol.errors import ProtocolError
 from protocol.geometry import compose, relative
-from protocol.grid_map import quantise
+from protocol.grid_map import MAX_TOLD, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation
 from protocol.talk import Beacon, in_parts
@@ -144,7 +144,7 @@ def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) ->
 
 def test_more_than_a_map_may_have_cannot_even_be_said() -> None:
     told = crowded(
-        Wireframe(points=np.zeros((1, 2)), labels=np.zeros(1, np.uint8)), 1000, False, np.random.default_rng(0)
+        Wireframe(points=np.zeros((1, 2)), labels=np.zeros(1, np.uint8)), MAX_TOLD // 2, False, np.random.default_rng(0)
     )
-    with pytest.raises(ProtocolError, match="more than 2000 vertices"):
+    with pytest.raises(ProtocolError, match=f"more than {MAX_TOLD} vertices"):
         encode_map(quantise(told, 10, 0))
