@@ -13,9 +13,10 @@ class SubmapConfig(Config):
 
     length_m: Positive = 5.0
     """Metres of way in a submap: with 3 m one path of ten came out wrong, with 8 m errors were a tenth larger."""
-    distance_sd: Positive = 0.1
-    """What odometry is trusted with, metres per square root of a metre: three times the drift of those logs. With 0.06
-    odometry that is 5 % too short bends the way."""
+    distance_sd: Positive = 0.06
+    """What odometry is trusted with, metres per square root of a metre: twice the drift of those logs, as its scale is
+    learned (`length_scale.py`). With 0.1 paths of intel-drift err by a sixth more, with 0.045 one of csail-drift by
+    half as much again."""
     heading_sd_deg: Positive = 2.5
     """Degrees per square root of a metre. With 4 a lidar that sees 6 m follows the bends of a corridor's walls: 25
     degrees in 80 m of intel-drift."""

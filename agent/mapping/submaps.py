@@ -14,6 +14,7 @@ from agent.corner_scan import CornerScan
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
+from agent.mapping.length_scale import LengthScale
 from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
 from agent.mapping.matching import SAMPLE_SD_M, costs_around, poses_around, refine, share_beside
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
@@ -57,9 +58,9 @@ def travelled(by: Pose) -> float:
 class Submaps:
     """The chain, and the pose of the robot in it. Frame: the robot's own, in which the first submap lies at zero."""
 
-    def __init__(self, config: SubmapConfig, half_view: float = math.pi) -> None:
-        """half_view: rad to either side of the heading that the lidar sees."""
-        self._config, self._half_view = config, half_view
+    def __init__(self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0) -> None:
+        """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres."""
+        self._config, self._half_view, self.scale = config, half_view, LengthScale(scale_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
         """(n, 3) poses of the submaps, the present one's last."""
@@ -97,11 +98,13 @@ class Submaps:
 
     def take(self, scan: CornerScan, by: Pose) -> None:
         """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then."""
+        by = (self.scale.mean * by[0], self.scale.mean * by[1], by[2])
+        before = self._local
         self._local = np.array(compose(pose_of(self._local), by))
         seen = segments_of(scan.pieces)
         if len(seen):
             walls = np.concatenate((self._behind, self._walls[: self._count]))
-            self._local = self._tracked(samples_along(seen), walls, by)
+            self._local = self._tracked(samples_along(seen), walls, by, before)
         travel = travelled(by)
         self._since_merged += travel
         if self._since_merged >= MERGE_AFTER_M or not self._count:
@@ -123,7 +126,7 @@ class Submaps:
         self._count = merge(self._walls, self._count, moved(seen, self._local))
         self._since_merged = 0.0
 
-    def _tracked(self, samples: Floats, walls: Records, by: Pose) -> Floats:
+    def _tracked(self, samples: Floats, walls: Records, by: Pose, before: Floats) -> Floats:
         """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior.
 
         Where few samples lie on walls, it is searched for around the odometry's, which may have slipped.
@@ -137,6 +140,7 @@ class Submaps:
         prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
         match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
         if match.share >= LOST_SHARE:
+            self.scale.learn(before, guess, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)
