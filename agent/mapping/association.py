@@ -35,6 +35,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
 
     Gates on the distance of the piece's centroid, scaled by noise, on direction, and on how far the wall's nearest
     point lies beside the piece's line: a short wall's own swings out, to a long piece that begins half a metre off.
+    Not where the pose errs: there the last gate would refuse the very walls that put the pose right.
     """
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if e.ux * p.ux + e.uy * p.uy < 0.7:
@@ -47,12 +48,13 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     off_sd = math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise))
     if abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + NOISE_SIGMAS * off_sd:
         return math.inf
-    near = min(max(t, tip_at(e, 0)), tip_at(e, 1))
-    x, y = e.x + near * e.ux, e.y + near * e.uy
-    t = along(p, x, y)
-    near_sd = math.hypot(line_sd(e, near, gates.noise), gates.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
-    if abs(above(p, x, y)) > gates.offset + NOISE_SIGMAS * near_sd:
-        return math.inf
+    if not related(e):
+        near = min(max(t, tip_at(e, 0)), tip_at(e, 1))
+        x, y = e.x + near * e.ux, e.y + near * e.uy
+        t = along(p, x, y)
+        near_sd = math.hypot(line_sd(e, near, gates.noise), gates.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        if abs(above(p, x, y)) > gates.offset + NOISE_SIGMAS * near_sd:
+            return math.inf
     return (off / (off_sd + gates.offset / NOISE_SIGMAS)) ** 2 + (turn / (turn_sd + ANGLE_GATE / NOISE_SIGMAS)) ** 2
 
 
