@@ -262,6 +262,6 @@ event.register("numba:compile", Compiled())
 from agent.config import AgentConfig
 from deploy.inprocess import run
 from world.config import WorldConfig
-run(WorldConfig(world="apartment", robots=3, until=100.0), AgentConfig(), None)
+run(WorldConfig(world="apartment", robots=3, until=150.0), AgentConfig(), None)
 print(Compiled.names)
 """
