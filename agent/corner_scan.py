@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.geometry.chains import chained
-from agent.geometry.lines import placed
-from agent.kernels import shared_kernel
+from agent.geometry.lines import Record, placed
+from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
@@ -88,6 +88,12 @@ def range_noise(spec: LidarSpec) -> float:
 def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
     """The same of ranges (n,) in metres, as it grows with them."""
     return np.maximum(range_noise(spec), spec.noise_share * ranges)
+
+
+@kernel
+def piece_sd(piece: Record, t: float, noise: float) -> float:
+    """Standard deviation of a piece's line across its direction, t metres from its centroid. noise: of a range."""
+    return noise * math.sqrt(1.0 / piece.hits + t * t / piece.spread)
 
 
 @shared_kernel

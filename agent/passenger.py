@@ -103,7 +103,7 @@ class Passenger:
 
     def wireframe(self) -> Wireframe:
         """The map with those of merged peers, in the own frame."""
-        return wireframe_of(self.submaps.walls([peer.layer for peer in self.team.merged]))
+        return wireframe_of(self.submaps.walls([peer.laid.layer for peer in self.team.merged]))
 
     def path(self) -> Floats:
         """(scans, 3) pose at each scan by what is known now, in the own frame."""

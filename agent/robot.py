@@ -171,8 +171,8 @@ class Robot:
             if not due and not self.team.changed:
                 return False
             self._laid_tick = tick
-            new = self.filter.wireframe_with([peer.layer for peer in merged], SAME_WALL_M)
-            told = self.filter.told_with([peer.first_hand for peer in merged], SAME_WALL_M)
+            new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
+            told = self.filter.told_with([peer.laid.first_hand for peer in merged], SAME_WALL_M)
         if told is not self.told and not _alike(told, self.told):
             self.told = told
             self._told_version += 1

@@ -15,11 +15,11 @@ from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.peer import Figures, Merged, Proposed
+from agent.cooperation.peer import Figures, Laid, Merged, Proposed
 from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.transform import apart
-from agent.mapping.layers import Layer, layer_of
-from protocol.arrays import Bools, Floats
+from agent.mapping.layers import layer_of
+from protocol.arrays import Floats
 from protocol.wireframe import Wireframe
 
 SAME_WALL_M = 0.06
@@ -47,7 +47,7 @@ def merge(peer: Proposed, tick: int, own: Wireframe) -> Merged:
     peer.log.map_is_news = True
     walls, fit = peer.trial.walls, fit_on_walls(own, peer.map.wireframe, peer.trial.transform)
     laid = _laid(peer.map, fit.transform, walls)
-    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, *laid, tick, tick)
+    return Merged(peer.log, peer.map, fit.transform, fit.sd_at(fit.centre), walls, laid, tick, tick)
 
 
 def hide_seen_through(peer: Merged) -> Merged:
@@ -55,10 +55,9 @@ def hide_seen_through(peer: Merged) -> Merged:
 
     The same peer, unchanged, where there is nothing new of it.
     """
-    if not (peer.walls.hidden(HIDDEN_AFTER) & ~peer.hidden).any():
+    if not (peer.walls.hidden(HIDDEN_AFTER) & ~peer.laid.hidden).any():
         return peer
-    hidden, layer, first_hand = _laid(peer.map, peer.transform, peer.walls)
-    return replace(peer, hidden=hidden, layer=layer, first_hand=first_hand)
+    return replace(peer, laid=_laid(peer.map, peer.transform, peer.walls))
 
 
 def contradiction(peer: Merged) -> Figures | None:
@@ -89,9 +88,9 @@ def update(
     if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
-    hidden, layer, first_hand = _laid(newest, fit.transform, peer.walls)
-    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre))
-    return replace(peer, hidden=hidden, layer=layer, first_hand=first_hand, agreed_m=agreed, refused=0), figures
+    laid = _laid(newest, fit.transform, peer.walls)
+    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre), laid=laid)
+    return replace(peer, agreed_m=agreed, refused=0), figures
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:
@@ -103,11 +102,8 @@ def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inli
     return transform if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)) else new
 
 
-def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> tuple[Bools, Layer, Layer]:
-    """(m,) walls of a received map that are not shown, and the others in the own frame: all, and those at first hand.
-
-    At first hand are those that the sender saw itself.
-    """
+def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> Laid:
+    """A received map in the own frame, without what own scans have seen through."""
     wireframe, transform, hidden = received.wireframe, np.asarray(transform), walls.hidden(HIDDEN_AFTER)
     layer = layer_of(wireframe, transform, hidden, HITS_PER_M)
-    return hidden, layer, layer_of(wireframe, transform, hidden | ~wireframe.own, HITS_PER_M)
+    return Laid(hidden, layer, layer_of(wireframe, transform, hidden | ~wireframe.own, HITS_PER_M))

@@ -143,6 +143,17 @@ class Proposed:
         return self.trial.transform
 
 
+class Laid(NamedTuple):
+    """A received map in the robot's own frame."""
+
+    hidden: Bools
+    """(m,) its walls that own scans have seen through, and that are not shown."""
+    layer: Layer
+    """The others."""
+    first_hand: Layer
+    """Those of them that the peer saw itself: the rest is told to nobody."""
+
+
 @dataclass(frozen=True, eq=False)
 class Merged:
     """A peer whose map is part of the robot's."""
@@ -156,12 +167,8 @@ class Merged:
     """Standard error of the transform, metres."""
     walls: WallEvidence
     """What own scans say of the merged map."""
-    hidden: Bools
-    """(m,) walls of the merged map that own scans have seen through, and that are not shown."""
-    layer: Layer
+    laid: Laid
     """The merged map in the robot's own frame."""
-    first_hand: Layer
-    """What of it the peer saw itself: the rest is told to nobody."""
     since: int
     """Tick at which it was merged."""
     updated: int

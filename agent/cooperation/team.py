@@ -196,7 +196,7 @@ class Team:
 
     def _replace(self, peer: Merged, new: Merged) -> None:
         self.peers[peer.log.name] = new
-        self.changed |= new.layer is not peer.layer
+        self.changed |= new.laid is not peer.laid
 
     # Z = Z + align_maps(C)
 

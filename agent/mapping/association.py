@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL
+from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, piece_sd
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import WALL, direction_sd, line_sd, related, spread, tip_at
@@ -51,8 +51,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     if not related(e):
         near = min(max(t, tip_at(e, 0)), tip_at(e, 1))
         x, y = e.x + near * e.ux, e.y + near * e.uy
-        t = along(p, x, y)
-        near_sd = math.hypot(line_sd(e, near, gates.noise), gates.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        near_sd = math.hypot(line_sd(e, near, gates.noise), piece_sd(p, along(p, x, y), gates.noise))
         if abs(above(p, x, y)) > gates.offset + NOISE_SIGMAS * near_sd:
             return math.inf
     return (off / (off_sd + gates.offset / NOISE_SIGMAS)) ** 2 + (turn / (turn_sd + ANGLE_GATE / NOISE_SIGMAS)) ** 2

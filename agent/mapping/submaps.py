@@ -60,7 +60,7 @@ class Submaps:
 
     def __init__(self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0) -> None:
         """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres."""
-        self._config, self._half_view, self.scale = config, half_view, LengthScale(scale_sd)
+        self._config, self._half_view, self._scale = config, half_view, LengthScale(scale_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
         """(n, 3) poses of the submaps, the present one's last."""
@@ -98,7 +98,7 @@ class Submaps:
 
     def take(self, scan: CornerScan, by: Pose) -> None:
         """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then."""
-        by = (self.scale.mean * by[0], self.scale.mean * by[1], by[2])
+        by = (self._scale.mean * by[0], self._scale.mean * by[1], by[2])
         before = self._local
         self._local = np.array(compose(pose_of(self._local), by))
         seen = segments_of(scan.pieces)
@@ -140,7 +140,7 @@ class Submaps:
         prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
         match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
         if match.share >= LOST_SHARE:
-            self.scale.learn(before, guess, match.pose, prior, TRUST * (match.information - prior) + prior)
+            self._scale.learn(before, guess, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, piece_sd, to_map_frame
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.edges import length, line_sd, related, tip_at
@@ -96,8 +96,7 @@ def look_at(x: float, y: float, view: View, place_sd: float) -> tuple[int, int]:
     if k >= 0:
         off = above(view.pieces[k], x, y)
         p = view.pieces[k]
-        t = along(p, x, y)
-        sd = math.hypot(place_sd, view.noise * math.sqrt(1.0 / p.hits + t * t / p.spread))
+        sd = math.hypot(place_sd, piece_sd(p, along(p, x, y), view.noise))
         margin = max(view.margin, NOISE_SIGMAS * sd)
         if off > margin:
             return (THROUGH, k) if _inside(p, bearing, parallax) else (UNSEEN, -1)
