@@ -29,10 +29,10 @@ def read_books(run: Path) -> dict[str, Any]:
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error) as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     if off:
-        first = min(off, key=lambda key: (-len(key), key))
+        first = min(off, key=lambda key: (-len(key), str(key)))
         raise NoRunError(
             f"{run}: what was addressed is not what was delivered and dropped, the books do not balance: "
-            f"{' '.join(first)} is {listed[first]} in radio.csv, {summed[first]} in bandwidth.json"
+            f"{' '.join(map(str, first))} is {listed[first]} in radio.csv, {summed[first]} in bandwidth.json"
         )
     return books
 

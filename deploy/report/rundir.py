@@ -322,9 +322,17 @@ def read_metrics(file: Path) -> dict[str, Series]:
     made = {}
     for robot, own in by_robot.items():
         names = [name for name in own[0] if name not in ("t", "tick", "robot")]
-        columns = {name: np.array([float(row[name] or math.nan) for row in own]) for name in names}
-        made[robot] = Series(np.array([float(row["t"]) for row in own]), columns)
+        columns = {name: _column([row[name] for row in own]) for name in names}
+        made[robot] = Series(_array([float(row["t"]) for row in own], (-1,)), columns)
     return made
+
+
+def _column(texts: list[str]) -> Floats:
+    """Numbers of a table; NaN where a field is empty."""
+    numbers = np.array([float(text or math.nan) for text in texts])
+    if np.isinf(numbers).any():
+        raise ValueError("a number in it is not finite")
+    return numbers
 
 
 def _array(value: Any, shape: tuple[int, ...]) -> Floats:

@@ -58,14 +58,16 @@ def checked(name: str, data: bytes) -> str | None:
 
 
 def run_random(name: str, seconds: float, tried: "Synchronized[int]", seed: int) -> None:
-    """Mutate for so many seconds; tried counts the inputs. Raises AssertionError."""
+    """Mutate for so many seconds, and tell the worst; tried counts the inputs. Raises AssertionError."""
     from tests.fuzz.targets import TARGETS
 
     rng, seeds = random.Random(seed), TARGETS[name].seeds()
-    end, peak = time.monotonic() + seconds, 0
+    end, peak, now, slowest_s = time.monotonic() + seconds, 0, 0, 0.0
     while time.monotonic() < end:
-        data = mutant(rng, seeds)
-        if reason := checked(name, data):
+        data, began = mutant(rng, seeds), time.thread_time()
+        reason = checked(name, data)
+        slowest_s = max(slowest_s, time.thread_time() - began)
+        if reason:
             FAILURES.mkdir(exist_ok=True)
             (FAILURES / f"{name}-{sha256(data).hexdigest()[:8]}").write_bytes(data)
             raise AssertionError(f"{name}: {reason}: {data[:200]!r}")
@@ -75,6 +77,7 @@ def run_random(name: str, seconds: float, tried: "Synchronized[int]", seed: int)
             peak = now  # caches of honest maps are full by then
         elif now - peak > GROWTH_MB:
             raise AssertionError(f"{name}: memory grew by {now - peak} MB: {data[:200]!r}")
+    print(f"{name}: the slowest took {slowest_s:.3f} s, memory grew by {now - peak} MB")
 
 
 def run_guided(name: str, seconds: float, tried: "Synchronized[int]") -> None:

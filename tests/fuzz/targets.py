@@ -457,7 +457,13 @@ BROKE = {
     "worlds": [b"boxes: [[0, 0, 0, 1, 1e-9]]", b"polygons: [[[[0, 0], [1e-9, 0], [0, 1e-9]]]]"],
     "settings": [b"seed=2026-13-45", b"seed=" + b"[" * 100_000, b"seed=0x" + b"f" * 5000],
     "logs": [b"FLASER 0 1 2\n", b"FLASER -5 1 2\n", foreign.logs()[0].replace(b"1 2 0.5", b"1e999 2 inf")],
-    "runs": [bytes([k]) + b"[" * 100_000 for k in range(len(FILES))],
-    "reports": [b"> "],  # a path without poses
+    "runs": [
+        *(bytes([k]) + b"[" * 100_000 for k in range(len(FILES))),
+        b"\x09tick,sender,receiver,kind,bytes,,outcome\n3,r1,r2,map,9,delivered\n",  # a line without an outcome
+    ],
+    "reports": [
+        b"> ",  # a path without poses
+        b"\x08t,robot,coverage,bytes_sent\n1e999,r1,0.5,7\n1,team,0.5,7\n",
+    ],
 }
 """What once was a traceback, a hang or a crash, by target."""
