@@ -19,6 +19,8 @@ EVERYONE = "*"
 """The receiver of a broadcast."""
 MAX_TEXT = 1000
 """Characters of a text (ours)."""
+MAX_EVENTS = 1000
+"""Events of a robot in a tick (ours)."""
 MAX_EVENT_DEPTH = 8
 """Levels of nested values in an event (ours). A transform in a list of candidates is at level 4."""
 MAX_EVENT_NODES = 10_000
@@ -339,7 +341,7 @@ class Action(Message):
     """How many Send of the same tick came before."""
     complete: bool = False
     """Whether the robot has nothing left to explore."""
-    events: Annotated[list[Event], Field(max_length=1000)] = []
+    events: Annotated[list[Event], Field(max_length=MAX_EVENTS)] = []
     map_bytes: Count = 0
     """Of the map as `MapReport` carries it."""
     filter_bytes: Count = 0

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ProtocolError
-from protocol.messages import Action, Event, MapReport, Send
+from protocol.messages import MAX_EVENTS, Action, Event, MapReport, Send
 from protocol.talk import MAX_SENDS
 from world.tick import Outputs
 
+MAX_SENT_BYTES = 1 << 20
+"""Of a robot's messages for others in one tick (ours). Those that are too long for the air are kept as well."""
 TRIES = 3
 """How often a tick whose answer does not add up is said again before the robot is given up."""
 
@@ -19,6 +21,8 @@ class Answer:
     """What one robot has said since its last answer was taken."""
 
     sends: list[Send] = field(default_factory=list)
+    sent_bytes: int = 0
+    """Of their payloads."""
     events: list[Event] = field(default_factory=list)
     map: MapReport | None = None
     action: Action | None = None
@@ -45,12 +49,17 @@ class Answers:
             case Send():
                 if len(answer.sends) == MAX_SENDS:  # said here, as a robot may go on for ever before its action
                     raise ProtocolError(f"more than {MAX_SENDS} messages in one tick")
+                answer.sent_bytes += len(message.payload)
+                if answer.sent_bytes > MAX_SENT_BYTES:
+                    raise ProtocolError(f"messages of more than {MAX_SENT_BYTES} bytes in one tick")
                 answer.sends.append(message)
             case MapReport():
                 answer.map = message
             case Action():
                 answer.action = message
                 answer.events.extend(message.events)
+                if len(answer.events) > MAX_EVENTS:  # in real time several actions may come in one tick
+                    raise ProtocolError(f"more than {MAX_EVENTS} events in one tick")
         return False
 
     def _came_before(self, robot: str, message: Send | MapReport | Action, tick: int) -> bool:

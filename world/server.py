@@ -1,6 +1,7 @@
 """The shell around an episode over Zenoh: an embedded router, the join, the ticks, and robots that die."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -31,6 +32,8 @@ FAREWELL_S = 1.0
 """At the end of a run, robots have this long to go by themselves before the router closes."""
 ENDED, LEFT, LOST = "its process ended", "it took its leave", "its link was lost"
 """Why a robot left."""
+MOST_QUESTIONS = 16
+"""Of a robot in a tick, or in SAY_AGAIN_S of a longer one (ours). One whose link is lost asks once when it is back."""
 FLOODS = f"more than {MOST_WAITING} of its messages, or {MOST_BYTES_WAITING} bytes of them, waited for the world"
 SAY_AGAIN_S = 2.0
 """In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
@@ -135,6 +138,10 @@ class Shell:
         """Robots that were here and whose link is lost, and since when: time.monotonic()."""
         self._newcomers: dict[str, str] = {}
         """Robots whose process came in this tick, `joined` or `rejoined`."""
+        self._losers: set[str] = set()
+        """Robots whose link was lost in this tick."""
+        self._asked: Counter[str] = Counter()
+        """Questions of each robot in this tick."""
         self._links_lost = 0
         self._began: float | None = None
         """time.monotonic() at the first tick; None before it and after the last one."""
@@ -219,10 +226,10 @@ class Shell:
             if self.config.real_time is None:
                 self._wait_for_all()
             else:
-                deadline = self._began + (tick + 1 - begin) * self.episode.period_s / self.config.real_time
-                while self._take(deadline):
-                    pass
+                self._take_until(self._began + (tick + 1 - begin) * self.episode.period_s / self.config.real_time)
                 self._give_up_silent()
+            self._losers.clear()
+            self._asked.clear()
             if self.episode.ended is None:
                 self._note_newcomers()
                 self._advance({robot: self._answers.take(robot, tick) for robot in self.episode.live})
@@ -259,13 +266,19 @@ class Shell:
             self._say(robot, keys.END, encode(End(reason=ended)))
         deadline = time.monotonic() + FAREWELL_S
         with suppress(Interrupted):
-            while self._participants.ready and self._take(deadline):
+            while self._participants.ready and time.monotonic() < deadline and self._take(deadline):
                 pass
 
     def _lose(self, robot: str) -> None:
-        """A link is lost: the process behind it may have ended, or stand still and come back."""
+        """A link is lost: the process behind it may have ended, or stand still and come back.
+
+        That is told once a tick, as a robot may take its token away and give it back as often as it likes.
+        """
         self._links_lost += 1
         self._away[robot] = time.monotonic()
+        if robot in self._losers:
+            return
+        self._losers.add(robot)
         if not self._lockstep:
             self.episode.happened(robot, "left", LOST)
         self.tell()
@@ -285,6 +298,8 @@ class Shell:
         """Log who came in this tick. In lockstep a process that was away and is the same one has missed nothing."""
         for robot in self.episode.live:
             event = self._newcomers.get(robot)
+            if event is not None:
+                self._arrive(robot)
             if event == "rejoined" and self._lockstep:
                 self.episode.came_back(robot)
             elif event is not None:
@@ -338,6 +353,7 @@ class Shell:
             if time.monotonic() < end and self._take(end):
                 continue
             waits, end = waits + 1, time.monotonic() + SAY_AGAIN_S
+            self._asked.clear()
             for robot in due:
                 if waits * SAY_AGAIN_S >= self.config.silence_s:
                     self._kill(
@@ -354,6 +370,16 @@ class Shell:
                 return self.episode.advance(outputs)
             except BadOutputsError as error:  # raised before anything changed, so the others' answers still hold
                 self._kill(error.robot, str(error))
+
+    def _take_until(self, deadline: float) -> None:
+        """Act on what arrives until the deadline, and on what waits then.
+
+        What comes later belongs to the next tick, so nobody can hold a tick by sending without end.
+        """
+        while time.monotonic() < deadline and self._take(deadline):
+            pass
+        for _ in range(self.inbox.qsize()):
+            self._take(deadline)
 
     def _take(self, deadline: float) -> bool:
         """Act on the next arrival, waiting for it until the deadline; whether there was one."""
@@ -403,6 +429,11 @@ class Shell:
         self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
+        """Answer a question. One too many gets no answer; who asks it honestly asks again."""
+        self._asked[arrival.robot] += self._began is not None
+        if self._asked[arrival.robot] > MOST_QUESTIONS:
+            query.drop()  # type: ignore[no-untyped-call]
+            return
         if arrival.what == keys.LEAVE:
             self._let_go(arrival, query)
             return
@@ -418,7 +449,6 @@ class Shell:
         if refusal is None:
             if robot in self._here and processes[robot] != before:
                 self._newcomers[robot] = "rejoined"
-                self._arrive(robot)
             self._welcome_back(robot)
 
     def _let_go(self, arrival: Arrival, query: zenoh.Query) -> None:

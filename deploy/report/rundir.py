@@ -289,7 +289,7 @@ def _compared(whole: Map, file: Path) -> Map:
 def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
     heard = (frozenset(map(int, line.get("heard", ()))) for line in lines)  # runs of older versions do not tell it
     maps = (replace(_map(line["map"]), heard=rows) for line, rows in zip(lines, heard, strict=True))
-    times = (float(line["t"]) for line in lines)
+    times = _array([float(line["t"]) for line in lines], (-1,)).tolist()
     return sorted(zip(times, maps, strict=True), key=lambda frame: frame[0]) or None
 
 

@@ -464,6 +464,7 @@ BROKE = {
     "reports": [
         b"> ",  # a path without poses
         b"\x08t,robot,coverage,bytes_sent\n1e999,r1,0.5,7\n1,team,0.5,7\n",
+        b"\x06" + FILES["snapshots/r1.jsonl"].replace(b"10", b"1e999"),
     ],
 }
 """What once was a traceback, a hang or a crash, by target."""
