@@ -36,7 +36,7 @@ from protocol.secrets import read_secrets
 from protocol.talk import Ack, Beacon, Part, in_parts
 from protocol.viewpoints import AskViews, Views, decode_views
 from protocol.wireframe import decode_wireframe, encode_wireframe
-from tests.fuzz import foreign, maps, ros2
+from tests.fuzz import foreign, hearing, maps, ros2
 from tests.tiny import ROOM, tiny_config
 from world import checkpoint
 from world.config import WorldConfig
@@ -433,6 +433,7 @@ TARGETS = {
     "parts": Target(a_part, _parts),
     "maps": Target(maps.fuzz_one, maps.seeds),
     "conversations": Target(a_conversation, _conversations),
+    "hearing": Target(hearing.fuzz_one, hearing.seeds),
     "wireframes": Target(a_wireframe, _wireframes),
     "documents": Target(a_document, _worlds),
     "worlds": Target(a_world, _worlds),

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -181,6 +182,25 @@ def test_the_last_word_of_a_world_counts_after_its_end() -> None:
             join(session, "r1", inbox, 0.1)
         inbox.stop()
         assert join(session, "r1", inbox, 0.1) == "interrupted"
+
+
+@pytest.mark.parametrize("real_time", [None, 40.0])
+def test_a_system_clock_that_jumps_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, real_time: float | None
+) -> None:
+    jumps = cycle((1e9, -1e9, 3600.0, -1.0))
+    monkeypatch.setattr(time, "time", lambda: 1.7e9 + next(jumps))
+    monkeypatch.setattr(time, "time_ns", lambda: int(1e9 * (1.7e9 + next(jumps))))
+    config = tiny_config(tmp_path, robots=2, until=4.0, server={"real_time": real_time})
+    began = time.monotonic()
+    with World(config, tmp_path / "out") as world, ThreadPoolExecutor() as pool:
+        both = [pool.submit(agent, world, robot) for robot in ("r1", "r2")]
+        assert [one.result(15) for one in both] == ["time", "time"]
+    assert real_time is None or time.monotonic() - began > 4.0 / real_time
+    assert {event["event"] for event in events(tmp_path / "out")} <= {"contact"}
+    if real_time is None:
+        inprocess.run(config, config.agent, tmp_path / "one", make_mind=endless)
+        assert digests(tmp_path / "out") == digests(tmp_path / "one")
 
 
 def test_missing_robots_are_named(tmp_path: Path) -> None:
