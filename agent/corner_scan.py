@@ -68,6 +68,7 @@ class CornerScan:
     pieces: Records  # (k,) of PIECE, by rising bearing of the first beam
     sight: Sight  # open and blind sectors
     discs: Floats  # (d, 2) m, centres of what looks like teammates
+    touching: bool = False  # whether something is so near that the body may touch it: its wheels may have slipped
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""

@@ -93,7 +93,7 @@ class Robot:
         if tick % self._merge_ticks == 0:
             self.filter.update(scan, observation.poses())
         else:
-            self.filter.move(observation.poses())
+            self.filter.move(observation.poses(), slips=scan.touching)
         if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose):
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)

@@ -12,7 +12,7 @@ from agent.corner_scan import CornerScan
 from agent.mapping.config import SubmapConfig
 from agent.mapping.loops import RIVAL_SCORE, score
 from agent.mapping.segments import moved
-from agent.mapping.submaps import MERGE_AFTER_M, Submaps, travelled
+from agent.mapping.submaps import MERGE_AFTER_M, SKIPPED, Submaps, travelled
 from protocol.arrays import Records
 from protocol.geometry import Pose, compose, pose_of, relative, wrapped
 
@@ -66,7 +66,11 @@ class LoopClosing:
         return False
 
     def _speaks_against(self, k: int) -> bool:
-        """Whether a loop is not where the filter has it, and cannot be there either. k: its edge in the graph."""
+        """Whether a loop is not where the filter has it, and cannot be there either. k: its edge in the graph.
+
+        Where earlier submaps show the walls of the later one where the filter has it, the filter has recognised the
+        place, and the loop lies among columns that are alike.
+        """
         graph, finished = self.submaps.graph(), self.submaps.finished
         a, b = graph.ends[k].tolist()
         held, measured = np.array(relative(self._frames[a], self._frames[b])), graph.measured[k]
@@ -76,7 +80,9 @@ class LoopClosing:
         off[2] = wrapped(off[2])
         if off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
             return False
-        return score(finished[a], finished[b], held) < RIVAL_SCORE * score(finished[a], finished[b], measured)
+        at, enough = self._frames[b], RIVAL_SCORE * score(finished[a], finished[b], measured)
+        places = zip(finished[: b - SKIPPED], self._frames, strict=False)
+        return all(score(place, finished[b], np.array(relative(frame, at))) < enough for place, frame in places)
 
     def settled(self) -> tuple[Records, Pose]:
         """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""

@@ -175,7 +175,7 @@ class WireframeFilter:
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
-        grown = self.move(odometry)
+        grown = self.move(odometry, slips=scan.touching)
         scores = update_particles(
             *self._particles(),
             grown,
@@ -187,10 +187,10 @@ class WireframeFilter:
         )
         self._weigh(scores)
 
-    def move(self, odometry: Floats | Pose) -> Floats:
+    def move(self, odometry: Floats | Pose, *, slips: bool = False) -> Floats:
         """Move every particle by odometry alone, as in `update`.
 
-        Returns (p, 2): by how much the variance of place and heading grew.
+        slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
         way = np.atleast_2d(odometry)
         told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
@@ -198,7 +198,7 @@ class WireframeFilter:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
         self._make_room()
-        return self.wheels.move(self.poses, self.joint, told)
+        return self.wheels.move(self.poses, self.joint, told, slips)
 
     def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:
         """What each particle believes, a row each: walls and their number, pose, wheels, axis, joint covariance."""

@@ -27,6 +27,9 @@ OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer 
 IN_WALL_M = 0.08  # a disc centred this near to a known wall is that wall's end: a teammate's centre is a radius away
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
 WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter one may be a teammate's front itself
+TOUCH_RAD = math.radians(15.0)
+"""View that must be too near to be measured where the robot touches something. A teammate's body takes 40 degrees of
+it, beams that are lost because they graze a wall 4 at most."""
 NOTHING = np.zeros((0, 4))
 
 
@@ -123,7 +126,16 @@ def perceive(
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(free, _sectors(unexplained, beams, 1), reach, 0.5 * beams.step, beams.shift)
-    return CornerScan(pieces, sight, discs)
+    return CornerScan(pieces, sight, discs, _touching(ranges, spec))
+
+
+def _touching(ranges: Floats, spec: RobotSpec) -> bool:
+    """Whether the body may touch something: much of the view (beams,) is nearer than its edge, or than any range."""
+    lidar = spec.lidar
+    near = ranges < spec.radius_m + range_noise(lidar)
+    if lidar.range_min_m >= spec.radius_m:
+        near |= np.isnan(ranges)
+    return float(near.sum()) * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
 
 
 @kernel

@@ -1,13 +1,18 @@
 """A robot that drives: a torn map is merged anew from submaps, a whole one is left as the filter has it."""
 
+import math
+
 import numpy as np
 import pytest
 
 from agent.config import AgentConfig
+from agent.mapping import loop_closing
 from agent.mapping.edges import check_records
 from agent.mapping.loop_closing import LoopClosing
+from agent.mapping.loops import Submap
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.pose_graph import Edges
+from agent.mapping.segments import SEGMENT
 from agent.mapping.submap_wireframe import records_of
 from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
@@ -102,3 +107,24 @@ def test_only_loops_that_agree_show_that_a_map_is_torn(
     assert loops._torn(1) is False  # the second alone
     loops._against = []
     assert loops._torn(0) is torn
+
+
+@pytest.mark.parametrize("recognised", [True, False])
+def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_the_place(
+    monkeypatch: pytest.MonkeyPatch, recognised: bool
+) -> None:
+    """The loop has the last submap beside the first one, the filter 4 m from there, at the second one."""
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops._frames = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (8.0, 0.0, 0.0), (8.0, 4.0, 0.0), (4.0, 0.0, 0.0)]
+    loops.submaps.finished = [
+        Submap(np.zeros(0, SEGMENT), np.zeros((0, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
+    ]
+    by_loop, by_filter = loops.submaps.finished[:2]
+    graph = Edges(np.array([(0, 4)]), np.zeros((1, 3)), 100.0 * np.eye(3)[None], np.ones(1, np.bool_))
+    monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
+
+    def score(earlier: Submap, _: Submap, pose: Floats) -> float:
+        return float(not pose.any() and (earlier is by_loop or (recognised and earlier is by_filter)))
+
+    monkeypatch.setattr(loop_closing, "score", score)
+    assert loops._speaks_against(0) is not recognised

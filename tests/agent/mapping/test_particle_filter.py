@@ -233,6 +233,21 @@ def test_odometry_noise_is_corrected_by_the_map(particles: int) -> None:
     assert farthest(found, ROOM) < 0.03
 
 
+def test_who_is_pushed_around_by_a_teammate_knows_where_it_is_by_what_it_sees() -> None:
+    walk, mate = Walk(ROOM, LidarSpec(), 1, OdometrySpec(noisy=True)), np.array([[0.205, 0.0, 0.105]])
+    x, y, theta = 2.5, 0.7, 0.0
+    for _ in range(30):
+        walk.see((x, y, theta), (0.0, 0.0, 0.0))
+    for _ in range(5):  # the wheels stand
+        x, theta = x - 0.02, theta - math.radians(8.0)
+        mate[0, :2] = x + 0.205 * math.cos(theta), y + 0.205 * math.sin(theta)
+        walk.see((x, y, theta), (0.0, 0.0, 0.0), mate)
+    for _ in range(20):
+        walk.see((x, y, theta), (0.0, 0.0, 0.0))
+    assert walk.filter.pose == pytest.approx((x - 2.5, 0.0, theta), abs=0.02)
+    assert len(walk.filter.wireframe().edges) == 10
+
+
 def test_the_same_seed_gives_the_same_bytes() -> None:
     maps = []
     for _ in range(2):

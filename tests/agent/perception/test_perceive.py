@@ -151,6 +151,13 @@ def test_a_teammate_is_a_disc_and_no_wall() -> None:
         assert all(abs(piece["y"] - 1.5) < 0.02 for piece in scan.pieces)
 
 
+@pytest.mark.parametrize(("away", "touching"), [(0.205, True), (0.25, False)])
+def test_who_is_so_near_that_no_range_is_measured_may_be_touched(away: float, touching: bool) -> None:
+    for bearing in (0.0, 2.0):
+        mate = np.array([(away * math.cos(bearing), away * math.sin(bearing), 0.105)])
+        assert view([(-3, 1.5, 3, 1.5)], noise=0.01, discs=mate).touching is touching
+
+
 def test_two_teammates_side_by_side_are_two_discs() -> None:
     scan = view([(-3, 2.5, 3, 2.5)], noise=0.01, discs=np.array([(0.0, 1.2, 0.105), (0.23, 1.25, 0.105)]))
     for centre in ((0.0, 1.2), (0.23, 1.25)):
