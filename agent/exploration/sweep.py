@@ -73,23 +73,36 @@ def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond:
     The points are in the order of y, as those of a lattice are. beyond: no point is seen from an eye so near to it,
     as the caller knows. Metres.
     """
-    out = np.zeros(points.shape[0], np.bool_)
+    seen = np.zeros(points.shape[0], np.bool_)
     for e in range(eyes.shape[0] - 1, -1, -1):
-        x, y = eyes[e]
-        near = walls_near(walls, x, y, radius)
-        first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
-        last_hid = near[:0]  # what hid one point hides most of its neighbours
-        for i in range(first, last):
-            px, py = points[i]
-            away2 = (px - x) ** 2 + (py - y) ** 2
-            if out[i] or away2 > radius * radius or 0.0 < away2 <= beyond * beyond:
-                continue
-            if hidden_by(x, y, px, py, last_hid) < 0:
-                k = hidden_by(x, y, px, py, near)
-                out[i] = k < 0
-                if k >= 0:
-                    last_hid = near[k : k + 1]
-    return out
+        _look(points, eyes[e, 0], eyes[e, 1], walls, radius, beyond, seen)
+    return seen
+
+
+@kernel
+def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
+    """Matrix (k, n): which of points (n, 2), in the order of y, is seen from which of eyes (k, 2)."""
+    views = np.zeros((eyes.shape[0], points.shape[0]), np.bool_)
+    for e in range(eyes.shape[0]):
+        _look(points, eyes[e, 0], eyes[e, 1], walls, radius, 0.0, views[e])
+    return views
+
+
+@kernel
+def _look(points: Floats, x: float, y: float, walls: Floats, radius: float, beyond: float, seen: Bools) -> None:
+    """Mark in seen (n,) the points that the eye at (x, y) sees; what is marked is not asked for again."""
+    near = walls_near(walls, x, y, radius)
+    first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
+    hid = -1  # what hid one point hides most of its neighbours
+    for i in range(first, last):
+        px, py = points[i]
+        away2 = (px - x) ** 2 + (py - y) ** 2
+        if seen[i] or away2 > radius * radius or 0.0 < away2 <= beyond * beyond:
+            continue
+        if hid < 0 or hidden_by(x, y, px, py, near[hid : hid + 1]) < 0:
+            k = hidden_by(x, y, px, py, near)
+            seen[i] = k < 0
+            hid = k if k >= 0 else hid
 
 
 def _cover(views: Bools, keep: bool) -> list[int]:
@@ -181,7 +194,7 @@ class Sweep:
         points = points[roads.reached(points)]
         if not len(points):
             return []
-        views = np.array([_in_view(unseen, point[None], roads.walls, self.radius, 0.0) for point in points])
+        views = np.asarray(_views(unseen, points, roads.walls, self.radius))
         kept = begun is not None and bool((points[0] == begun).all())
         return [
             Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=kept and k == 0)

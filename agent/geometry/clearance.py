@@ -45,11 +45,8 @@ def crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
     d = rx * sy - ry * sx
     if d == 0.0:
         return False
-    t = ((cx - ax) * sy - (cy - ay) * sx) / d
-    if t < 0.0 or t > 1.0:
-        return False
-    u = ((cx - ax) * ry - (cy - ay) * rx) / d
-    return 0.0 <= u <= 1.0
+    t, u = (cx - ax) * sy - (cy - ay) * sx, (cx - ax) * ry - (cy - ay) * rx  # times d, as division is slow
+    return 0.0 <= t <= d and 0.0 <= u <= d if d > 0.0 else d <= t <= 0.0 and d <= u <= 0.0
 
 
 @shared_kernel
