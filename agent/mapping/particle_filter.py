@@ -221,6 +221,8 @@ class WireframeFilter:
 
     def _weigh(self, scores: Floats) -> None:
         """Weights in the log domain; systematic resampling on effective sample size."""
+        if len(scores) == 1:
+            return
         gained = TEMPER * (scores - scores.max())
         self.standing = FORGET * self.standing + gained
         self.log_weights += gained

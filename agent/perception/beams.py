@@ -5,12 +5,13 @@ where that was: every beam has its own origin, and what it met is a point in the
 """
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.kernels import kernel
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Ints
 from protocol.geometry import relative, wrapped
 from protocol.messages import LidarSpec
 
@@ -34,36 +35,59 @@ class Beams(NamedTuple):
     shift: float  # greatest distance of an origin from the robot at the stamp
 
 
+class _Rays(NamedTuple):
+    """A ring of n beams whatever they meet: fields of `Beams`, and which of a scan's ranges they have."""
+
+    order: Ints  # (m,) places in the scan; what follows in the ring was not measured
+    origins: Floats
+    rays: Floats
+    moments: Floats
+    angles: Floats  # (n,) of the directions, rad, rising
+    step: float
+    shift: float
+
+
 def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beams:
     """The beams of a scan (beams,), metres, in the order in which an observation has them.
 
     way: (k + 1, 3) odometry poses at equal steps from the start of the turn to its stamp; None: the robot stood still.
     """
-    bearings, moments = lidar.bearings(), lidar.moments()
-    step = abs(float(bearings[1] - bearings[0]))
-    places = _places_at(moments, way) if way is not None and lidar.turning else np.zeros((len(ranges), 3))
-    c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
-    x, y = lidar.mount_x_m, lidar.mount_y_m
-    origins = places[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
-    angles = places[:, 2] + bearings
-    once = np.abs(angles - angles[-1]) < 2 * math.pi - 0.5 * step  # a robot that turns along sees some directions twice
-    rising = slice(None, None, -1 if lidar.clockwise else 1)
-    ranges, origins, moments, angles = (values[once][rising] for values in (ranges, origins, moments, angles))
-    left_out = 2 * math.pi - (angles[-1] - angles[0])
-    if lidar.turning or left_out > SEAM_BEAMS * step:
-        fill = np.full(max(1, round(left_out / step) - 1), np.nan)
-        ranges = np.concatenate((ranges, fill))
-        origins, moments = np.vstack((origins, np.zeros((len(fill), 2)))), np.concatenate((moments, np.ones(len(fill))))
-        share = np.arange(1, len(fill) + 1) / (len(fill) + 1)
-        angles = np.concatenate((angles, angles[-1] + share * left_out))
-    rays = np.column_stack((np.cos(angles), np.sin(angles)))
-    shift = float(np.hypot(*origins.T).max())
+    order, origins, rays, moments, angles, step, shift = (
+        _rays(lidar, _places_at(lidar.moments(), way)) if way is not None and lidar.turning else _rays_at_rest(lidar)
+    )
+    ranges = np.concatenate((ranges[order], np.full(len(angles) - len(order), np.nan)))
     distances = np.where(np.isnan(ranges), np.inf, ranges)
     if shift > 0:
         ends = origins + np.where(np.isfinite(ranges), ranges, lidar.range_max_m)[:, None] * rays
         angles = angles + wrapped(np.arctan2(ends[:, 1], ends[:, 0]) - angles)
         distances = np.where(np.isfinite(ranges), np.hypot(*ends.T), np.inf)
     return Beams(ranges, origins, rays, moments, distances, angles, step, shift)
+
+
+def _rays(lidar: LidarSpec, places: Floats) -> _Rays:
+    """The ring of a robot that is at these poses (beams, 3) when its beams are taken."""
+    bearings, moments = lidar.bearings(), lidar.moments()
+    step = abs(float(bearings[1] - bearings[0]))
+    c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
+    x, y = lidar.mount_x_m, lidar.mount_y_m
+    origins = places[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
+    angles = places[:, 2] + bearings
+    once = np.abs(angles - angles[-1]) < 2 * math.pi - 0.5 * step  # a robot that turns along sees some directions twice
+    order = np.flatnonzero(once)[:: -1 if lidar.clockwise else 1]
+    origins, moments, angles = origins[order], moments[order], angles[order]
+    left_out = 2 * math.pi - (angles[-1] - angles[0])
+    if lidar.turning or left_out > SEAM_BEAMS * step:
+        fill = max(1, round(left_out / step) - 1)
+        origins, moments = np.vstack((origins, np.zeros((fill, 2)))), np.concatenate((moments, np.ones(fill)))
+        angles = np.concatenate((angles, angles[-1] + np.arange(1, fill + 1) / (fill + 1) * left_out))
+    rays = np.column_stack((np.cos(angles), np.sin(angles)))
+    return _Rays(order, origins, rays, moments, angles, step, float(np.hypot(*origins.T).max()))
+
+
+@lru_cache
+def _rays_at_rest(lidar: LidarSpec) -> _Rays:
+    """The ring of a robot that stands, or whose beams are all taken at once."""
+    return _rays(lidar, np.zeros((lidar.beams, 3)))
 
 
 def _places_at(moments: Floats, way: Floats) -> Floats:

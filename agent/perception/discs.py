@@ -263,9 +263,12 @@ def hidden_beams(beams: Beams, discs: Floats, radius: float) -> Bools:
     """(n,) which beams meet one of the discs (d, 2), or pass within one beam of it."""
     out = np.zeros(len(beams.ranges), np.bool_)
     for d in range(len(discs)):
+        from_x, from_y, half = math.nan, math.nan, 0.0
         for k in range(len(out)):
             x, y = discs[d, 0] - beams.origins[k, 0], discs[d, 1] - beams.origins[k, 1]
-            half = math.asin(radius / max(math.hypot(x, y), 1.001 * radius)) + beams.step
+            if x != from_x or y != from_y:  # most beams are taken from the same place
+                from_x, from_y = x, y
+                half = math.asin(radius / max(math.hypot(x, y), 1.001 * radius)) + beams.step
             c, s = beams.rays[k, 0], beams.rays[k, 1]
             out[k] |= abs(math.atan2(c * y - s * x, c * x + s * y)) <= half
     return out
@@ -276,9 +279,10 @@ def beams_on(beams: Beams, expected: Floats, radius: float, margin: float) -> Bo
     """(n,) which beams end on a disc expected at (k, 3) centre and slack (+ margin), metres, robot's frame."""
     out = np.zeros(len(beams.ranges), np.bool_)
     for d in range(len(expected)):
+        x, y, reach = expected[d, 0], expected[d, 1], radius + (expected[d, 2] + margin)
+        away, room = math.hypot(x, y), 1.001 * reach
         for k in range(len(out)):
             r, bearing = beams.distances[k], beams.bearings[k]
-            if math.isfinite(r):
-                apart = math.hypot(r * math.cos(bearing) - expected[d, 0], r * math.sin(bearing) - expected[d, 1])
-                out[k] |= apart < radius + (expected[d, 2] + margin)
+            if away - room < r < away + room:  # others are off the disc at any bearing
+                out[k] |= math.hypot(r * math.cos(bearing) - x, r * math.sin(bearing) - y) < reach
     return out
