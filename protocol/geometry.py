@@ -44,11 +44,15 @@ def pose_of(row: Floats) -> Pose:
 
 def apply(transform: Sequence[float] | Floats, points: Floats) -> Floats:
     """Points (n, 2) of a frame moved by a transform (3,), which is the frame's pose."""
+    if not len(points):
+        return np.zeros((0, 2))  # most scans have no disc
     return np.asarray(points @ _axes(transform) + np.asarray(transform)[:2], np.float64)
 
 
 def seen_from(pose: Sequence[float] | Floats, points: Floats) -> Floats:
     """Points (n, 2) in the frame of a pose (3,): the inverse of `apply`."""
+    if not len(points):
+        return np.zeros((0, 2))
     return np.asarray((points - np.asarray(pose)[:2]) @ _axes(pose).T, np.float64)
 
 

@@ -21,9 +21,8 @@ from agent.cooperation.peer import Figures, Merged, Met, Peer, PeerLog, Proposed
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import compose
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose, apply, compose, pose_of
 from protocol.messages import Event, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
@@ -108,14 +107,13 @@ class Team:
         for name, peer in sorted(self.peers.items()):
             if isinstance(peer, Met) or peer.log.pose_tick < 0:
                 continue
-            x, y, theta = compose(peer.transform, np.array(peer.log.pose)).tolist()
             drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
             spread, turn = math.hypot(0.01 + peer.fit_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
             known.append(
                 TeammatePose(
                     robot=name,
                     tick=peer.log.pose_tick,
-                    pose=(x, y, theta),
+                    pose=compose(pose_of(peer.transform), peer.log.pose),
                     covariance=(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, turn**2),
                     status="merged" if isinstance(peer, Merged) else "proposed",
                 )
@@ -134,7 +132,7 @@ class Team:
         for peer in self.shares_work_with:
             silent_s = (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
             if silent_s <= PLACE_KNOWN_S:
-                x, y = apply(peer.transform, np.array([peer.log.pose[:2]]))[0].tolist()
+                x, y, _ = compose(pose_of(peer.transform), peer.log.pose)
                 found.append((x, y, NEARER_M + 0.5 * self.spec.max_speed_mps * silent_s))
         return np.array(found, np.float64).reshape(-1, 3)
 

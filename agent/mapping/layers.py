@@ -61,7 +61,7 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
     own: (m,) of EDGE. gates: wider than those of a scan, as a transform is known less well than a pose.
     """
     count = len(own)
-    edges = np.concatenate((own, np.zeros(sum(len(layer.pieces) for layer in layers), own.dtype)))
+    edges = _with_room(own, sum(len(layer.pieces) for layer in layers))
     edges["relative"] = 0.0  # that is as seen from the robot, and a layer lies in the map
     _keep_published(edges, count)
     for layer in layers:
@@ -76,8 +76,15 @@ def first_hand(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
     """
     edges = merged(own, layers, gates)
     count = len(edges)
-    edges = np.concatenate((edges, np.zeros(3 * len(own), own.dtype)))
+    edges = _with_room(edges, 3 * len(own))
     return edges[: _cut_off_heard(edges, count, own)]
+
+
+def _with_room(edges: Records, more: int) -> Records:
+    """A copy of edges (n,) with free records after them; numpy is slow to join records."""
+    out = np.zeros(len(edges) + more, edges.dtype)
+    out[: len(edges)] = edges
+    return out
 
 
 @kernel

@@ -30,6 +30,8 @@ class SeenDiscs:
 
         What is no teammate is seldom seen as a disc twice, so a disc is expected for no more scans than it was seen in.
         """
+        if not len(discs) and not len(self._seen):
+            return
         new, (x, y, scans, seen) = apply(pose, discs), self._seen.T
         again = np.hypot(new[:, :1] - x, new[:, 1:] - y) <= self._step_m * scans + STILL_M
         missed = self._seen[~again.any(0) & (scans < np.minimum(seen, SEEN_SCANS))] + (0.0, 0.0, 1.0, 0.0)

@@ -90,6 +90,12 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
 
 
 @kernel
+def _in_turn(k: int, n: int) -> int:
+    """Beam k of n, where k may lie less than a turn outside; quicker than a remainder."""
+    return k + n if k < 0 else k - n if k >= n else k
+
+
+@kernel
 def _near(turn: Panorama, k: int) -> float:
     """Metres by which the range of beam k may differ from that to a disc, if the beam is to end on it."""
     return NOISE_SIGMAS * turn.noise[k] + 0.1 * turn.radius
@@ -139,7 +145,7 @@ def _fit_of(turn: Panorama, disc: Disc) -> Fit:
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     on, chi2, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        beam = k % len(turn.ranges)
+        beam = _in_turn(k, len(turn.ranges))
         off, _, _ = _off(turn, beam, disc.distance, cb, sb)
         if abs(off) < _near(turn, beam):
             on += 1
@@ -163,7 +169,7 @@ def _better(turn: Panorama, disc: Disc) -> Disc:
     cb, sb = math.cos(bearing), math.sin(bearing)
     low, high = _span(turn, disc)
     for k in range(low, high + 1):
-        beam = k % len(turn.ranges)
+        beam = _in_turn(k, len(turn.ranges))
         off, c, s = _off(turn, beam, distance, cb, sb)
         if abs(off) <= _near(turn, beam):
             side = distance * s
@@ -186,7 +192,7 @@ def _is_line(turn: Panorama, disc: Disc, fitted: Fit) -> bool:
     run, angle, sd = np.empty(size), np.empty(size), np.empty(size)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(fitted.first, fitted.last + 1):
-        beam = k % len(turn.ranges)
+        beam = _in_turn(k, len(turn.ranges))
         if abs(_off(turn, beam, disc.distance, cb, sb)[0]) < _near(turn, beam):
             run[m], angle[m] = turn.ranges[beam], math.atan2(turn.rays[beam, 1], turn.rays[beam, 0])
             sd[m] = turn.noise[beam]
@@ -263,14 +269,18 @@ def hidden_beams(beams: Beams, discs: Floats, radius: float) -> Bools:
     """(n,) which beams meet one of the discs (d, 2), or pass within one beam of it."""
     out = np.zeros(len(beams.ranges), np.bool_)
     for d in range(len(discs)):
-        from_x, from_y, half = math.nan, math.nan, 0.0
+        from_x, from_y, half, slope = math.nan, math.nan, 0.0, 0.0
         for k in range(len(out)):
             x, y = discs[d, 0] - beams.origins[k, 0], discs[d, 1] - beams.origins[k, 1]
             if x != from_x or y != from_y:  # most beams are taken from the same place
                 from_x, from_y = x, y
                 half = math.asin(radius / max(math.hypot(x, y), 1.001 * radius)) + beams.step
+                slope = math.tan(1.001 * half) if half < 1.5 else math.inf
             c, s = beams.rays[k, 0], beams.rays[k, 1]
-            out[k] |= abs(math.atan2(c * y - s * x, c * x + s * y)) <= half
+            across, ahead = c * y - s * x, c * x + s * y
+            if (ahead <= 0.0 and half < 1.5) or abs(across) > slope * ahead:
+                continue  # clearly beside the disc, without an angle
+            out[k] |= abs(math.atan2(across, ahead)) <= half
     return out
 
 
