@@ -1,6 +1,8 @@
 """A peer whose map was merged rightly, and that then turns on the robot: its steps stay short, and its map its own."""
 
 import time
+from collections import deque
+from collections.abc import Sequence
 from functools import cache, partial
 from typing import Any
 
@@ -17,7 +19,7 @@ from protocol.errors import ProtocolError
 from protocol.geometry import compose, relative
 from protocol.grid_map import MAX_TOLD, quantise
 from protocol.map_codec import encode_map
-from protocol.messages import EVERYONE, Heard, Observation
+from protocol.messages import EVERYONE, Heard, Observation, Send
 from protocol.talk import Beacon, in_parts
 from protocol.wireframe import MAX_VERTICES, Wireframe
 
@@ -140,6 +142,40 @@ def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) ->
         if hostile_ms < 2.0 * usual_ms:
             return
     pytest.fail("a hostile peer more than doubles the work of a step")
+
+
+class Replaying(Robot):
+    """r3 says again, twice and to both others, all that it heard so many ticks ago, in whosever name it was said."""
+
+    def __init__(self, *which: Any, late: int) -> None:
+        super().__init__(*which)
+        self.kept: deque[Sequence[Heard]] = deque(maxlen=late + 1)
+
+    def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
+        step = super().step(observation, heard)
+        self.kept.append(heard)
+        if self.robot != "r3" or len(self.kept) < (self.kept.maxlen or 0):
+            return step
+        again = [
+            Send(tick=observation.tick, to=to, kind=message.kind, payload=message.payload)
+            for message in self.kept[0]
+            for to in ("r1", "r2")
+            for _ in range(2)
+        ]
+        sends = [*step.sends, *again][:256]
+        return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends)}))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("late", [0, 25])
+def test_what_others_said_said_again_harms_no_map(late: int) -> None:
+    config = {"world": "apartment", "robots": 3, "seed": 0, "until": 150.0}
+    honest, run = explore(config, {}), explore(config, {}, make_mind=partial(Replaying, late=late))
+    assert not run.episode.dead
+    for robot in ("r1", "r2"):
+        assert run.episode.coverage[robot] >= honest.episode.coverage[robot] - 0.01
+        walls, usual = (len(one.robots[robot].wireframe.edges) for one in (run, honest))
+        assert abs(walls - usual) <= 3
 
 
 def test_more_than_a_map_may_have_cannot_even_be_said() -> None:
