@@ -22,6 +22,7 @@ NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Lab
 NOISE_SIGMAS = 3.5  # standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise
 NOISE_FLOOR_M = 0.003  # least standard deviation of a range: real walls are not flatter, whatever the lidar promises
 BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that there is wall between them
+STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to scan; a teammate drives so far in 0.3 s
 TELLING_HITS = 1.0
 """Pieces with fewer hits than this, as PIECE counts them, tell of no ends. Every sixth end of such a piece is none, and
 the others are off by the distance of two beams."""
@@ -67,7 +68,7 @@ class CornerScan:
 
     pieces: Records  # (k,) of PIECE, by rising bearing of the first beam
     sight: Sight  # open and blind sectors
-    discs: Floats  # (d, 2) m, centres of what looks like teammates
+    discs: Floats  # (d, 2) m, centres of teammates
     touching: bool = False  # whether something is so near that the body may touch it: its wheels may have slipped
 
     def wireframe(self) -> Wireframe:

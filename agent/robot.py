@@ -31,7 +31,6 @@ LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
-NOBODY = np.zeros((0, 2))  # places of teammates where nobody is near
 LAY_S = 0.6  # least time between two layings of merged maps over the own one; until then the scan shows what is new
 
 
@@ -89,7 +88,7 @@ class Robot:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started, tick = time.perf_counter(), observation.tick
         way = self.filter.way(observation.poses())
-        scan = self.perception.see(observation, way, self.filter.pose, self.own)
+        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, len(heard) > 0)
         if tick % self._merge_ticks == 0:
             self.filter.update(scan, observation.poses())
         else:
@@ -98,7 +97,7 @@ class Robot:
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)
         pose = self.filter.pose
-        self.perception.remember(tick, pose, scan, len(heard) > 0)
+        self.perception.remember(tick, pose)
         own = self.filter.wireframe()
         own_changed = not _alike(own, self.own)
         if own_changed:
@@ -112,8 +111,7 @@ class Robot:
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
-        mates = scan.discs if self.perception.company else NOBODY
-        situation = Situation(tick, self.wireframe, self.version, pose, seen, mates, errand, rivals, viewpoints)
+        situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
         scene = explorer.look(situation)
         if self._looks_first():
             command = explorer.stand("look round")

@@ -99,10 +99,10 @@ class Surroundings:
         here = np.array((float(pose[0]), float(pose[1])))
         known = situation.wireframe.segments()
         seen = apply(pose, scan.points)[scan.edges].reshape(-1, 4)
-        discs = self.teammates.update(tick, apply(pose, situation.discs), known)
-        standing, fronts = self.teammates.walls(tick), self.teammates.fronts(here)
+        discs = apply(pose, situation.discs)
+        self.teammates.update(tick, discs)
         self.touch.feel(here)
-        walls = np.ascontiguousarray(np.vstack((known, seen, standing, fronts, self.touch.walls)))
+        walls = np.ascontiguousarray(np.vstack((known, seen, self.teammates.walls(tick), self.touch.walls)))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 

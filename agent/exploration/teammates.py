@@ -1,25 +1,20 @@
 """Teammates in the way: seen lately, standing still, as obstacles for paths (ours)."""
 
 import math
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
+from agent.corner_scan import STILL_M
 from agent.exploration.planning import NODE_SHARE, circle
-from agent.geometry.clearance import distances_to_walls
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 
-_SAME_M = 0.3  # a disc this near to where a teammate was is the same one; it drives 0.05 m a tick
-_STILL_M = 0.05  # a teammate that moved less stands
-_IN_WALL = 0.8  # a disc nearer to a mapped wall than this share of the radius is the wall's end, taken for a teammate
-_FIXED_S = 1.0  # how long a disc in a wall is remembered: a scan longer than perception leaves out its beams
+_SAME_M = 0.3  # a teammate seen this near to where one was is the same one; it drives 0.05 m a tick
 STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
 AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
 ROOM_M = 0.045  # air around a teammate that is planned around: with a tight path's, a little more than driving asks
-_FRONT = np.linspace(-1.2, 1.2, 5)  # rad, bearings of the corners of a disc's front from the direction of who sees it
 _SIDES = 8  # corners of the polygon that stands for a teammate; its edges are within 8 % of the disc
 _OUTLINE = circle(_SIDES)[np.arange(_SIDES + 1) % _SIDES] / math.cos(math.pi / _SIDES)
 """(n + 1, 2) corners of a polygon around the unit disc, the first one again at the end."""
@@ -45,38 +40,19 @@ class Teammates:
         """spec: of the robot; teammates have the same body."""
         self.radius, self.rate_hz = spec.radius_m, spec.lidar.rate_hz
         self.known: list[Teammate] = []
-        self._fixed: deque[Floats] = deque(maxlen=max(1, round(_FIXED_S * self.rate_hz)))
 
-    def update(self, tick: int, discs: Floats, walls: Floats) -> Floats:
-        """Take in discs (k, 2) seen now; returns those of them that can be teammates. walls (m, 4): the map's."""
-        free = distances_to_walls(np.ascontiguousarray(discs), walls) >= _IN_WALL * self.radius
-        self._fixed.append(discs[~free])
-        discs = discs[free]
+    def update(self, tick: int, places: Floats) -> None:
+        """Take in where teammates are seen now (k, 2)."""
         memory = MEMORY_S * self.rate_hz
         self.known = [mate for mate in self.known if tick - mate.seen <= memory or tick < mate.avoid_until]
-        for x, y in discs.tolist():
+        for x, y in places.tolist():
             mate = self.near(x, y, _SAME_M)
             if mate is None:
                 self.known.append(Teammate(x, y, tick, x, y, tick))
                 continue
             mate.x, mate.y, mate.seen = x, y, tick
-            if math.hypot(mate.still_x - x, mate.still_y - y) > _STILL_M:
+            if math.hypot(mate.still_x - x, mate.still_y - y) > STILL_M:
                 mate.still_x, mate.still_y, mate.still_since = x, y, tick
-        return discs
-
-    def fronts(self, eye: Floats) -> Floats:
-        """Walls (k, 4) where discs in walls were hit lately, seen from eye (2,): posts and ends, hidden from the map.
-
-        Perception makes no wall of what it takes for a teammate, and what stands in a wall is no teammate here. Without
-        these fronts nothing would keep a robot from driving into it.
-        """
-        if not any(map(len, self._fixed)):
-            return np.zeros((0, 4))
-        discs = np.vstack(self._fixed)
-        towards = np.arctan2(*(eye - discs).T[::-1])
-        angles = towards[:, None] + _FRONT
-        arcs = discs[:, None] + self.radius * np.stack((np.cos(angles), np.sin(angles)), 2)
-        return np.concatenate((arcs[:, :-1], arcs[:, 1:]), 2).reshape(-1, 4)
 
     def near(self, x: float, y: float, reach_m: float) -> Teammate | None:
         """The teammate nearest to (x, y), if within reach."""

@@ -2,16 +2,15 @@
 
 import numpy as np
 
+from agent.corner_scan import STILL_M
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
 SEEN_SCANS = 4  # scans for which a disc is expected that they miss: one in ten misses it, four in a row almost never
 STILL_S = 3.0  # a disc still for so long while nobody is heard is a post; an exploring robot stands for 0.8 s
-STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to scan; a teammate drives so far in 0.3 s
 SILENCE_S = 21.0  # without any message nobody is near: of four beacons all are lost one time in 120 at 30 % loss
 MAX_POSTS = 200  # posts that are kept, the newest (16 bytes each): a hall has a dozen
-REACH_MARGIN_M = 1.0  # posts are asked for this far beyond the lidar's range
 
 
 class SeenDiscs:
@@ -57,14 +56,13 @@ class Posts:
         """Whether anybody was heard so lately that a disc may be a teammate."""
         return tick - self._heard < self._silence
 
-    def add(self, tick: int, here: Pose, discs: Floats, heard: bool) -> None:
-        """Take in a scan's discs (k, 2), frame of the map, seen from here; heard: any message at this tick.
+    def hear(self, tick: int, here: Pose) -> None:
+        """Somebody is heard, so that no post around here is sure any more; here: the robot's pose."""
+        self._heard = tick
+        self.places = self.places[np.hypot(*(self.places - here[:2]).T) > self._reach_m]
 
-        Where somebody is heard, no post around here is sure any more.
-        """
-        if heard:
-            self._heard = tick
-            self.places = self.places[np.hypot(*(self.places - here[:2]).T) > self._reach_m]
+    def add(self, tick: int, discs: Floats) -> None:
+        """Take in a scan's discs (k, 2), frame of the map."""
         if self.company(tick):
             self._standing = self._standing[:0]
             return
@@ -80,6 +78,5 @@ class Posts:
         self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= self._still)]
 
     def seen_from(self, pose: Pose) -> Floats:
-        """(k, 2) those in reach of a pose, in its frame."""
-        near = np.hypot(*(self.places - pose[:2]).T) <= self._reach_m + REACH_MARGIN_M
-        return seen_from(pose, self.places[near])
+        """(k, 2) the posts in the frame of a pose."""
+        return seen_from(pose, self.places)

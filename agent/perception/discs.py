@@ -26,6 +26,7 @@ class Panorama(NamedTuple):
     noise: Floats  # (n,) m, standard deviation of each range
     step: float  # rad, from each beam to the next
     radius: float  # m, of the discs
+    shift: float  # m, by which the lidar moved in the turn
 
 
 class Disc(NamedTuple):
@@ -50,8 +51,7 @@ def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
     """Discs in a full turn of beams: (d, 2) metres, centres in the robot's frame. noise: (n,) sd of the ranges.
 
     A disc is a run of beams that fit a circle of the radius better than a line, with a jump in range at one end, and a
-    jump or another disc at the other. Far posts and wall ends pass now and then, which only hides them until the robot
-    is nearer.
+    jump or another disc at the other. Far posts, wall ends and walls pass now and then: `perceive` asks the map.
     """
     turn = _evenly_spread(beams, noise, radius)
     found = np.empty((len(turn.ranges), 3))  # distance, bearing, mean chi-square
@@ -72,7 +72,10 @@ def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
 
 @kernel
 def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
-    """The nearest of the beams at each step of bearing. A step that no beam fell on has what is before it."""
+    """The nearest of the beams at each step of bearing.
+
+    Where parallax parts what is near from what is far no beam falls on some steps: they have the farther of both.
+    """
     n = round(2 * math.pi / beams.step)
     ranges, rays, sd = np.full(n, np.nan), np.zeros((n, 2)), np.ones(n)
     taken = np.zeros(n, np.bool_)
@@ -85,8 +88,13 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
         rays[k, 0], rays[k, 1] = math.cos(beams.bearings[i]), math.sin(beams.bearings[i])
     for k in range(n):
         if not taken[k] and taken[k - 1]:
-            ranges[k], sd[k], rays[k] = ranges[k - 1], sd[k - 1], rays[k - 1]
-    return Panorama(ranges, rays, sd, beams.step, radius)
+            after = k + 1
+            while not taken[after % n]:
+                after += 1
+            farther = after % n if ranges[after % n] > ranges[k - 1] else k - 1
+            for gap in range(k, after):
+                ranges[gap % n], sd[gap % n], rays[gap % n] = ranges[farther], sd[farther], rays[farther]
+    return Panorama(ranges, rays, sd, beams.step, radius, beams.shift)
 
 
 @kernel
@@ -246,11 +254,15 @@ def _bounded(turn: Panorama, found: Floats, count: int) -> Floats:
 
 @kernel
 def _jumps(turn: Panorama, distance: float, bearing: float, side: int) -> bool:
-    """Whether the beam beside a disc (side 1: left, -1: right) is clearly farther or nearer than the disc."""
+    """Whether a beam beside a disc (side 1: left, -1: right) is clearly farther or nearer than the disc."""
     half = _half_width(distance, turn.radius)
-    beam = round((bearing + side * (half + turn.step)) / turn.step) % len(turn.ranges)
-    r = turn.ranges[beam]
-    return r > distance + 0.3 * turn.radius or r < distance - turn.radius - _near(turn, beam)
+    wider = _half_width(max(distance - turn.shift, turn.radius), turn.radius) - half  # seen from where it was taken
+    edge = bearing + side * half
+    for steps in range(1, 2 + math.ceil(wider / turn.step)):
+        if turn.ranges[round(edge / turn.step + side * steps) % len(turn.ranges)] > distance + 0.3 * turn.radius:
+            return True
+    beam = round(edge / turn.step + side) % len(turn.ranges)
+    return turn.ranges[beam] < distance - turn.radius - _near(turn, beam)
 
 
 @kernel

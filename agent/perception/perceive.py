@@ -4,6 +4,7 @@ Nothing else reads ranges (paper I, "strictly sparse").
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,13 +25,16 @@ from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 
 OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer may have dropped out
-IN_WALL_M = 0.08  # a disc centred this near to a known wall is that wall's end: a teammate's centre is a radius away
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
 WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter one may be a teammate's front itself
 TOUCH_RAD = math.radians(15.0)
 """View that must be too near to be measured where the robot touches something. A teammate's body takes 40 degrees of
 it, beams that are lost because they graze a wall 4 at most."""
-NOTHING = np.zeros((0, 4))
+IN_WALL = 0.8
+"""Share of the radius. A disc is a wall's where the point halfway from its centre to its front is nearer to a wall: to
+one that merely fits a disc, the point lies half a radius behind; from a teammate's, any wall in view is a radius away.
+In 8 runs of 3 robots 24 of 24,370 discs on teammates were lost so, and of 219,500 on anything else 10,700 left."""
+NOTHING, NOBODY = np.zeros((0, 4)), np.zeros((0, 2))
 
 
 class Perception:
@@ -41,26 +45,28 @@ class Perception:
         self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._tick = -1  # of the last observation
-        self.company = False
-        """Whether somebody may be near, as messages came lately. Else discs are posts, legs, tips of walls, or one who
-        comes and was not heard yet."""
+        self._round = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
-    def see(self, observation: Observation, way: Floats, start: Pose, own: Wireframe) -> CornerScan:
-        """Corner scan of an observation.
+    def see(
+        self, observation: Observation, way: Floats, start: Pose, known: Wireframe, heard: bool = False
+    ) -> CornerScan:
+        """Corner scan of an observation. Its discs are teammates: nobody after perception judges that again.
 
         way: (k + 1, 3) poses from the last observation to this one, in the frame of the first; that one is `start` in
-        the frame of the map. own: the robot's own map.
+        the frame of the map. known: the robot's map. heard: whether any message came in this tick.
         """
-        if own is not self._map:
-            walls = own.segments()
-            self._map, self._walls = own, walls[lengths(walls) >= WALL_M]
+        if known is not self._map:
+            walls = known.segments()
+            self._map, self._walls = known, walls[lengths(walls) >= WALL_M]
         x, y, theta = way[-1].tolist()
         predicted = compose(start, (x, y, theta))
         turn = way if observation.tick == self._tick + 1 else None  # after a missed tick the turn's start is unknown
         self._tick = observation.tick
-        self.company = self._posts.company(observation.tick)
+        if heard:
+            self._posts.hear(observation.tick, predicted)
+        company = self._posts.company(observation.tick)
         scan = perceive(
             observation.scan(),
             self._spec,
@@ -70,14 +76,15 @@ class Perception:
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
             alone=self._alone,
-            company=self.company,
+            company=company,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
-        return scan
+        self._round = scan.discs
+        return scan if company else replace(scan, discs=NOBODY)
 
-    def remember(self, tick: int, pose: Pose, scan: CornerScan, heard: bool) -> None:
-        """Note where a scan's discs are, once the pose is corrected; heard: whether any message came in this tick."""
-        self._posts.add(tick, pose, apply(pose, scan.discs), heard)
+    def remember(self, tick: int, pose: Pose) -> None:
+        """Note where the last scan's discs are, once the pose is corrected."""
+        self._posts.add(tick, apply(pose, self._round))
 
 
 def perceive(
@@ -86,9 +93,9 @@ def perceive(
     method: Segmentation = "piecewise",
     *,
     way: Floats | None = None,
-    expected: Floats = NOTHING,
+    expected: Floats = NOTHING[:, :3],
     known: Floats = NOTHING,
-    posts: Floats = NOTHING,
+    posts: Floats = NOBODY,
     alone: bool = False,
     company: bool = True,
 ) -> CornerScan:
@@ -100,15 +107,16 @@ def perceive(
     can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
     the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
+
+    The scan's discs are those that may be teammates, whether there is company or not.
     """
     lidar, radius = spec.lidar, spec.radius_m
     good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
     beams = ring_of(np.where(good, ranges, np.inf), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
-    discs = np.zeros((0, 2)) if alone else find_discs(beams, noise, radius)
-    discs = discs[distances_to_walls(discs, known) > IN_WALL_M]
-    if len(posts) and len(discs):
-        discs = discs[np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1) > radius]
+    discs = NOBODY if alone else find_discs(beams, noise, radius)
+    discs = discs[_may_be_teammates(discs, known, posts, radius)]
+    expected = expected[_may_be_teammates(expected[:, :2], known, posts, radius)]
     hidden = np.isnan(beams.ranges)
     if company:
         hidden |= hidden_beams(beams, discs, radius) | beams_on(beams, expected, radius, DISC_MARGIN_M)
@@ -136,6 +144,13 @@ def _touching(ranges: Floats, spec: RobotSpec) -> bool:
     if lidar.range_min_m >= spec.radius_m:
         near |= np.isnan(ranges)
     return float(near.sum()) * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
+
+
+def _may_be_teammates(discs: Floats, known: Floats, posts: Floats, radius: float) -> Bools:
+    """(d,) which discs (d, 2) are neither on a known wall (m, 4) nor on a post (p, 2); robot's frame, metres."""
+    away = np.hypot(*discs.T)[:, None]
+    free = distances_to_walls(discs * (1.0 - 0.5 * radius / np.maximum(away, radius)), known) > IN_WALL * radius
+    return free & (np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1, initial=math.inf) > radius)
 
 
 @kernel

@@ -141,10 +141,10 @@ def test_durations_are_the_same_at_any_rate():
     assert [robot.goals.refresh_ticks for robot in robots] == [3, 12]
     for robot, ticks in zip(robots, (50, 200), strict=True):
         mates = robot.surroundings.teammates
-        mates.update(0, np.array([[1.0, 0.0]]), np.zeros((0, 4)))
+        mates.update(0, np.array([[1.0, 0.0]]))
         mates.avoid(mates.known[0], 0)
         assert mates.in_the_way(ticks - 1)
-        mates.update(ticks, NOBODY, np.zeros((0, 4)))
+        mates.update(ticks, NOBODY)
         assert not mates.in_the_way(ticks)
 
 
@@ -413,16 +413,14 @@ def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
     assert memory.find(points, along).tolist() == [-1, -1, -1]
 
 
-def test_what_stands_in_a_wall_is_no_teammate():
+def test_a_teammate_that_stands_is_in_the_way_until_it_was_not_seen_for_long():
     mates = Teammates(SPEC)
-    walls = np.array([[0.0, 0.0, 5.0, 0.0]])
-    assert mates.update(0, np.array([[2.0, -0.05], [3.0, 0.5]]), walls).tolist() == [[3.0, 0.5]]
-    assert not mates.in_the_way(1)
-    for tick in range(1, 15):
-        mates.update(tick, np.array([[3.0, 0.5]]), walls)
-    assert mates.in_the_way(15)
-    assert len(mates.walls(15)) == 8
-    mates.update(60, NOBODY, walls)
+    for tick in range(10):
+        assert not mates.in_the_way(tick)
+        mates.update(tick, np.array([[3.0, 0.5 + 0.005 * tick]]))
+    assert mates.in_the_way(10)
+    assert len(mates.walls(10)) == 8
+    mates.update(60, NOBODY)
     assert not mates.in_the_way(60)
 
 

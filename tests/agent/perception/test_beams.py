@@ -129,3 +129,21 @@ def test_a_teammate_is_a_disc_though_the_robot_turns() -> None:
         c, s = math.cos(0.4), math.sin(0.4)
         at = np.array((s, c))
         assert np.linalg.norm(scan.discs - at, axis=1).min() < 0.02, turn
+
+
+def test_a_teammate_close_by_is_a_disc_though_parallax_leaves_gaps_beside_it() -> None:
+    """From where its beam was taken a robot looked past a teammate elsewhere than from the scan's stamp."""
+    found, rng, room = 0, np.random.default_rng(0), 3.0 * ROOM
+    spec = RobotSpec(lidar=TURNING.model_copy(update={"noise_m": 0.01}))
+    sides = np.arange(24) * 2 * math.pi / 24
+    for bearing in np.linspace(0.0, 2 * math.pi, 40, endpoint=False):
+        way = way_of(np.array((2.0, 1.0, 0.4)), 0.22, rng.uniform(-2.8, 2.8))
+        distance = rng.uniform(0.25, 0.6)
+        at = distance * np.array((math.cos(bearing), math.sin(bearing)))
+        c, s = math.cos(0.4), math.sin(0.4)
+        ring = way[-1, :2] + at @ np.array(((c, s), (-s, c)))
+        ring = ring + 0.105 * np.column_stack((np.cos(sides), np.sin(sides)))
+        ranges = taken(np.vstack((room, np.column_stack((np.roll(ring, -1, 0), ring)))), TURNING, way)[0]
+        discs = perceive(ranges + rng.normal(0.0, 0.01, ranges.shape), spec, way=way).discs
+        found += np.hypot(*(discs - at).T).min(initial=1.0) < 0.03
+    assert found >= 36

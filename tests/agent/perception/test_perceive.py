@@ -205,6 +205,24 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
     assert seen_with == 20
 
 
+def test_what_fits_a_disc_on_a_known_wall_is_the_wall_and_a_teammate_before_it_is_none() -> None:
+    """Few beams on a far wall that is seen obliquely fit a circle, too: its middle lies a radius behind the wall."""
+    wall, spec, rng = np.array([(2.0, 2.0, -3.0, 2.0)]), RobotSpec(), np.random.default_rng(0)
+    lidar, mate = Lidar(wall, spec.lidar), np.array([[-0.3, 2.0 - 1.3 * spec.radius_m, spec.radius_m]])
+    on_wall, left, on_mate, told = 0, 0, 0, 0
+    for _ in range(40):
+        for discs in (None, mate):
+            ranges = np.asarray(lidar.measured(lidar.cast(np.zeros((1, 3)), discs), [rng])[0], np.float64)
+            found, judged = (perceive(ranges, spec, known=known).discs for known in (wall[:0], wall))
+            if discs is None:
+                on_wall, left = on_wall + len(found), left + len(judged)
+            else:
+                found, judged = (np.hypot(*(places - mate[0, :2]).T) < 0.1 for places in (found, judged))
+                on_mate, told = on_mate + found.any(), told + judged.any()
+    assert on_wall > 40 and left == 0
+    assert told == on_mate > 30
+
+
 def test_a_far_piece_of_noisy_beams_tells_of_no_end() -> None:
     bearings = RobotSpec().lidar.bearings()
     panel = np.where(np.abs(3.0 * np.tan(bearings)) < 0.15, 3.0 / np.cos(bearings), np.inf)
