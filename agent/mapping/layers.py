@@ -17,6 +17,7 @@ from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
 from agent.mapping.edges import CANDIDATE, FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, remove, set_end, set_tip, tip_at
 from agent.mapping.scan_merge import merge_scan
+from agent.mapping.uncut import uncut
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
@@ -33,12 +34,14 @@ class Layer(NamedTuple):
 
 
 def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m: float) -> Layer:
-    """Walls of a received map (sender's frame) but for hidden ones (m,), moved by a transform (3,)."""
+    """Walls of a received map (sender's frame) but for hidden ones (m,), whole, moved by a transform (3,)."""
     points = apply(np.asarray(transform, np.float64), wireframe.points)
     size = np.hypot(*(points[wireframe.edges[:, 1]] - points[wireframe.edges[:, 0]]).T)
     kept = np.flatnonzero(~hidden & (size > MIN_WALL_M))
-    edges, length = wireframe.edges[kept], size[kept]
+    edges, grown = uncut(points, wireframe.labels, wireframe.edges[kept].astype(np.int64), wireframe.own[kept])
+    kept = kept[grown]
     a, b = points[edges[:, 0]], points[edges[:, 1]]
+    length = np.hypot(*(b - a).T)
     out_of, into = np.full(len(points), -1), np.full(len(points), -1)
     out_of[edges[:, 0]], into[edges[:, 1]] = np.arange(len(kept)), np.arange(len(kept))
     pieces = np.zeros(len(kept), PIECE)
