@@ -20,7 +20,6 @@ from agent.perception.perceive import Perception
 from agent.state import State
 from protocol.geometry import pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
-from protocol.viewpoints import Looked
 from protocol.wireframe import Wireframe, encode_wireframe
 
 MERGE_S = 0.2
@@ -110,7 +109,7 @@ class Robot:
         changed = self._draw_map(tick, own_changed)
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
-        explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.viewpoints
+        explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.views.places
         situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
         scene = explorer.look(situation)
         if self._looks_first():
@@ -124,9 +123,8 @@ class Robot:
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
-        looked = Looked(explorer.viewpoints.ticks, explorer.viewpoints.own)
-        partners = [] if command.complete else self.team.shares_work_with
-        ask = {peer.log.name: pose_of(peer.transform) for peer in partners}  # for their viewpoints
+        looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
+        ask = {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self.told, self._told_version, looked, ask, in_sight)
         if changed:

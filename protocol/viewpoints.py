@@ -1,11 +1,12 @@
 """Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/protocol.md).
 
-Places are on a grid of 10 cm, in the order in which the robot was there. Each is coded as its offset from where the
-last step would lead on. A list covers the ticks (since, until].
+Places are on a grid of 10 cm, in the order in which the robot was there, or heard of them: it passes on those of peers
+whose maps it has merged. Each is coded as its offset from where the last step would lead on. A list covers the ticks
+(since, until].
 """
 
 import struct
-from collections.abc import Sequence
+from bisect import bisect_right
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,8 @@ from protocol.wireframe import MAX_COORDINATE_M
 VIEWS = "views"  # kind of message, as in radio.csv
 CELL_M = 0.1  # of the grid: a robot keeps 0.13 m from walls, so nearly the same is seen from the middle of its cell
 MAX_VIEWPOINTS = 4000  # of one message: 2 km of path (ours)
-_ASKS, _PLACES = 1, 2  # flags in the lowest bits of the first byte: a question; with the asked robot's frame
+_ASKS, _PLACES, _HEARD = 1, 2, 4
+"""Flags in the lowest bits of the first byte: a question; with the asked robot's frame; with others' viewpoints."""
 _FRAME = struct.Struct("<iiH")
 _COUNT, _FIRST, _STEP = 4, 6, 1
 """Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
@@ -43,29 +45,56 @@ class AskViews(NamedTuple):
 
 
 class Views(NamedTuple):
-    """Where the sender has looked from after one tick and until another."""
+    """Where the sender has looked from, or heard that others have, after one tick and until another."""
 
     since: int  # 0: the list is whole, and replaces what was told before
     until: int
     cells: Ints  # (k, 2) in units of CELL_M, the sender's own frame
+    heard: Ints = np.zeros((0, 2), np.int64)  # (j, 2) the same, of peers whose maps it has merged
 
     @property
     def points(self) -> Floats:
-        """(k, 2) metres."""
-        return np.asarray(CELL_M * self.cells, np.float64)
+        """(k + j, 2) metres, its own ones first."""
+        return np.asarray(CELL_M * np.vstack((self.cells, self.heard)), np.float64)
 
     def encode(self) -> bytes:
         """About five bits a viewpoint."""
         bits = BitWriter()
-        bits.number(len(self.cells), _COUNT)
-        last = step = (0, 0)
-        order = _FIRST
-        for x, y in self.cells.tolist():
-            bits.signed(x - last[0] - step[0], order)
-            bits.signed(y - last[1] - step[1], order)
-            step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
-            last, order = (x, y), _STEP
-        return first_byte(0) + varint(self.until) + varint(self.until - self.since) + bits.data()
+        _write(bits, self.cells)
+        if len(self.heard):
+            _write(bits, self.heard)
+        flags = _HEARD if len(self.heard) else 0
+        return first_byte(flags) + varint(self.until) + varint(self.until - self.since) + bits.data()
+
+
+def _write(bits: BitWriter, cells: Ints) -> None:
+    """How many cells (k, 2) there are, and each."""
+    bits.number(len(cells), _COUNT)
+    last = step = (0, 0)
+    order = _FIRST
+    for x, y in cells.tolist():
+        bits.signed(x - last[0] - step[0], order)
+        bits.signed(y - last[1] - step[1], order)
+        step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
+        last, order = (x, y), _STEP
+
+
+def _read(reader: BitReader) -> Ints:
+    """(k, 2) cells as they were written."""
+    count = reader.number(_COUNT)
+    if count > MAX_VIEWPOINTS:
+        raise ProtocolError(f"{count} viewpoints in one message; 1 to {MAX_VIEWPOINTS} are taken")
+    cells: list[tuple[int, int]] = []
+    last = step = (0, 0)
+    order = _FIRST
+    for _ in range(count):
+        x, y = (last[axis] + step[axis] + reader.signed(order) for axis in (0, 1))
+        if CELL_M * max(abs(x), abs(y)) > MAX_COORDINATE_M:
+            raise ProtocolError("a viewpoint out of bounds")
+        step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
+        last, order = (x, y), _STEP
+        cells.append(last)
+    return np.array(cells, np.int64).reshape(-1, 2)
 
 
 def decode_views(data: bytes) -> AskViews | Views:
@@ -79,51 +108,59 @@ def decode_views(data: bytes) -> AskViews | Views:
         if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
             raise ProtocolError("a frame from out of bounds")
         return AskViews(tick, (x / 1000, y / 1000, angle_of(turn)))
-    if flags:
+    if flags & ~_HEARD:
         raise ProtocolError("a message about viewpoints that is none")
     back, at = take_varint(data, at)
     if not 0 < back <= tick:
         raise ProtocolError("viewpoints of the future")
     reader = BitReader(data[at:])
-    count = reader.number(_COUNT)
-    if not 0 < count <= MAX_VIEWPOINTS:
-        raise ProtocolError(f"{count} viewpoints in one message; 1 to {MAX_VIEWPOINTS} are taken")
-    cells: list[tuple[int, int]] = []
-    last = step = (0, 0)
-    order = _FIRST
-    for _ in range(count):
-        x, y = (last[axis] + step[axis] + reader.signed(order) for axis in (0, 1))
-        if CELL_M * max(abs(x), abs(y)) > MAX_COORDINATE_M:
-            raise ProtocolError("a viewpoint out of bounds")
-        step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
-        last, order = (x, y), _STEP
-        cells.append(last)
+    views = Views(tick - back, tick, _read(reader), _read(reader) if flags else np.zeros((0, 2), np.int64))
     reader.finish()
-    return Views(tick - back, tick, np.array(cells, np.int64))
+    if not len(views.cells) + len(views.heard) or (flags and not len(views.heard)):
+        raise ProtocolError("a message of viewpoints without any")
+    return views
 
 
 class Looked(NamedTuple):
-    """Where a robot itself has looked from."""
+    """From where a robot knows that it, or a peer whose map it has merged, has looked; rows in order of the ticks."""
 
-    ticks: Sequence[int] = ()  # (k,) rising: when it was there
-    places: Sequence[tuple[float, float]] = ()  # (k,) metres, its own frame
+    ticks: list[int]  # (k,) when it was there, or heard of it
+    places: list[tuple[float, float]]  # (k,) metres, its own frame
+    owners: list[str]  # (k,) who was there; empty: the robot itself
 
-    def between(self, since: int, until: int, mtu: int) -> Views | None:
+    def add(self, tick: int, x: float, y: float, owner: str) -> None:
+        """Add one."""
+        self.ticks.append(tick)
+        self.places.append((x, y))
+        self.owners.append(owner)
+
+    def between(self, since: int, until: int, mtu: int, asker: str = "") -> Views | None:
         """What there is to tell in a message of at most mtu bytes, the oldest first; None without anything.
 
-        A robot that began anew after `since` tells all.
+        Nobody is told of his own viewpoints. A robot that began anew after `since` tells all.
         """
         if since and self.ticks and since < self.ticks[0]:
             since = 0
-        known = since or -1
-        chosen = [k for k, tick in enumerate(self.ticks) if known < tick <= until][:MAX_VIEWPOINTS]
-        while chosen and self.ticks[chosen[-1]] > 0:
-            cells = np.round(np.array([self.places[k] for k in chosen]) / CELL_M).astype(np.int64)
-            views = Views(since, self.ticks[chosen[-1]], cells)
-            if len(views.encode()) <= mtu:
+        first, end = bisect_right(self.ticks, since or -1), bisect_right(self.ticks, until)
+        rows = [row for row in range(first, end) if not asker or self.owners[row] != asker]
+        count = min(len(rows), MAX_VIEWPOINTS, 2 * mtu)  # a viewpoint takes four bits or more
+        while count := self._whole_ticks(rows, count):
+            own, heard = ([row for row in rows[:count] if bool(self.owners[row]) == others] for others in (False, True))
+            views = Views(since, self.ticks[rows[count - 1]], self._cells(own), self._cells(heard))
+            if views.until > 0 and len(views.encode()) <= mtu:
                 return views
-            chosen = chosen[: len(chosen) // 2]
+            count //= 2
         return None
 
+    def _whole_ticks(self, rows: list[int], count: int) -> int:
+        """How many of the first `count` rows there are without those of a tick that goes on after them."""
+        while 0 < count < len(rows) and self.ticks[rows[count - 1]] == self.ticks[rows[count]]:
+            count -= 1
+        return count
 
-NOWHERE = Looked()
+    def _cells(self, rows: list[int]) -> Ints:
+        """(k, 2) cells of these rows."""
+        return np.round(np.array([self.places[row] for row in rows]).reshape(-1, 2) / CELL_M).astype(np.int64)
+
+
+NOWHERE = Looked([], [], [])

@@ -249,7 +249,7 @@ class Exchange:
             told = self._told[peer]
             if not told.parts and told.compared == state:
                 told.current = tick
-            views = looked.between(since, told.current, self.mtu_bytes)
+            views = looked.between(since, told.current, self.mtu_bytes, peer)
             if views is not None:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
         self._asks = {}

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Bools, Floats, Ints
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap
 from protocol.map_codec import decode_map
@@ -32,12 +32,16 @@ class ReceivedMap(NamedTuple):
 
 
 class PeerViews(NamedTuple):
-    """Where a peer has looked from."""
+    """Where a peer has looked from, or knows that others have."""
 
     points: Floats = np.zeros((0, 2))
     """(k, 2) metres, the peer's own frame."""
     need: Ints = np.zeros(0, np.int64)
-    """(k,) tick of the peer's map that holds what it saw from there."""
+    """(k,) tick of the peer's map that holds what was seen from there."""
+    heard: Bools = np.zeros(0, np.bool_)
+    """(k,) whether others looked from there, whose maps the peer has merged."""
+    editions: int = 0
+    """How often the peer has told all anew, as some of it no longer held."""
 
 
 @dataclass
@@ -123,8 +127,9 @@ class Known:
         if not self.views_asked or views.until <= self.views_until or views.since not in (0, self.views_until):
             return None  # what is missing will be asked for
         self.views_asked = False
-        old = self.views if views.since else PeerViews()
+        old = self.views if views.since else PeerViews(editions=self.views.editions + 1)
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
-        need = np.concatenate((old.need, np.full(len(views.cells), self.newest)))[-KEPT_VIEWS:]
-        self.views, self.views_until = PeerViews(points, need), views.until
+        need = np.concatenate((old.need, np.full(len(views.points), self.newest)))[-KEPT_VIEWS:]
+        heard = np.concatenate((old.heard, np.arange(len(views.points)) >= len(views.cells)))[-KEPT_VIEWS:]
+        self.views, self.views_until = PeerViews(points, need, heard, old.editions), views.until
         return self.views

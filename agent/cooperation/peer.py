@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -106,13 +106,13 @@ class PeerLog:
         self.sightings.append(sighting)
         self.sighting_is_news = True
 
-    def take_map(self, tick: int, own: Wireframe) -> bool:
-        """Take the map that waits, if the own one bears it; whether it is too large now and was not before.
+    def take_map(self, tick: int, known: Sequence[Wireframe]) -> bool:
+        """Take the map that waits, if one of the known maps bears it; whether none does now and one did before.
 
-        Nobody's map is of the future.
+        known: the own map and those that other peers have merged into it. Nobody's map is of the future.
         """
         waiting, waited = self.waiting, self.waits
-        self.waits = waiting is not None and is_too_large(waiting.wireframe, own)
+        self.waits = waiting is not None and all(is_too_large(waiting.wireframe, one) for one in known)
         if waiting is not None and not self.waits:
             self.map, self.map_is_news = waiting._replace(tick=min(waiting.tick, tick)), True
             self.waiting = None

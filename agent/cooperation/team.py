@@ -19,6 +19,7 @@ from agent.cooperation.evidence import WallEvidence, fresh_pieces
 from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradiction, hide_seen_through, merge, update
 from agent.cooperation.peer import Figures, Merged, Met, Peer, PeerLog, Proposed, fit_error_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
+from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial
 from agent.corner_scan import CornerScan
 from protocol.arrays import Floats
@@ -80,8 +81,8 @@ class Team:
         """To verify the first of the queue; None without proposal."""
         self.changed = False
         """Whether a layer of the map has changed in this tick."""
-        self.viewpoints = np.zeros((0, 2))
-        """(k, 2) places in the robot's own frame from where merged peers saw what is in their merged maps."""
+        self.views = TeamViews()
+        """From where merged peers saw what is in their merged maps."""
         self._views_changed = False
         self.events: list[Event] = []
         """What happened in this tick."""
@@ -165,7 +166,10 @@ class Team:
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
         for peer in self.peers.values():
-            if peer.log.take_map(tick, own):
+            if peer.log.waiting is None and not peer.log.waits:
+                continue
+            others = [other.map.wireframe for other in self.merged if other is not peer]
+            if peer.log.take_map(tick, [own, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
         if self.config.verification.ground and tick % self._ticks(LOOK_S) == 0:
             for peer in self.peers.values():
@@ -204,10 +208,7 @@ class Team:
             if self._align(tick, peer, own):
                 break
         if self.changed or self._views_changed:
-            self.viewpoints = np.zeros((0, 2))
-            for merged in self.shares_work_with:  # what was seen from a viewpoint is in maps as new as it needs
-                points = merged.log.views.points[merged.log.views.need <= merged.map.tick]
-                self.viewpoints = np.vstack((self.viewpoints, apply(merged.transform, points)))
+            self.views.gather(self.shares_work_with)
 
     def _align(self, tick: int, peer: Peer, own: Wireframe) -> bool:
         """Propose a transform, weigh later maps of a proposal, or refine a merged map; false where nothing is due."""
@@ -329,6 +330,8 @@ class Team:
             self._reject(peer, "it took too long")
         elif arrived is False and not drive.detours:
             self._reject(peer, "unreachable")
+        elif peer.trial.asks_for_a_meeting and not self._is_heard(tick, peer):
+            self._reject(peer, "undecided")
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, drive.detours)
             if place is None or drive.detours >= DETOURS:
@@ -339,14 +342,17 @@ class Team:
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
         unseen = peer.trial.walls.unseen()
-        heard = tick - peer.log.pose_tick <= STILL_HEARD_S * self.spec.lidar.rate_hz
-        if heard and (detours % 2 == 0 or not len(unseen)):
+        if self._is_heard(tick, peer) and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_meeting):
             return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
         stands = apply(peer.transform, stands)
         away = np.hypot(stands[:, 0] - pose[0], stands[:, 1] - pose[1])
         stands, away = stands[away >= HERE_M], away[away >= HERE_M]
         return np.asarray(stands[away.argmin()]) if len(stands) else None
+
+    def _is_heard(self, tick: int, peer: Peer) -> bool:
+        """Whether a peer was heard so lately that a drive to it may meet it."""
+        return tick - peer.log.pose_tick <= STILL_HEARD_S * self.spec.lidar.rate_hz
 
     def _leave_queue(self, peer: Proposed) -> None:
         """Z = Z - proposal."""

@@ -116,6 +116,12 @@ class Trial:
             return True
         return False if self.weight <= -self.config.reject else None
 
+    @property
+    def asks_for_a_meeting(self) -> bool:
+        """Whether walls have said all that they can, so that only seeing the peer where it must be may decide."""
+        nats = (self.nats[kind] for kind in ("ground", "later_maps") if getattr(self.config, kind))
+        return self.config.discs and sum(nats) >= WALLS_MOST_NATS
+
     def walk(self, pose: Pose, scan: CornerScan) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""
         self.walls.look(self.transform, pose, scan)

@@ -3,7 +3,8 @@
 Planning takes time with the walls of a map, and with the square of its bends, the places that a way may lead around:
 each pair of them is looked at, past all walls. An honest map has few bends, as no way bends at the inner corners of
 rooms; one that is strewn with short walls has four to a wall. So a robot that comes late takes the map of a whole
-building at once, and a hostile one waits.
+building at once, and a hostile one waits. In a crowd every map holds those of many: it may weigh as much beyond what
+another merged peer has told, too.
 """
 
 import numpy as np

@@ -15,12 +15,18 @@ from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
 PLACE = st.tuples(st.integers(-90_000, 90_000), st.integers(-90_000, 90_000))
 
 
-@given(st.lists(PLACE, min_size=1, max_size=60), st.integers(0, 2**30), st.integers(1, 2**30))
-def test_viewpoints_arrive_as_they_were(cells, since, more) -> None:
-    sent = Views(since, since + more, np.array(cells, np.int64))
+@given(st.lists(PLACE, max_size=60), st.lists(PLACE, max_size=60), st.integers(0, 2**30), st.integers(1, 2**30))
+def test_viewpoints_arrive_as_they_were(cells, heard, since, more) -> None:
+    sent = Views(since, since + more, *(np.array(some, np.int64).reshape(-1, 2) for some in (cells, heard)))
+    if not cells and not heard:
+        with pytest.raises(ProtocolError, match="without any"):
+            decode_views(sent.encode())
+        return
     got = decode_views(sent.encode())
     assert isinstance(got, Views)
-    assert (got.since, got.until, got.cells.tolist()) == (since, since + more, [list(cell) for cell in cells])
+    assert (got.since, got.until) == (since, since + more)
+    assert got.cells.tolist() == [list(cell) for cell in cells]
+    assert got.heard.tolist() == [list(cell) for cell in heard]
     assert decode_views(AskViews(since).encode()) == AskViews(since)
 
 
@@ -52,7 +58,7 @@ def driven(ticks: int) -> Looked:
         if k % 10 == 0:
             heading = np.array([-heading[1], heading[0]])
         way.append(way[-1] + heading)
-    return Looked([10 * k for k in range(ticks)], [(float(x), float(y)) for x, y in way])
+    return Looked([10 * k for k in range(ticks)], [(float(x), float(y)) for x, y in way], [""] * ticks)
 
 
 def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> None:
@@ -65,6 +71,20 @@ def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> No
     rest = looked.between(first.until, 4000, 1200)
     assert rest is not None and len(first.cells) + len(rest.cells) == 400
     assert looked.between(3990, 4000, 1200) is None
+
+
+def test_what_others_saw_is_passed_on_but_not_to_them_and_a_tick_comes_whole() -> None:
+    looked = Looked([], [], [])
+    for k in range(400):
+        looked.add(10 + k // 10, 0.5 * k, 0.0, ("", "b", "c")[k % 3])
+    told = looked.between(0, 100, 1200, "b")
+    assert told is not None and len(told.cells) == 134 and len(told.heard) == 133
+    assert {(5 * k, 0) for k in range(2, 400, 3)} == set(map(tuple, told.heard.tolist()))
+    count, since = 0, 0
+    while told := looked.between(since, 100, 64, "b"):
+        assert len(told.encode()) <= 64
+        count, since = count + len(told.points), told.until
+    assert count == 267
 
 
 FRAME = (1.0, 2.0, 0.5)
@@ -80,15 +100,14 @@ class Two:
         self.flying: list[tuple[str, Send]] = []
         self.sent: list[tuple[str, Send]] = []
         self.rng, self.loss = np.random.default_rng(0), loss
-        self.looked: Looked = Looked([], [])
+        self.looked = Looked([], [], [])
 
     def run(self, ticks: int, ask: bool = True, kinds_lost: tuple[str, ...] = ()) -> None:
         for _ in range(ticks):
             heard = self.flying
             self.flying = []
             if self.tick % 10 == 0:
-                self.looked.ticks.append(self.tick)  # type: ignore[attr-defined]
-                self.looked.places.append((0.05 * self.tick, 0.0))  # type: ignore[attr-defined]
+                self.looked.add(self.tick, 0.05 * self.tick, 0.0, "")
             for name, robot in (("a", self.a), ("b", self.b)):
                 mine = [
                     Heard(tick=self.tick, sender=sender, kind=send.kind, payload=send.payload)
@@ -171,7 +190,7 @@ def test_a_robot_that_began_anew_tells_all_again() -> None:
     two = Two()
     two.run(200)
     two.a = Exchange(TalkConfig(), RATE_HZ, MTU_BYTES)
-    two.looked = Looked([], [])
+    two.looked = Looked([], [], [])
     two.run(100)
     born = 200
     assert len(two.looked.places) - 5 <= two.known <= 10

@@ -89,7 +89,7 @@ def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> No
         for event in step.action.events:
             if event.event == "unmerged":
                 events.append((observation.tick / 5, event.event, event.data))
-                undone.append(robot.wireframe is robot.own and not team.merged and not len(team.viewpoints))
+                undone.append(robot.wireframe is robot.own and not team.merged and not len(team.views.places))
         peer = team.peers.get("r2")
         if observation.tick < 100 or peer is None:  # until both have seen something that can be contradicted
             return

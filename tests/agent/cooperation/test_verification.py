@@ -50,6 +50,17 @@ def test_walls_alone_accept_nothing_where_the_teammate_may_be_seen() -> None:
     assert one.verdict is True
 
 
+def test_where_walls_have_said_all_they_can_only_a_meeting_may_decide() -> None:
+    one = trial()
+    one.nats["ground"] = 2.9
+    assert not one.asks_for_a_meeting
+    one.align_again(True)
+    assert one.asks_for_a_meeting and one.verdict is None
+    alone = trial(discs=False)
+    alone.nats["ground"] = 3.0
+    assert not alone.asks_for_a_meeting
+
+
 def test_a_message_from_beyond_the_radio_s_range_decides_against() -> None:
     one = trial()
     one.hear((0.0, 0.0, 0.0), (3.9, 0.0, 0.0), 4.3)

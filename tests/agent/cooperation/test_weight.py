@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from agent.communication.receiving import ReceivedMap
+from agent.cooperation.peer import PeerLog
 from agent.cooperation.weight import COMPARED_WALLS, bends, is_too_large
 from protocol.wireframe import Wireframe
 from world.worldfile import load
@@ -59,3 +61,10 @@ def test_a_map_that_would_take_long_to_compare_waits_whatever_its_bends_are() ->
         np.ones(COMPARED_WALLS + 9, np.bool_),
     )
     assert bends(flat) == 4 and is_too_large(flat, a_look_around())
+
+
+def test_a_map_of_many_waits_until_another_merged_peer_tells_one_of_its_weight() -> None:
+    log, own, crowd = PeerLog("x"), a_look_around(), strewn(120)
+    log.waiting = ReceivedMap(crowd, 1)
+    assert log.take_map(2, [own]) and log.map is None
+    assert not log.take_map(3, [own, strewn(60)]) and log.map is not None and log.waiting is None

@@ -1,0 +1,115 @@
+"""Where the team has looked from: what merged peers told, and what the robot may pass on (ours).
+
+Viewpoints go as far as the walls that were seen from them: a robot tells its own and those of peers that it has merged,
+but none that those have from others. So in a crowd nobody needs to meet everybody, or to sweep what others have swept.
+"""
+
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.cooperation.peer import Merged
+from protocol.arrays import Floats
+from protocol.geometry import apply
+from protocol.viewpoints import Looked
+
+SAME_VIEW_M = 0.25
+"""Cell in which one viewpoint from second hand stands for all: several peers pass on the same ones. Half of the
+distance between two of one robot."""
+TOLD_A_TICK = 10
+"""Viewpoints that become known to peers in a tick, in order: those of one tick go into the shortest message."""
+MOST_TOLD = 6000
+"""Viewpoints beyond which a robot passes on no others' (48 bytes each)."""
+
+
+class _Taken(NamedTuple):
+    """What was taken of one peer's viewpoints."""
+
+    editions: int
+    """How often the peer had told all anew."""
+    heard: int
+    """How many from second hand."""
+    places: Floats
+    """(k, 2) those of them that were kept, metres, the robot's own frame."""
+
+
+def _cells(places: Floats) -> list[tuple[int, int]]:
+    """The cell of each of places (k, 2)."""
+    return [(x, y) for x, y in np.floor(places / SAME_VIEW_M).astype(np.int64).tolist()]
+
+
+class TeamViews:
+    """Viewpoints of merged peers."""
+
+    def __init__(self) -> None:
+        self.places = np.zeros((0, 2))
+        """(k, 2) metres, the robot's own frame: what was seen from there is in merged maps."""
+        self._first_hand: dict[str, Floats] = {}
+        self._taken: dict[str, _Taken] = {}
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Tell all again, as some of it no longer holds: nobody's tick of the last one known is as late."""
+        self._looked = Looked([], [], [])
+        self._waiting = deque[tuple[float, float, str]]()
+        self._cells = set[tuple[int, int]]()
+        self._passed_on = dict[str, int]()  # first-hand viewpoints of each peer that were passed on, or known already
+        self._own, self._own_tick = 0, -1
+
+    def gather(self, merged: Sequence[Merged]) -> None:
+        """Take what these peers told, where the merged maps hold what was seen from there."""
+        held = {peer.log.name: peer for peer in merged}
+        editions = {name: peer.log.views.editions for name, peer in held.items()}
+        anew = [name for name, taken in self._taken.items() if editions.get(name) != taken.editions]
+        for name in anew:
+            del self._taken[name]
+        if not self._passed_on.keys().isdisjoint(anew):
+            self._begin_anew()
+        usable = {name: peer.log.views.need <= peer.map.tick for name, peer in held.items()}
+        self._first_hand = {
+            name: apply(peer.transform, peer.log.views.points[usable[name] & ~peer.log.views.heard])
+            for name, peer in held.items()
+        }
+        kept = [*self._first_hand.values(), *(taken.places for taken in self._taken.values())]
+        known = set(_cells(np.vstack([np.zeros((0, 2)), *kept])))
+        for name, peer in held.items():
+            views, before = peer.log.views, self._taken.get(name)
+            heard = views.points[usable[name] & views.heard]
+            before = before or _Taken(views.editions, 0, np.zeros((0, 2)))
+            places = apply(peer.transform, heard[before.heard :])
+            rows = []
+            for row, cell in enumerate(_cells(places)):
+                if cell not in known:
+                    known.add(cell)
+                    rows.append(row)
+            self._taken[name] = _Taken(views.editions, len(heard), np.vstack((before.places, places[rows])))
+        self.places = np.vstack(
+            [np.zeros((0, 2)), *self._first_hand.values(), *(taken.places for taken in self._taken.values())]
+        )
+
+    def looked(self, tick: int, own_ticks: Sequence[int], own_places: Sequence[tuple[float, float]]) -> Looked:
+        """What may be told: own viewpoints (k,) with their ticks, and merged peers' first-hand ones."""
+        if len(own_ticks) < self._own:  # every second one was forgotten
+            self._begin_anew()
+        first = bisect_right(own_ticks, self._own_tick)
+        if first < len(own_ticks):
+            self._waiting.extend((x, y, "") for x, y in own_places[first:])
+            self._own_tick = own_ticks[-1]
+        self._own = len(own_ticks)
+        for name, places in self._first_hand.items():
+            if len(places) > (count := self._passed_on.get(name, 0)):
+                self._passed_on[name] = len(places)
+                self._pass_on(name, places[count:])
+        for _ in range(min(TOLD_A_TICK, len(self._waiting))):
+            self._looked.add(tick, *self._waiting.popleft())
+        return self._looked
+
+    def _pass_on(self, name: str, places: Floats) -> None:
+        """Queue a peer's viewpoints (k, 2) that are not as good as known to those that are told."""
+        for cell, (x, y) in zip(_cells(places), places.tolist(), strict=True):
+            if cell not in self._cells and len(self._looked.ticks) + len(self._waiting) < MOST_TOLD:
+                self._cells.add(cell)
+                self._waiting.append((x, y, name))

@@ -1,0 +1,78 @@
+"""Viewpoints of a team: passed on as far as walls are, known once by whoever tells them, taken back with a merge."""
+
+import numpy as np
+
+from agent.communication.receiving import PeerViews, ReceivedMap
+from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.peer import Laid, Merged, PeerLog
+from agent.cooperation.team_views import TOLD_A_TICK, TeamViews
+from agent.mapping.layers import layer_of
+from protocol.viewpoints import Looked
+from protocol.wireframe import Wireframe
+
+OWN = ([0, 3], [(0.0, 0.0), (0.5, 0.0)])
+
+
+def merged(name: str, own: list[float], heard: list[float], need: int = 0, editions: int = 1) -> Merged:
+    """A peer 10 m to the right that looked from (x, 0) of its frame; need: tick of the map that holds what it saw."""
+    places = np.array([(x, 0.0) for x in own + heard]).reshape(-1, 2)
+    is_heard = np.arange(len(places)) >= len(own)
+    log = PeerLog(name, views=PeerViews(places, np.full(len(places), need), is_heard, editions))
+    empty, transform, hidden = Wireframe(), np.array([10.0, 0.0, 0.0]), np.zeros(0, np.bool_)
+    layer = layer_of(empty, transform, hidden, 1.0)
+    return Merged(log, ReceivedMap(empty, 5), transform, 0.0, WallEvidence(), Laid(hidden, layer, layer), 0, 0)
+
+
+def told(views: TeamViews, asker: str, ticks: int = 20) -> set[float]:
+    """Where the robot and others have looked from, as the asker hears it, m along the x axis."""
+    looked = Looked([], [], [])
+    for tick in range(100, 100 + ticks):
+        looked = views.looked(tick, *OWN)
+    said = looked.between(0, 200, 1200, asker)
+    return set() if said is None else {round(x, 1) for x in said.points[:, 0].tolist()}
+
+
+def test_peers_are_told_what_a_merged_peer_saw_itself_but_not_what_it_has_from_others() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0, 2.0], [7.0]), merged("c", [3.0], [])])
+    assert sorted(views.places[:, 0].tolist()) == [11.0, 12.0, 13.0, 17.0]
+    assert told(views, "d") == {0.0, 0.5, 11.0, 12.0, 13.0}
+    assert told(views, "b") == {0.0, 0.5, 13.0}
+
+
+def test_a_viewpoint_counts_once_the_merged_map_holds_what_was_seen_from_there() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], [2.0], need=6)])
+    assert not len(views.places) and told(views, "d") == {0.0, 0.5}
+
+
+def test_what_several_peers_pass_on_counts_once() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], [2.05, 1.05]), merged("c", [], [2.1, 4.0])])
+    assert sorted(views.places[:, 0].round(2).tolist()) == [11.0, 12.05, 14.0]
+
+
+def test_an_undone_merge_takes_its_viewpoints_back_from_those_that_were_told() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], []), merged("c", [3.0], [4.0])])
+    assert told(views, "d") == {0.0, 0.5, 11.0, 13.0}
+    until = views.looked(120, *OWN).ticks[-1]
+    views.gather([merged("b", [1.0], [])])
+    assert views.places.tolist() == [[11.0, 0.0]]
+    again = views.looked(121, *OWN).between(until, 121, 1200, "d")
+    assert again is not None and again.since == 0  # forget all that was told before
+    assert sorted(again.points[:, 0].tolist()) == [0.0, 0.5, 11.0]
+
+
+def test_who_tells_all_anew_is_believed_anew() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], [5.0])])
+    views.gather([merged("b", [1.0], [6.0], editions=2)])
+    assert sorted(views.places[:, 0].tolist()) == [11.0, 16.0]
+
+
+def test_a_tick_s_viewpoints_fit_the_shortest_message() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [0.5 * k for k in range(300)], [])])
+    looked = views.looked(100, *OWN)
+    assert looked.ticks.count(100) == TOLD_A_TICK
