@@ -59,5 +59,6 @@ def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_
             team.merge(team.propose(peer, half_turn, robot.own, {}), observation.tick, robot.own)
 
     world = written(turned(0))
-    explore({"world": world, "robots": 2, "seed": 3, "starts": "random", "max_time_s": 120.0}, {}, watch, enough=keep)
+    # seed 14: one of those where r1 comes near four of the wrong places of r2 while it hears it
+    explore({"world": world, "robots": 2, "seed": 14, "starts": "random", "max_time_s": 120.0}, {}, watch, enough=keep)
     assert undone == ["its place is empty"]
