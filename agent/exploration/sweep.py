@@ -126,8 +126,11 @@ def _lattice(low: Floats, high: Floats, step: float) -> Floats:
     return np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
 
 
-def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
-    """The faces of the map's walls that hold any of poses (k, 2); the walls' bounding box if none does."""
+def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Geometry:
+    """The faces of the map's walls that hold any of poses (k, 2).
+
+    If none does, the walls are objects in a larger room: their bounding box, and what is within reach around it.
+    """
     walls = shapely.linestrings(wireframe.segments().reshape(-1, 2, 2))
     points = open_ends(wireframe).points
     lines = list(walls)
@@ -137,7 +140,7 @@ def free_face(wireframe: Wireframe, poses: Floats) -> shapely.Geometry:
         lines += [shapely.linestrings([points[i], points[j]]) for i, j in enumerate(d.argmin(1)) if d[i, j] < _GAP_M]
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
     held = faces[shapely.intersects(faces, shapely.multipoints(poses))] if len(faces) else faces
-    return shapely.union_all(held) if len(held) else shapely.box(*shapely.total_bounds(walls))
+    return shapely.union_all(held) if len(held) else shapely.box(*shapely.total_bounds(walls)).buffer(reach_m)
 
 
 class Sweep:
@@ -153,7 +156,7 @@ class Sweep:
 
     def unseen(self, wireframe: Wireframe, eyes: Floats) -> Floats:
         """Samples (n, 2) of the free area that no eye (k, 2) has seen from within the radius."""
-        face = free_face(wireframe, eyes)
+        face = free_face(wireframe, eyes, self.range)
         bounds = shapely.bounds(face)
         points = _lattice(bounds[:2], bounds[2:], self.sample_m)
         shapely.prepare(face)

@@ -153,10 +153,19 @@ def test_no_walls_no_obstacles():
 
 def test_the_free_face_leaves_out_what_is_solid():
     pillar = [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)]
-    face = free_face(chain(room(4, 4), pillar), np.array([[0.5, 0.5]]))
+    face = free_face(chain(room(4, 4), pillar), np.array([[0.5, 0.5]]), 3.0)
     assert shapely.area(face) == pytest.approx(15.0)
     leak = chain([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0), (0.0, 0.5)], labels=Label.FRONTIER)
-    assert shapely.area(free_face(leak, np.array([[0.5, 0.5]]))) == pytest.approx(16.0)
+    assert shapely.area(free_face(leak, np.array([[0.5, 0.5]]), 3.0)) == pytest.approx(16.0)
+
+
+def test_around_walls_that_hold_no_robot_free_area_goes_on():
+    column = chain([(1, 1), (2, 1), (2, 2), (1, 2), (1, 1)])
+    here = np.array([[0.5, 0.5]])
+    assert free_face(column, here, 3.0).area > 36.0
+    sweep = Sweep(0.1, LidarSpec())
+    unseen = sweep.unseen(column, here)
+    assert len(sweep.tasks(unseen, Roads(column, here[0], ROOMY_M))) > 0  # else it would be complete
 
 
 def test_what_poses_see_within_the_radius_is_no_longer_unseen():
