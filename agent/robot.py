@@ -31,6 +31,7 @@ LOOK_S = 10.0
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 LAY_S = 0.6  # least time between two layings of merged maps over the own one; until then the scan shows what is new
+LAY_MORE_S = 0.2  # the same for each map beyond two: at 8 ms a map, a crowd's layings take 40 ms of each second
 
 
 class Step(NamedTuple):
@@ -63,7 +64,7 @@ class Robot:
         self._map_bytes = encode_wireframe(self.wireframe)
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
-        self._laid_tick = -self._lay_ticks
+        self._laid_tick, self._to_lay = -self._lay_ticks, False
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks
 
@@ -163,10 +164,11 @@ class Robot:
         merged = self.team.merged
         new = told = self.own
         if merged:
-            due = own_changed and tick - self._laid_tick >= self._lay_ticks
-            if not due and not self.team.changed:
+            self._to_lay |= self.team.changed
+            waited, more = tick - self._laid_tick, round(LAY_MORE_S * self.spec.lidar.rate_hz) * max(0, len(merged) - 2)
+            if waited < more or not (self._to_lay or (own_changed and waited >= more + self._lay_ticks)):
                 return False
-            self._laid_tick = tick
+            self._laid_tick, self._to_lay = tick, False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
             told = self.filter.told_with([peer.laid.first_hand for peer in merged], SAME_WALL_M)
         if told is not self.told and not _alike(told, self.told):

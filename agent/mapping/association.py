@@ -37,9 +37,9 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     point lies beside the piece's line: a short wall's own swings out, to a long piece that begins half a metre off.
     Not where the pose errs: there the last gate would refuse the very walls that put the pose right.
     """
-    turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if e.ux * p.ux + e.uy * p.uy < 0.7:
         return math.inf
+    turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if related(e):
         turn_sd = math.hypot(gates.noise / math.sqrt(p.spread), direction_sd(e, gates.noise))
     else:
