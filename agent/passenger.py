@@ -14,6 +14,7 @@ from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.team import Team
+from agent.mapping.drawing import Drawing
 from agent.mapping.submap_wireframe import wireframe_of
 from agent.mapping.submaps import Submaps, travelled
 from agent.mapping.wheels import way_from
@@ -41,12 +42,15 @@ class Passenger:
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         alignment = _in_lived_rooms(config.alignment)
         self.team = Team(_carried(config.cooperation), alignment, spec, np.random.default_rng(0))
-        self.own = Wireframe()
-        """The map that peers are told."""
-        self.version = 0  # rises whenever that changes
+        self._told = Drawing()  # the own map, as peers are told it
         self._since_own = math.inf  # metres of way
         self._odometry: Pose | None = None
         self._scans = 0
+
+    @property
+    def own(self) -> Wireframe:
+        """The own map, as peers are told it."""
+        return self._told.wireframe
 
     def step(self, observation: Observation, heard: Sequence[Heard] = ()) -> tuple[list[Send], list[Event]]:
         """Take one scan and what was heard; what to send, and what happened.
@@ -72,7 +76,7 @@ class Passenger:
             self._look_at_own()
             self.team.hear(tick, news, pose, scan, self.own)
             events = [*events, *self._cooperate(tick)]
-        return self.exchange.talk(tick, pose, self.own, self.version), events
+        return self.exchange.talk(tick, pose, self.own, self._told.version), events
 
     def finish(self, tick: int = 0) -> list[Event]:
         """After the last scan: look for loops on the last of the way, and settle all once more; what happened."""
@@ -88,8 +92,8 @@ class Passenger:
     def _look_at_own(self) -> None:
         """Draw the own map anew where the robot has moved by LOOKS_M since the last one."""
         if self._since_own >= LOOKS_M:
-            self.own, self._since_own = self.drawn(), 0.0
-            self.version += 1
+            self._told.replace(self.drawn())
+            self._since_own = 0.0
 
     def _cooperate(self, tick: int) -> list[Event]:
         """Align maps, and judge proposals without a drive to verify them."""

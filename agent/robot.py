@@ -13,6 +13,7 @@ from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
+from agent.mapping.drawing import Drawing
 from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submap_wireframe import records_of
@@ -25,7 +26,6 @@ from protocol.wireframe import Wireframe, encode_wireframe
 MERGE_S = 0.2
 """Scans are merged this far apart, at least: walls and their ends count scans for and against them, which have much
 the same errors where they come from nearly one place."""
-MOVED_M = 0.01  # a corner that moved by less along either axis has not changed: maps travel on a grid of this size
 LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
@@ -56,17 +56,25 @@ class Robot:
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
-        self.own = Wireframe()  # the map of own scans alone
-        self.wireframe = Wireframe()  # the map: the same with merged ones laid over it
-        self.version = 0  # rises whenever the map changes
-        self.told = Wireframe()  # what peers are told: own walls, and those that merged peers saw themselves
-        self._told_version = 0  # rises whenever that changes
+        self._own = Drawing()  # of own scans alone
+        self._map = Drawing()  # the same with merged maps laid over it
+        self._told = Drawing()  # what peers are told: own walls, and those that merged peers saw themselves
         self._map_bytes = encode_wireframe(self.wireframe)
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._laid_tick, self._to_lay = -self._lay_ticks, False
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks
+
+    @property
+    def own(self) -> Wireframe:
+        """The map of own scans alone, in the robot's own frame."""
+        return self._own.wireframe
+
+    @property
+    def wireframe(self) -> Wireframe:
+        """The map: the same with merged ones laid over it."""
+        return self._map.wireframe
 
     def state(self) -> State:
         """For a checkpoint, after a step: the own map, the pose, and what was seen. Peers are met anew."""
@@ -76,7 +84,7 @@ class Robot:
         """Go on from a checkpoint, before the first step. Raises ValueError or LookupError where it makes no sense."""
         self.filter.restore(state)
         self.explorer.restore(state)
-        self.own = self.filter.wireframe()
+        self._own.replace(self.filter.wireframe())
         self._to_look = 0
 
     @staticmethod
@@ -98,10 +106,7 @@ class Robot:
             self.filter.replace(records_of(walls), settled)
         pose = self.filter.pose
         self.perception.remember(tick, pose)
-        own = self.filter.wireframe()
-        own_changed = not _alike(own, self.own)
-        if own_changed:
-            self.own = own
+        own_changed = self._own.update(self.filter.wireframe())
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
             self.team.hear(tick, news, pose, scan, self.own)
@@ -111,7 +116,9 @@ class Robot:
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
         explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.views.places
-        situation = Situation(tick, self.wireframe, self.version, pose, seen, scan.discs, errand, rivals, viewpoints)
+        situation = Situation(
+            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, rivals, viewpoints
+        )
         scene = explorer.look(situation)
         if self._looks_first():
             command = explorer.stand("look round")
@@ -127,7 +134,7 @@ class Robot:
         looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
         ask = {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(tick, pose, self.told, self._told_version, looked, ask, in_sight)
+        sends = self.exchange.talk(tick, pose, self._told.wireframe, self._told.version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -160,7 +167,7 @@ class Robot:
         return self.filter.nbytes + self.explorer.nbytes + loops
 
     def _draw_map(self, tick: int, own_changed: bool) -> bool:
-        """Lay merged maps over the own one; true, and a new version, where the result differs from the last one."""
+        """Lay merged maps over the own one, for the map and for what peers are told; whether the map has changed."""
         merged = self.team.merged
         new = told = self.own
         if merged:
@@ -171,21 +178,5 @@ class Robot:
             self._laid_tick, self._to_lay = tick, False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
             told = self.filter.told_with([peer.laid.first_hand for peer in merged], SAME_WALL_M)
-        if told is not self.told and not _alike(told, self.told):
-            self.told = told
-            self._told_version += 1
-        if new is self.wireframe or _alike(new, self.wireframe):
-            return False
-        self.wireframe = new
-        self.version += 1
-        return True
-
-
-def _alike(new: Wireframe, old: Wireframe) -> bool:
-    """Whether two maps have the same walls in the same places, to MOVED_M, seen by the robot itself or not."""
-    return (
-        np.array_equal(new.labels, old.labels)
-        and np.array_equal(new.edges, old.edges)
-        and np.array_equal(new.own, old.own)
-        and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
-    )
+        self._told.update(told)
+        return self._map.update(new)
