@@ -115,9 +115,9 @@ class Robot:
         changed = self._draw_map(tick, own_changed)
         seen = scan.wireframe()
         errand = None if self.team.drive is None else self.team.drive.goal
-        explorer, rivals, viewpoints = self.explorer, self.team.rivals(tick), self.team.views.places
+        explorer, partners, viewpoints = self.explorer, self.team.partners(tick), self.team.views.places
         situation = Situation(
-            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, rivals, viewpoints
+            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, partners, viewpoints
         )
         scene = explorer.look(situation)
         if self._looks_first():

@@ -127,7 +127,7 @@ class Team:
         heard = (self.peers[name] for name in present if name in self.peers)
         return any(not isinstance(peer, Merged) or peer.since >= lately for peer in heard)
 
-    def rivals(self, tick: int) -> Floats:
+    def partners(self, tick: int) -> Floats:
         """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it."""
         found = []
         for peer in self.shares_work_with:

@@ -58,15 +58,15 @@ def is_end(task: Task) -> bool:
     return task.kind in ("frontier", "occlusion")
 
 
-def not_nearer_to(rivals: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
-    """Tasks that no rival, a teammate that shares the work, is nearer to by path.
+def not_nearer_to(partners: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
+    """Tasks that no partner, a teammate that shares the work, is nearer to by path.
 
-    rivals: (k, 3) place, and metres by which each must be nearer.
+    partners: (k, 3) place, and metres by which each must be nearer.
     """
-    if not len(rivals) or not tasks:
+    if not len(partners) or not tasks:
         return tasks
     stands = np.array([task.stand for task in tasks])
-    left = roads.costs(stands) <= roads.costs_from(rivals[:, :2], stands) + rivals[:, 2:]
+    left = roads.costs(stands) <= roads.costs_from(partners[:, :2], stands) + partners[:, 2:]
     return [task for task, keep in zip(tasks, np.all(left, axis=0), strict=True) if keep]
 
 

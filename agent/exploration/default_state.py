@@ -72,7 +72,7 @@ class DefaultStates:
     def _sweep(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
         tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, eyes), roads)
-        tasks = not_nearer_to(scene.rivals, tasks, roads) or tasks  # nobody idles
+        tasks = not_nearer_to(scene.partners, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:

@@ -33,7 +33,7 @@ class Situation:
     scan: Wireframe  # corners and walls seen now, frame of the robot's pose
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
     errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
-    rivals: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
 

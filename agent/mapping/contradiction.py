@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.edges import CANDIDATE, CONFIRMATIONS, FREE, MIN_WALL_M, new_slot, open_end, part, remove, tip_at
+from agent.mapping.edges import CONFIRMATIONS, FREE, MIN_WALL_M, TENTATIVE, new_slot, open_end, part, remove, tip_at
 from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Bools, Ints, Records
 
@@ -38,8 +38,8 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, patience: fl
         if w.alive == FREE:
             continue
         if not in_reach(w, view):
-            if w.alive == CANDIDATE:
-                remove(edges, e)  # a candidate has to become a wall while the robot passes once
+            if w.alive == TENTATIVE:
+                remove(edges, e)  # a tentative wall has to become one of the map while the robot passes once
             continue
         samples = samples_along(w, STEP_M)
         visible, on, low, high = _views_of(e, w, samples, view, walls)
@@ -148,7 +148,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         high = head
     low, high = low - half, high + half
     keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
-    if edges[e].alive == CANDIDATE or not (keep_tail or keep_head):
+    if edges[e].alive == TENTATIVE or not (keep_tail or keep_head):
         remove(edges, e)
         return count
     if keep_tail and keep_head:

@@ -14,14 +14,14 @@ from agent.kernels import kernel
 from agent.state import LARGEST
 from protocol.arrays import Records
 
-FREE, WALL, CANDIDATE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
+FREE, WALL, TENTATIVE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
 CONFIRMATIONS = 30.0  # views beyond which an end or a wall gets no surer: the 50 scans that see a wrong one can undo it
 PUBLISH_AFTER = 2.0  # scans that must hit a wall before it is in the published map: one may be a false piece
 MIN_WALL_M = 0.05  # shorter remainders of a wall that was cut, and shorter walls of received maps, are left away
 
 EDGE = np.dtype(
     [
-        ("alive", "i8"),  # FREE, WALL or CANDIDATE
+        ("alive", "i8"),  # FREE, WALL or TENTATIVE
         ("own", "i8"),  # 1: seen by this robot itself
         ("hits", "f8"),  # beams on the wall: weight of the line
         ("x", "f8"),  # m, centroid of the hits, on the line

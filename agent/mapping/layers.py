@@ -15,7 +15,7 @@ from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
-from agent.mapping.edges import CANDIDATE, FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, remove, set_end, set_tip, tip_at
+from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, TENTATIVE, WALL, remove, set_end, set_tip, tip_at
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.uncut import uncut
 from protocol.arrays import Bools, Floats, Records
@@ -130,7 +130,7 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
 def _keep_published(edges: Records, count: int) -> None:
     """Remove what own scans have hit too seldom, as layers must not lean on it."""
     for e in range(count):
-        if edges[e].alive != FREE and (edges[e].alive == CANDIDATE or edges[e].seen < PUBLISH_AFTER):
+        if edges[e].alive != FREE and (edges[e].alive == TENTATIVE or edges[e].seen < PUBLISH_AFTER):
             remove(edges, e)
 
 

@@ -13,11 +13,11 @@ from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
-from agent.mapping.candidates import main_axis
 from agent.mapping.edges import WALL, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import AXIS, BEGIN, MIN_VIEWS, is_landmark, observe, place_end, row_of
 from agent.mapping.scan_merge import same_line
+from agent.mapping.tentative import main_axis
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
 

@@ -8,7 +8,6 @@ from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
-from agent.mapping.candidates import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
 from agent.mapping.edges import (
     WALL,
     add_hits,
@@ -25,6 +24,7 @@ from agent.mapping.edges import (
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
+from agent.mapping.tentative import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
 from protocol.arrays import Floats, Ints, Records
 
 SAME_DIRECTION = 0.95  # cosine of 18 degrees: walls that differ more in direction are never tried as one
@@ -36,10 +36,10 @@ def merge_scan(
 ) -> int:
     """Merge pieces (map frame), each associated with a wall or with -1, into a particle; returns the new count.
 
-    `walls` (k,) is updated in place: pieces on no wall get their candidate, or the wall that it has become; joined
-    walls are renamed. dice: (k,) in [0, 1), a candidate becomes a wall if its piece's die is below its probability;
-    0.5 takes the likelier side. patience: the particle's own, as a factor. own: whether the robot saw the pieces
-    itself, and not a peer.
+    `walls` (k,) is updated in place: pieces on no wall get their tentative wall, or the wall that it has become; joined
+    walls are renamed. dice: (k,) in [0, 1), a tentative wall becomes one of the map if its piece's die is below its
+    probability; 0.5 takes the likelier side. patience: the particle's own, as a factor. own: whether the robot saw the
+    pieces itself, and not a peer.
     """
     axis, trust = main_axis(edges, count)
     bent = np.empty(len(pieces), np.bool_)

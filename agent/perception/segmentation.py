@@ -74,7 +74,7 @@ def chi2_of(sums: Floats, i: int, j: int) -> float:
 def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
     """Cut beams first..last into lines and strays: (k, 2) first and one past the last beam of each line.
 
-    Candidates that can never win again are dropped (PELT), which makes the search nearly linear.
+    Starts that can never win again are dropped (PELT), which makes the search nearly linear.
     """
     n = last - first
     cost = np.zeros(n + 1)

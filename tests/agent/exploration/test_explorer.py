@@ -264,14 +264,14 @@ def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
 def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
     targets = {}
-    for name, rivals in (("alone", np.zeros((0, 3))), ("east", np.array([[4.0, 0.0, 0.0]]))):
+    for name, partners in (("alone", np.zeros((0, 3))), ("east", np.array([[4.0, 0.0, 0.0]]))):
         robot = explorer(default_state="interior-sweep")
-        command = step(robot, Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=rivals))
+        command = step(robot, Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, partners=partners))
         targets[name] = command.target[0]
     assert targets["alone"] > 0.5 > targets["east"]
     robot = explorer(default_state="interior-sweep")
     behind = np.array([[0.6, 0.0, -10.0]])  # nearer to everything
-    situation = Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, rivals=behind)
+    situation = Situation(0, room, 1, (0.5, 0.0, 0.0), Wireframe(), NOBODY, partners=behind)
     assert step(robot, situation).reason == "sweep"
 
 

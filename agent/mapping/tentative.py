@@ -1,4 +1,4 @@
-"""Candidates: hits on one line that lie on no wall yet, and when they are enough to be one (ours).
+"""Tentative walls: hits on one line that lie on no wall yet, and when they are enough to be one (ours).
 
 A few beams over a small step, over a corner or over two faces of a post fit a line, too. Such a smear is no wall.
 """
@@ -9,7 +9,7 @@ from agent.corner_scan import NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
-from agent.mapping.edges import CANDIDATE, WALL, add_hits, length, new_slot, scatter, set_end, set_tip, spread, tip_at
+from agent.mapping.edges import TENTATIVE, WALL, add_hits, length, new_slot, scatter, set_end, set_tip, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from protocol.arrays import Records
 
@@ -48,14 +48,14 @@ def main_axis(edges: Records, count: int) -> tuple[float, float]:
 
 @kernel
 def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int, int]:
-    """Take a piece that lies on no wall into the candidate on its line, or a new one; its record and the new count.
+    """Take a piece on no wall into the tentative wall on its line, or a new one; its record and the new count.
 
-    The record is -1 if the array is full. A candidate is no part of the map: it links to nothing, and only
+    The record is -1 if the array is full. A tentative wall is no part of the map: it links to nothing, and only
     contradiction and further pieces look at it.
     """
     best, e = math.inf, -1
     for f in range(count):
-        if edges[f].alive == CANDIDATE:
+        if edges[f].alive == TENTATIVE:
             chi2 = cost(edges[f], p, gates)
             if chi2 < best and math.isfinite(overlap(edges[f], p, gates)):
                 best, e = chi2, f
@@ -69,7 +69,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
     e, count = new_slot(edges, count)
     if e >= 0:
         n = edges[e]
-        n.alive, n.own, n.probation = CANDIDATE, 0, 1
+        n.alive, n.own, n.probation = TENTATIVE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
         n.xx, n.xy, n.yy = scatter(p)
         n.seen, n.due, n.misses, n.through, n.twin = 0.0, 0.0, 0.0, 0.0, 0
@@ -83,7 +83,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
 
 @kernel
 def wall_probability(c: Record, axis: float, trust: float, noise: float) -> float:
-    """Probability that a candidate is a wall: its direction is known, and it is no smear.
+    """Probability that a tentative wall is one: its direction is known, and it is no smear.
 
     The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall. Where the
     walls so far are rectilinear (`main_axis`), a short oblique piece is far likelier a smear than an oblique wall, so
@@ -102,12 +102,12 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
 
 @kernel
 def become_wall(wall: Record, p: Record, own: bool) -> None:
-    """Make a candidate a wall that ends as its newest piece p does."""
+    """Make a tentative wall one of the map, which ends as its newest piece p does."""
     wall.alive, wall.own, wall.misses, wall.through = WALL, 1 if own else 0, 0.0, 0.0
     t = along(wall, p.x, p.y)
     for side in range(2):
         wall.slack[side] = p.slack[side]
-        # a corner links two walls, and the other may still be a candidate
+        # a corner links two walls, and the other may still be tentative
         wall.label[side] = OCCLUSION if p.label[side] == NOMINAL else p.label[side]
         set_tip(wall, side, t + p.end[side])
 
