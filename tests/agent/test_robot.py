@@ -1,5 +1,7 @@
 """One robot's step: what it says, whom it counts as met, and that it takes nothing at face value."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -59,6 +61,20 @@ def test_walls_count_as_many_scans_in_a_second_at_any_rate(rate_hz: float) -> No
     for tick in range(round(2 * rate_hz)):
         mind.step(observation(tick), [])
     assert len(mind.wireframe.edges) == 4 and abs(mind.filter.edges["due"].max() - 10) <= 1
+
+
+@pytest.mark.parametrize(("peers", "seconds"), [(2, 0.2), (12, 2.0)])
+def test_the_maps_of_a_crowd_are_laid_over_the_own_one_less_often(
+    peers: int, seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mind, laid = robot(), []
+    merged = [SimpleNamespace(laid=SimpleNamespace(layer=None, first_hand=None))] * peers
+    monkeypatch.setattr(mind, "team", SimpleNamespace(merged=merged, changed=True))  # in each tick one sends a new map
+    monkeypatch.setattr(mind.filter, "told_with", lambda *_: Wireframe())
+    for tick in range(100):
+        monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
+        mind._draw_map(tick, own_changed=True)
+    assert np.diff(laid).min() == np.diff(laid).max() == round(seconds * SPEC.lidar.rate_hz)
 
 
 def test_a_robot_alone_sends_beacons_only() -> None:
