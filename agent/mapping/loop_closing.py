@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.corner_scan import CornerScan
 from agent.mapping.config import SubmapConfig
-from agent.mapping.loops import RIVAL_SCORE, score
+from agent.mapping.loops import RIVAL_SCORE, on_walls
 from agent.mapping.segments import moved
 from agent.mapping.submaps import MERGE_AFTER_M, SKIPPED, Submaps, travelled
 from protocol.arrays import Records
@@ -68,8 +68,8 @@ class LoopClosing:
     def _speaks_against(self, k: int) -> bool:
         """Whether a loop is not where the filter has it, and cannot be there either. k: its edge in the graph.
 
-        Where earlier submaps show the walls of the later one where the filter has it, the filter has recognised the
-        place, and the loop lies among columns that are alike.
+        Where earlier submaps, all together, show the walls of the later one where the filter has it, the filter has
+        recognised the place, and the loop lies among columns or rooms that are alike.
         """
         graph, finished = self.submaps.graph(), self.submaps.finished
         a, b = graph.ends[k].tolist()
@@ -80,9 +80,11 @@ class LoopClosing:
         off[2] = wrapped(off[2])
         if off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
             return False
-        at, enough = self._frames[b], RIVAL_SCORE * score(finished[a], finished[b], measured)
-        places = zip(finished[: b - SKIPPED], self._frames, strict=False)
-        return all(score(place, finished[b], np.array(relative(frame, at))) < enough for place, frame in places)
+        at, samples = self._frames[b], finished[b].samples
+        known = np.zeros(len(samples), np.bool_)
+        for place, frame in zip(finished[: b - SKIPPED], self._frames, strict=False):
+            known |= on_walls(place, samples, np.array(relative(frame, at)))
+        return bool(known.sum() < RIVAL_SCORE * on_walls(finished[a], samples, measured).sum())
 
     def settled(self) -> tuple[Records, Pose]:
         """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""

@@ -13,7 +13,7 @@ from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
 from agent.mapping.matching import Match, costs_around, nearest_wall, poses_around, refine
 from agent.mapping.segments import SAMPLE_M, every
-from protocol.arrays import Floats, Records
+from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import wrapped
 
 MATCHED_M = 3.6  # metres of wall that must lie on the earlier submap's, at least
@@ -134,6 +134,17 @@ def score(earlier: Submap, later: Submap, pose: Floats) -> float:
     """How much speaks for the later submap at a pose (3,) in the earlier one: samples on walls, times their share."""
     due, met = due_and_met(earlier, later.samples, pose)
     return met * met / max(due, 1)
+
+
+@kernel
+def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
+    """(k,) which samples (k, 4) at a pose lie on walls of a place."""
+    out = np.zeros(len(samples), np.bool_)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(samples)):
+        x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
+        out[k] = nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0
+    return out
 
 
 def look_again(later: Submap, earlier: Submap, start: Floats) -> Match:

@@ -16,7 +16,7 @@ from agent.mapping.segments import SEGMENT
 from agent.mapping.submap_wireframe import records_of
 from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
-from protocol.arrays import Floats
+from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Wireframe
@@ -109,22 +109,31 @@ def test_only_loops_that_agree_show_that_a_map_is_torn(
     assert loops._torn(0) is torn
 
 
-@pytest.mark.parametrize("recognised", [True, False])
+@pytest.mark.parametrize(("shown", "recognised"), [((1, 2), True), ((1,), False), ((), False)])
 def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_the_place(
-    monkeypatch: pytest.MonkeyPatch, recognised: bool
+    monkeypatch: pytest.MonkeyPatch, shown: tuple[int, ...], recognised: bool
 ) -> None:
-    """The loop has the last submap beside the first one, the filter 4 m from there, at the second one."""
+    """The loop has the last submap at the first one, the filter 4 m from there: at the second and third, half each."""
     loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
-    loops._frames = [(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (8.0, 0.0, 0.0), (8.0, 4.0, 0.0), (4.0, 0.0, 0.0)]
-    loops.submaps.finished = [
-        Submap(np.zeros(0, SEGMENT), np.zeros((0, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
+    loops._frames = [
+        (0.0, 0.0, 0.0),
+        (4.0, 0.0, 0.0),
+        (4.0, 0.0, 0.0),
+        (8.0, 0.0, 0.0),
+        (8.0, 4.0, 0.0),
+        (4.0, 0.0, 0.0),
     ]
-    by_loop, by_filter = loops.submaps.finished[:2]
-    graph = Edges(np.array([(0, 4)]), np.zeros((1, 3)), 100.0 * np.eye(3)[None], np.ones(1, np.bool_))
+    loops.submaps.finished = [
+        Submap(np.zeros(0, SEGMENT), np.zeros((10, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
+    ]
+    places = loops.submaps.finished
+    graph = Edges(np.array([(0, 5)]), np.zeros((1, 3)), 100.0 * np.eye(3)[None], np.ones(1, np.bool_))
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
 
-    def score(earlier: Submap, _: Submap, pose: Floats) -> float:
-        return float(not pose.any() and (earlier is by_loop or (recognised and earlier is by_filter)))
+    def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
+        k = next(k for k in range(len(places)) if places[k] is place)
+        halves = {0: (True, True), **{one: (one == 1, one == 2) for one in shown}}
+        return np.repeat(halves.get(k, (False, False)), 5) & (not pose.any())
 
-    monkeypatch.setattr(loop_closing, "score", score)
+    monkeypatch.setattr(loop_closing, "on_walls", on_walls)
     assert loops._speaks_against(0) is not recognised
