@@ -166,7 +166,7 @@ class Team:
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
         for peer in self.peers.values():
-            if peer.log.waiting is None and not peer.log.waits:
+            if peer.log.waiting is None:
                 continue
             others = [other.map.wireframe for other in self.merged if other is not peer]
             if peer.log.take_map(tick, [own, *others]):

@@ -56,16 +56,24 @@ class Found(NamedTuple):
 
 
 @kernel
-def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]:
-    """How many samples (k, 4) at a pose some view of a place should show, and how many of those lie on its walls."""
-    due, met = 0, 0
+def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
+    """(k,) which samples (k, 4) at a pose lie on walls of a place."""
+    out = np.zeros(len(samples), np.bool_)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
         x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
-        if nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0:
-            due += 1
-            met += 1
-            continue
+        out[k] = nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0
+    return out
+
+
+@kernel
+def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]:
+    """How many samples (k, 4) at a pose some view of a place should show, and how many of those lie on its walls."""
+    met = on_walls(place, samples, pose)
+    due = met.sum()
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in np.flatnonzero(~met):
+        x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
         for v in range(len(place.views)):
             view = place.views[v]
             dx, dy = x - view[0], y - view[1]
@@ -76,7 +84,7 @@ def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]
             if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and not _hidden(place.walls, view, x, y):
                 due += 1
                 break
-    return due, met
+    return due, met.sum()
 
 
 @kernel
@@ -128,23 +136,6 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     rival = max(rivals, default=0.0) / max(score, 1e-9)
     accepted = matched >= MATCHED_M and explained >= EXPLAINED and rival < RIVAL_SCORE
     return Found(best.pose, best.information - prior, matched, explained, rival, accepted)
-
-
-def score(earlier: Submap, later: Submap, pose: Floats) -> float:
-    """How much speaks for the later submap at a pose (3,) in the earlier one: samples on walls, times their share."""
-    due, met = due_and_met(earlier, later.samples, pose)
-    return met * met / max(due, 1)
-
-
-@kernel
-def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
-    """(k,) which samples (k, 4) at a pose lie on walls of a place."""
-    out = np.zeros(len(samples), np.bool_)
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    for k in range(len(samples)):
-        x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
-        out[k] = nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0
-    return out
 
 
 def look_again(later: Submap, earlier: Submap, start: Floats) -> Match:

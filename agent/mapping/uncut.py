@@ -23,7 +23,7 @@ def uncut(points: Floats, labels: Labels, edges: Ints, own: Bools) -> tuple[Ints
     points: (v, 2) metres; labels: (v,); own: (m,) whether the sender saw the wall itself.
     """
     edges, left = edges.copy(), np.ones(len(edges), np.bool_)
-    _join(points, labels.copy(), edges, own.copy(), left)
+    _join(points, labels.copy(), edges, own, left)  # labels of a message are read-only, which is another type
     return edges[left], np.flatnonzero(left)
 
 

@@ -53,7 +53,7 @@ def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beam
     way: (k + 1, 3) odometry poses at equal steps from the start of the turn to its stamp; None: the robot stood still.
     """
     order, origins, rays, moments, angles, step, shift = (
-        _rays(lidar, _places_at(lidar.moments(), way)) if way is not None and lidar.turning else _rays_at_rest(lidar)
+        _rays(lidar, way) if way is not None and lidar.turning else _rays_at_rest(lidar)
     )
     ranges = np.concatenate((ranges[order], np.full(len(angles) - len(order), np.nan)))
     distances = np.where(np.isnan(ranges), np.inf, ranges)
@@ -64,9 +64,10 @@ def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beam
     return Beams(ranges, origins, rays, moments, distances, angles, step, shift)
 
 
-def _rays(lidar: LidarSpec, places: Floats) -> _Rays:
-    """The ring of a robot that is at these poses (beams, 3) when its beams are taken."""
+def _rays(lidar: LidarSpec, way: Floats | None) -> _Rays:
+    """The ring of a turn on a way (k + 1, 3) as of `ring_of`, or of one without motion."""
     bearings, moments = lidar.bearings(), lidar.moments()
+    places = np.zeros((lidar.beams, 3)) if way is None else _places_at(moments, way)
     step = abs(float(bearings[1] - bearings[0]))
     c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
     x, y = lidar.mount_x_m, lidar.mount_y_m
@@ -87,7 +88,7 @@ def _rays(lidar: LidarSpec, places: Floats) -> _Rays:
 @lru_cache
 def _rays_at_rest(lidar: LidarSpec) -> _Rays:
     """The ring of a robot that stands, or whose beams are all taken at once."""
-    return _rays(lidar, np.zeros((lidar.beams, 3)))
+    return _rays(lidar, None)
 
 
 def _places_at(moments: Floats, way: Floats) -> Floats:
