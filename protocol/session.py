@@ -49,6 +49,7 @@ def _config(mode: str, settings: dict[str, object]) -> str:
         "mode": mode,
         "scouting/multicast/enabled": False,  # two runs on one machine must not find each other
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,  # ms that a router waits for others while it opens; 500 by default
         # 26 B a message, and from the wall clock, so not reproducible
         "timestamping/enabled": {"router": False, "peer": False, "client": False},
         "adminspace/enabled": False,

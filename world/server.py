@@ -54,6 +54,7 @@ def serve(
     resume: bool = False,
     settle_s: float | None = None,
     counted: Callable[[WorldConfig], None] = lambda config: None,
+    opened: Callable[[str], None] = lambda endpoint: None,
     listening: Callable[[str], None] = lambda endpoint: None,
     progress: OnProgress = lambda progress: None,
 ) -> str:
@@ -62,13 +63,14 @@ def serve(
     out: the run directory. credentials: of the robots and viewers that may connect; None lets everybody connect.
     resume: go on with the run that a killed world left in `out`. settle_s: the run is for as many robots, config.robots
     at most, as have come when no further one has for so many seconds; `counted` is told the settings with their number.
-    `listening` is told the endpoint once robots may join, `progress` is called some times a second. Raises InputError
-    where the world cannot listen or cannot be run, before anything is written; LinkError where robots do not join,
-    CheckpointError where no run can go on.
+    `opened` is told the endpoint once robots may connect, `listening` once the world is built and they may join;
+    `progress` is called some times a second. Raises InputError where the world cannot listen or cannot be run, before
+    anything is written; LinkError where robots do not join, CheckpointError where no run can go on.
     """
     inbox = inbox or WorldInbox()
     with suppress(Interrupted), _opened(server, credentials, inbox) as (session, endpoint):
         known = None if credentials is None else credentials.session_id
+        opened(endpoint)
         if settle_s is not None:
             listening(endpoint)
             robots = count(session, inbox, config.robot_ids, settle_s, server.join_timeout_s, known)

@@ -22,7 +22,7 @@ from deploy.launch import capacity, forks
 from deploy.launch.faults import schedule
 from deploy.launch.interrupts import on_interrupt
 from deploy.launch.logs import Log
-from deploy.launch.processes import ENDED, FAILED, LISTENING, PROGRESS, REFUSED, STOP, agent_process, world_process
+from deploy.launch.processes import ENDED, FAILED, OPENED, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.view.invitation import invite, withdraw
 from protocol.configuration import ConfigError
 from protocol.files import UnwritableError, remove_parts
@@ -140,7 +140,7 @@ class Children:
         self._ended: str | None = None
         self._errors: list[str] = []
         self._last_words: set[str] = set()  # names of children that said how they ended
-        self._listening = self._refused = self._interrupted = self._never_began = False
+        self._refused = self._interrupted = self._never_began = False
         restarts, faults = RESTARTS if config.restart else 0, schedule(config.robot_ids, config.faults)
         self._restarts = {"world": restarts} | {robot: restarts + len(ticks) for robot, ticks in faults.items()}
         self._checkpoints = out / "checkpoints" if config.restart or config.faults else None
@@ -188,8 +188,8 @@ class Children:
         return Result(self._status(), self._ended or ("interrupted" if self._interrupted else "failed"), self._errors)
 
     def interrupt(self) -> None:
-        """End the run: in order where the world listens, else at once, as a second call does."""
-        if self._interrupted or not self._listening:
+        """End the run: in order where it has begun, else at once, as a second call does."""
+        if self._interrupted or self._progress is None:
             forks.kill()
             self._kill(self._talking.values())
         self._interrupted = True
@@ -279,8 +279,7 @@ class Children:
             self._gone.add(child.name)
             self._tell_world(child.name)
             return
-        if what == LISTENING:
-            self._listening = True
+        if what == OPENED:
             if not self._endpoint:
                 self._endpoint = value
                 with suppress(UnwritableError):  # the run goes on without viewers

@@ -1,11 +1,13 @@
 """What all processes of a run have in common; imported once, by the server that they are forked from."""
 
+import gc
 import sys
+from importlib import import_module
 from pickle import UnpicklingError
 from types import TracebackType
 
-from agent.warmup import rehearse
-from deploy.launch import leash
+MODULES = ["deploy.launch.leash", "numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely"]
+MODULES += ["deploy.launch.processes", "agent.shell.process"]
 
 
 def _untold(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -14,6 +16,22 @@ def _untold(kind: type[BaseException], error: BaseException, trace: TracebackTyp
         sys.__excepthook__(kind, error, trace)
 
 
+def _load() -> None:
+    """Import what all use, and load the kernels.
+
+    All of it lives on: to look it through for garbage takes a seventh of the time here, and in forks copies memory.
+    """
+    gc.disable()
+    for module in MODULES:
+        import_module(module)
+    from agent.warmup import rehearse
+    from deploy.launch import leash
+
+    rehearse()
+    leash.let_go()
+    gc.freeze()
+    gc.enable()
+
+
 sys.excepthook = _untold  # of forks that have not begun; later ones print what is raised by themselves
-rehearse()
-leash.let_go()
+_load()

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 GRACE_S = 3.0  # a child has this long to end by itself once its launcher is dead; all are to be gone after 5 s
 
 # First item of what a child sends to its launcher; the second is a value.
-LISTENING, PROGRESS, ENDED, REFUSED, FAILED = "listening", "progress", "ended", "refused", "failed"
+OPENED, PROGRESS, ENDED, REFUSED, FAILED = "opened", "progress", "ended", "refused", "failed"
 
 STOP = ""
 """What the launcher says to a child to stop it. It says a robot's name to the world where that process has ended."""
@@ -41,7 +41,7 @@ def world_process(
 ) -> None:
     """Run the world, or go on with one that was killed (resume).
 
-    Tells LISTENING endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why.
+    Tells OPENED endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why.
     """
     speak_into(log)
     from world.inbox import WorldInbox
@@ -49,10 +49,7 @@ def world_process(
 
     inbox = WorldInbox()
     _obey(launcher, inbox, robot_ended=inbox.end)
-    told: dict[str, Any] = {
-        "listening": partial(_tell, launcher, LISTENING),
-        "progress": partial(_tell, launcher, PROGRESS),
-    }
+    told: dict[str, Any] = {"opened": partial(_tell, launcher, OPENED), "progress": partial(_tell, launcher, PROGRESS)}
     with _last_words(launcher, InputError, OSError) as ended:
         how = serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told)
         manifest.finish(out, ended=how)  # here, because the launcher may be dead
