@@ -22,7 +22,7 @@ from agent.config import AgentConfig
 from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
-from agent.kernel_cache import announce
+from agent.kernels.cache import announce
 from agent.mapping.particle_filter import WireframeFilter
 from agent.passenger import Passenger
 from agent.robot import Robot

@@ -8,9 +8,9 @@ from numba import types
 from numba.core.registry import CPUDispatcher
 from numba.extending import register_jitable
 
-from agent import compile_time
-from agent.kernel_cache import KernelCache
-from agent.kernel_linking import Callee, NamedCompiler, by_name, is_large, make_machine_code
+from agent.kernels import compile_time
+from agent.kernels.cache import KernelCache
+from agent.kernels.linking import Callee, NamedCompiler, by_name, is_large, make_machine_code
 from protocol.geometry import wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -27,7 +27,7 @@ def shared_kernel(function: Function) -> Function:
 
 
 class Compiled(CPUDispatcher):
-    """A function compiled for each combination of types that it is called with, once, and kept (`kernel_cache`)."""
+    """A function compiled for each combination of types that it is called with, once, and kept (`cache.py`)."""
 
     def __init__(self, function: Callable[..., Any], *, called_by_python: bool, called_by_kernels: bool) -> None:
         options = {"nopython": True, "error_model": "numpy", "no_cpython_wrapper": not called_by_python}

@@ -14,7 +14,7 @@ import numba.core.types.functions
 import numba.np.arrayobj
 from numba.extending import overload
 
-from agent import kernel_linking
+from agent.kernels import linking
 
 _core: Any = numba.core  # untyped
 _llvm: Any = llvm
@@ -35,7 +35,7 @@ def reduce() -> None:
     _core.compiler_machinery.PassManager._runPass = _run_pass
     _function.get_call_type = _call_type
     _core.codegen.CPUCodeLibrary._optimize_functions = _lay_out
-    kernel_linking.reduce()
+    linking.reduce()
     _core.runtime.context.NRTContext.get_meminfos = _counters
     _instruction._rec_list_vars = _variables
     numba.np.arrayobj.raise_with_shape_context = _sizes_differ

@@ -22,10 +22,10 @@ import numpy as np
 from numba.core import serialize, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
 
-from agent import kernel_linking
+from agent.kernels import linking
 from protocol.files import write_whole
 
-IN_PACKAGE = Path(__file__).parent / "__pycache__" / "kernels"  # filled at installation, and found by all users
+IN_PACKAGE = Path(__file__).parents[1] / "__pycache__" / "kernels"  # filled at installation, and found by all users
 
 COMPRESSION = 1
 """Level of zlib: 2.0 of 4.4 MB are left of all kernels, which 20 ms unpack; level 9 leaves 1.9."""
@@ -106,11 +106,11 @@ class _Reduced(CompileResultCacheImpl):
 
     def reduce(self, cres: Any) -> Any:
         readable = cres._replace(type_annotation="")  # numba keeps half of a file of text for people
-        return kernel_linking.callees(cres.library), super().reduce(readable)
+        return linking.callees(cres.library), super().reduce(readable)
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         callees, compiled = payload
-        kernel_linking.load(callees)
+        linking.load(callees)
         cres: Any = super().rebuild(target_context, compiled)
         cres.library.callees = callees
         return cres
