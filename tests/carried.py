@@ -5,7 +5,7 @@ import numpy as np
 from deploy.bench.rings import Point, ring
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec, Observation, OdometrySpec
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.odometry import Odometry
 
 HALF_TURN = LidarSpec(beams=180, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=10.0)

@@ -18,7 +18,7 @@ from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Label, Wireframe
 from world.coverage import Coverage
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.worldfile import World
 
 JOIN_M = 0.02

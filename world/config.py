@@ -6,7 +6,7 @@ from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from protocol.messages import MTU_BYTES, RobotSpec
 from protocol.settings import Config, Positive
-from world.radio_config import RadioConfig
+from world.radio.config import RadioConfig
 
 FaultText = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}@[1-9][0-9]{0,8}$")]
 

@@ -15,11 +15,11 @@ from world.checkpoint import NAME, Checkpoint, CheckpointError, State, luck_stat
 from world.config import WorldConfig
 from world.draws import generator, starts_of
 from world.ledger import Ledger, Look
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.odometry import Odometry
 from world.people import People
 from world.physics import Physics
-from world.radio import Radio
+from world.radio.gate import Radio
 from world.recorder import seconds
 from world.tick import Inputs, Outputs, checked_map
 from world.way import along

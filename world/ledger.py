@@ -18,7 +18,7 @@ from world.checkpoint import State, restore_array
 from world.config import WorldConfig
 from world.coverage import Coverage
 from world.physics import Physics
-from world.radio import Books, Passage
+from world.radio.gate import Books, Passage
 from world.recorder import TEAM, MetricsRow, Recorder, seconds
 from world.tick import Outputs
 from world.worldfile import World

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from protocol.arrays import Floats, Ints
 from protocol.files import LineFile, UnwritableError, write_all, write_whole
 from protocol.wireframe import Label, Wireframe
-from world.radio import Passage
+from world.radio.gate import Passage
 from world.worldfile import World, to_yaml
 
 TEAM = "team"

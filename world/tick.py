@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 from protocol.errors import ProtocolError
 from protocol.messages import Action, Heard, MapReport, Observation, Send
 from protocol.wireframe import Wireframe, decode_wireframe
-from world.radio import Radio
+from world.radio.gate import Radio
 
 
 class Inputs(NamedTuple):

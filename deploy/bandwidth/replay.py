@@ -20,7 +20,7 @@ from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from world.config import WorldConfig
 from world.draws import generator
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.people import People
 from world.worldfile import load
 

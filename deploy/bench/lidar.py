@@ -10,7 +10,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.tables import Table, whole
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec, RobotSpec
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.physics import STEP_S
 from world.worldfile import bundled, load
 

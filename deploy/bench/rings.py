@@ -20,7 +20,7 @@ from protocol.geometry import Pose, apply, pose_of, relative, wrapped
 from protocol.messages import Observation, OdometrySpec, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.odometry import Odometry
 from world.physics import STEP_S
 from world.way import along

@@ -82,8 +82,8 @@ def world_(
     from deploy.launch.launcher import run_directory
     from protocol import credentials
     from protocol.errors import InputError
-    from world.inbox import WorldInbox
-    from world.server import serve
+    from world.shell.inbox import WorldInbox
+    from world.shell.server import serve
     from world.worldfile import load
 
     settings = settings_of(context) if resume is None else _resumed(context, resume)

@@ -44,8 +44,8 @@ def world_process(
     Tells OPENED endpoint, PROGRESS, and last ENDED how, REFUSED or FAILED why.
     """
     speak_into(log)
-    from world.inbox import WorldInbox
-    from world.server import serve
+    from world.shell.inbox import WorldInbox
+    from world.shell.server import serve
 
     inbox = WorldInbox()
     _obey(launcher, inbox, robot_ended=inbox.end)

@@ -13,7 +13,7 @@ from protocol.map_codec import decode_map, encode_map
 from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 
 SPEC = RobotSpec()
 ROOM = np.array([(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)], np.float64)

@@ -11,7 +11,7 @@ from deploy.metrics import score_walls, truth_of
 from deploy.report.rundir import read_run
 from deploy.revision import ROOT
 from world.config import ServerConfig, WorldConfig
-from world.server import serve
+from world.shell.server import serve
 from world.worldfile import load
 
 ROBOT = ROOT / "examples" / "bare_robot.py"

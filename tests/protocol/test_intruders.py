@@ -24,8 +24,8 @@ from tests.agent.shell.test_process import JOIN_S, World, events
 from tests.protocol.intruder import Attack, Intruder
 from tests.tiny import digests, tiny_config
 from tests.wanderer import endless
-from world.answers import MAX_SENT_BYTES
-from world.server import MOST_QUESTIONS
+from world.shell.answers import MAX_SENT_BYTES
+from world.shell.server import MOST_QUESTIONS
 
 ATTACK_TICK = 7
 OTHERS = ("robots/r1/out/act", "robots/r2/out/radio", "robots/r1/in/obs", "robots/r2/in/radio", "robots/r1/in/end",

@@ -10,7 +10,7 @@ import pytest
 from deploy.launch.launcher import launch
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
-from world.wire import tcp_bytes
+from world.shell.wire import tcp_bytes
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="tcp_info is Linux's")
 

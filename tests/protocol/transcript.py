@@ -40,7 +40,7 @@ from protocol.viewpoints import VIEWS, AskViews, Views
 from protocol.wireframe import Wireframe, encode_wireframe
 from tests.tiny import tiny_config
 from world.config import ServerConfig
-from world.server import serve
+from world.shell.server import serve
 
 PAGE = ROOT / "docs" / "protocol.md"
 BEGIN, END = "<!-- captured -->\n```\n", "```\n"

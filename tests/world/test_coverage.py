@@ -10,7 +10,7 @@ from protocol.messages import LidarSpec
 from tests.conftest import SHARED
 from world import worldfile
 from world.coverage import Coverage, visible_wall
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.worldfile import World
 
 RADIUS, REACH = 0.105, 3.5

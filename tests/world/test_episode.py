@@ -20,13 +20,13 @@ from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observation, OdometrySpec, RobotSpec, Send
 from protocol.wireframe import MAX_VERTICES, Wireframe, encode_wireframe
 from tests.scripted import ScriptedStep, Wanderer
-from world.answers import LockstepAnswers
 from world.config import WorldConfig
 from world.draws import generator
 from world.episode import Episode
 from world.ledger import ALLOWED
 from world.odometry import Odometry
 from world.recorder import own_part
+from world.shell.answers import LockstepAnswers
 from world.tick import BadOutputsError, Outputs
 from world.worldfile import WorldFileError
 

@@ -29,7 +29,7 @@ from deploy.occupancy_grid import OccupancyGrid
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply
 from protocol.messages import Action, Heard, Observation, RobotSpec
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.worldfile import load
 
 CELL_M = 0.05

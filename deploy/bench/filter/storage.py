@@ -19,7 +19,7 @@ from deploy.metrics import Truth, score_walls
 from deploy.occupancy_grid import CELLS_PER_BYTE, OccupancyGrid, two_bits
 from protocol.walls import directions
 from protocol.wireframe import encode_wireframe
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 
 FINEST_M = 0.005  # cells are not made smaller: half the range noise
 

@@ -10,7 +10,7 @@ from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import Stopwatch, explore, launched, read_json
 from deploy.bench.radio.traffic import BAD
 from deploy.bench.tables import Table, whole
-from world.radio import Radio
+from world.radio.gate import Radio
 
 MODELS = [{"kind": kind} for kind in ("line_of_sight", "log_distance", "gilbert_elliott", "asymmetric")] + BAD
 """Nearly all models that there are."""

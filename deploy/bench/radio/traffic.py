@@ -128,6 +128,6 @@ TABLES = [
             "runs count; delivered total; farthest_m most; beyond <= 0: runs with a delivery beyond the range",
             beyond=lambda runs, _: sum(run["farthest_m"] > run["range_m"] for run in runs),
         ),
-        note="From trajectories/ and radio.csv; 50 more runs are in tests/world/test_air.py.",
+        note="From trajectories/ and radio.csv; 50 more runs are in tests/world/radio/test_air.py.",
     ),
 ]

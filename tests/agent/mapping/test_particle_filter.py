@@ -14,7 +14,7 @@ from agent.perception.perceive import perceive
 from protocol.geometry import Pose, seen_from, wrapped
 from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 
 Place = tuple[float, float]
 

@@ -10,7 +10,7 @@ from agent.mapping.views import MARGIN_M, THROUGH, UNSEEN, look_at, view_of
 from agent.perception.beams import ring_of
 from agent.perception.perceive import perceive
 from protocol.messages import LidarSpec, RobotSpec
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.worldfile import load
 
 TURNING = LidarSpec(turning=True, noise_m=0.0)

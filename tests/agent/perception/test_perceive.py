@@ -13,7 +13,7 @@ from agent.perception.perceive import perceive
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec, RobotSpec
 from protocol.wireframe import Label
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 from world.worldfile import World, load
 
 SHARED = Path(__file__).parents[4] / "shared" / "worlds"

@@ -27,8 +27,8 @@ from protocol.messages import PROTOCOL_VERSION, End, Join, Refused
 from protocol.session import open_client, open_router
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Sleeper, Wanderer, endless
-from world.inbox import WorldInbox
-from world.server import serve
+from world.shell.inbox import WorldInbox
+from world.shell.server import serve
 
 JOIN_S = 20.0
 

@@ -20,7 +20,7 @@ from deploy.metrics import score
 from deploy.occupancy_grid import OccupancyGrid
 from protocol.messages import LidarSpec
 from world import worldfile
-from world.lidar import Lidar
+from world.lidar.lidar import Lidar
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ WORLD = """
 import sys
 from pathlib import Path
 from deploy.config import RunConfig
-from world.server import serve
+from world.shell.server import serve
 config, out = RunConfig.model_validate_json(sys.argv[1]), Path(sys.argv[2])
 say = lambda what: print(what, flush=True)
 tell = {"listening": say, "progress": lambda progress: say(progress.clock.tick)}

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from deploy.config import RunConfig, load
 from deploy.terminal.settings import DERIVED, settings, to_json, to_text, to_yaml
 from protocol.configuration import ConfigError
-from world.radio_config import Bernoulli
+from world.radio.config import Bernoulli
 
 
 def leaves(tree: dict[str, Any], prefix: str = "") -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from protocol.arrays import Bools, Complexes, Floats, Ints
 from protocol.messages import LidarSpec
-from world.beams import beams_within
+from world.lidar.beams import beams_within
 from world.way import Steps, along, between, steps
 
 _ON_M = 1e-9  # a beam that passes a wall's end by less than this meets it; a lidar nearer to a wall's line is on it

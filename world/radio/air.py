@@ -14,7 +14,7 @@ import numpy as np
 
 from protocol.arrays import Floats
 from world.checkpoint import State
-from world.radio_config import Asymmetric, Bernoulli, Blackout, GilbertElliott, Latency, LineOfSight, LogDistance, Model
+from world.radio.config import Asymmetric, Bernoulli, Blackout, GilbertElliott, Latency, LineOfSight, LogDistance, Model
 
 
 class Hop(NamedTuple):

@@ -12,9 +12,9 @@ import numpy as np
 from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import LidarSpec
 from protocol.walls import directions, lengths
-from world.beams import beams_within, keep_nearest
-from world.readings import readings
-from world.turning import Scans, Turning
+from world.lidar.beams import beams_within, keep_nearest
+from world.lidar.readings import readings
+from world.lidar.turning import Scans, Turning
 from world.way import along
 
 CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
@@ -93,7 +93,7 @@ class Lidar:
     def measured(
         self, ranges: Floats, rngs: Sequence[np.random.Generator], met: Ints | None = None, rays: Floats | None = None
     ) -> Floats:
-        """True ranges (k, beams) as the sensor reports them (`world.readings`), with one generator a robot.
+        """True ranges (k, beams) as the sensor reports them (`world.lidar.readings`), with one generator a robot.
 
         met, rays: what the beams met and how they pointed, as from `trace` and `rays`; None: no edges, all met square.
         """

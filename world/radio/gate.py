@@ -12,9 +12,9 @@ from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Heard, LinkReport, Send
 from protocol.talk import MAX_SENDS
-from world.air import Budget, Hop, delays, losses
 from world.checkpoint import State
-from world.radio_config import Capacity, RadioConfig
+from world.radio.air import Budget, Hop, delays, losses
+from world.radio.config import Capacity, RadioConfig
 
 # Outcomes; all but the first are reasons of a drop, as are those of the models of the air.
 DELIVERED = "delivered"

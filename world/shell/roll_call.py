@@ -10,7 +10,7 @@ from protocol.codec import decode
 from protocol.errors import LinkError, ProtocolError
 from protocol.inbox import Inbox
 from protocol.messages import Join
-from world.inbox import WorldInbox
+from world.shell.inbox import WorldInbox
 
 
 def count(

@@ -5,8 +5,8 @@ import pytest
 
 from protocol.errors import ProtocolError
 from protocol.messages import Send
-from world.radio import Passage, Radio
-from world.radio_config import RadioConfig
+from world.radio.config import RadioConfig
+from world.radio.gate import Passage, Radio
 
 NAMES = ["r1", "r2", "r3"]
 LINE = np.array([[0.0, 0.0], [3.9, 0.0], [8.0, 0.0]])  # r2 is within 4 m of r1, r3 of nobody

@@ -3,7 +3,7 @@
 import time
 
 from protocol.inbox import Arrival
-from world.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
+from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
 
 
 def taken(inbox: WorldInbox) -> list[Arrival]:

@@ -10,8 +10,8 @@ from protocol.arrays import Floats
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
 from world import maze, worldfile
-from world.lidar import DISC, NOTHING, Lidar
-from world.readings import readings
+from world.lidar.lidar import DISC, NOTHING, Lidar
+from world.lidar.readings import readings
 from world.way import along
 
 SPEC = LidarSpec()

@@ -16,15 +16,15 @@ from protocol.errors import InputError, Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Clock, End, LinkTable, Progress, Refused
 from protocol.session import at_once, open_client, open_router, wait_for_matching
-from world.answers import LockstepAnswers, RealTimeAnswers
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
-from world.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
-from world.participants import Participants
-from world.roll_call import count
-from world.showing import Showing
+from world.shell.answers import LockstepAnswers, RealTimeAnswers
+from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
+from world.shell.participants import Participants
+from world.shell.roll_call import count
+from world.shell.showing import Showing
+from world.shell.wire import Wire
 from world.tick import BadOutputsError, Inputs, Outputs
-from world.wire import Wire
 
 OTHER_WORLD_S = 2.0
 """How long a router may take to say whether a world is there already; it takes some ms."""

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from protocol.messages import Send
-from world.air import walls_between
-from world.radio import Passage, Radio
-from world.radio_config import RadioConfig
+from world.radio.air import walls_between
+from world.radio.config import RadioConfig
+from world.radio.gate import Passage, Radio
 from world.worldfile import load
 
 NAMES = ["r1", "r2", "r3"]

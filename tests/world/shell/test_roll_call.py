@@ -19,8 +19,8 @@ from protocol.secrets import new_secrets
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
 from world.config import WorldConfig
-from world.inbox import WorldInbox
-from world.server import serve
+from world.shell.inbox import WorldInbox
+from world.shell.server import serve
 
 
 @contextmanager
