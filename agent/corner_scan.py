@@ -42,7 +42,7 @@ PIECE = np.dtype(
         ("gap", "f8", (2,)),  # m from the last hit to a nominal end: the line is prolonged so far to its corner
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
-        ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the turn, 1 at the stamp
+        ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the revolution, 1 at the stamp
         ("bearing", "f8", (2,)),  # rad, of the first and the last beam, rising; the last may exceed 2 pi
     ],
     align=True,
@@ -59,7 +59,7 @@ class Sight(NamedTuple):
     `open`, and how near the nearest hit is, m; 0 where nothing was measured."""
     reach: float  # m, how far open sectors are known to be free
     half_beam: float  # half the angle between two beams, rad: the edges of sectors and pieces are uncertain by this
-    shift: float  # m, by which the lidar moved in the turn: seen from the stamp, the edges are uncertain by this, too
+    shift: float  # m, by which the lidar moved in the revolution: seen from the stamp, edges are uncertain by this, too
 
 
 @dataclass(frozen=True, slots=True)

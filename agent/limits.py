@@ -5,7 +5,7 @@ import math
 from protocol.messages import RobotSpec
 
 LEAST_VIEW_DEG = 180.0  # with less, a robot does not see the place beside it that it turns into
-LEAST_BEAMS = 180  # of a whole turn: a post of 0.1 m gets three beams from 1 m away, a wall of 0.25 m from 2.4 m
+LEAST_BEAMS = 180  # of a whole revolution: a post of 0.1 m gets three beams from 1 m away, a wall of 0.25 m from 2.4 m
 MOST_TURN_DEG = 90.0  # of the robot in a scan: a quarter of the room is then seen twice, or not at all
 
 
@@ -20,7 +20,9 @@ def doubts(spec: RobotSpec) -> list[str]:
     beams = round(lidar.beams * 360 / lidar.field_of_view_deg)
     if beams < LEAST_BEAMS:
         near_m = 0.1 / (3 * 2 * math.pi / beams)
-        found.append(f"the lidar has {beams} beams a turn: what is 0.1 m wide is seen from {near_m:.1f} m at most")
+        found.append(
+            f"the lidar has {beams} beams a revolution: what is 0.1 m wide is seen from {near_m:.1f} m at most"
+        )
     turn_deg = math.degrees(spec.max_turn_rps / lidar.rate_hz)
     if lidar.turning and turn_deg > MOST_TURN_DEG:
         found.append(f"the robot turns by {turn_deg:.0f} degrees during one scan: lower spec.max_turn_rps")

@@ -56,7 +56,7 @@ class Passenger:
         """Take one scan and what was heard; what to send, and what happened.
 
         Its odometry may have any error; the steps between scans may be of any length. Its way, where there is one,
-        leads from the begin of the lidar's turn to its end, however long ago the last was.
+        leads from the begin of the lidar's revolution to its end, however long ago the last was.
         """
         before = observation.odometry if self._odometry is None else self._odometry
         self._odometry = observation.odometry

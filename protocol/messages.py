@@ -264,7 +264,7 @@ Ranges = Annotated[bytes, Field(max_length=4 * MAX_BEAMS), AfterValidator(_range
 
 
 class Observation(Message):
-    """World to robot, the last of a tick's messages on robots/ID/in/**. Its stamp is the end of the lidar's turn."""
+    """World to robot, the last of a tick's messages on robots/ID/in/**. Its stamp is the end of a revolution."""
 
     tick: Tick
     ranges: Ranges

@@ -7,7 +7,6 @@ import numpy as np
 
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.meeting import Meeting
 from agent.alignment.prepared import PreparedMap
 from agent.alignment.repetition import rival_score
 from agent.geometry.transform import apart
@@ -21,7 +20,7 @@ class Alignment:
     transform: Pose | None  # the peer's frame in mine, x, y, theta; None where the maps do not tell
     reason: str
     """`aligned`, or `sighted` where seeing the peer gave it. Else why there is none: small, large, unlike, weak,
-    conflict, ambiguous, inexact, impossible (by the meeting)."""
+    conflict, ambiguous, inexact, impossible (by an encounter)."""
     candidates: int = 0  # distinct transforms held against all walls
     inliers: int = 0  # corners that match under the best
     residual: float = 0.0  # root mean square distance of these, metres
@@ -63,7 +62,6 @@ def align_prepared(
     theirs: PreparedMap | None,
     config: AlignmentConfig,
     rng: np.random.Generator,
-    meeting: Meeting | None = None,
     method: Method = by_features,
 ) -> Alignment:
     """Find the transform of a peer's map into mine from the walls that each owner saw itself.
@@ -74,11 +72,7 @@ def align_prepared(
         return Alignment(None, "large")
     if min(mine.corners.true.sum(), theirs.corners.true.sum()) < config.min_corners:
         return Alignment(None, "small")
-    said = method(mine, theirs, config, rng)
-    if said.transform is None or meeting is None:
-        return said
-    possible = meeting.possible(np.array([said.transform]), mine.place, theirs.place)[0]
-    return said if possible else replace(said, transform=None, reason="impossible")
+    return method(mine, theirs, config, rng)
 
 
 def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: float = 0.0) -> Alignment:

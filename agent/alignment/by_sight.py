@@ -19,7 +19,7 @@ from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refin
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.corner_scan import CornerScan
-from agent.geometry.transform import apart, fit, move
+from agent.geometry.transform import apart, fit_on_points, move
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose, pose_of, wrapped
@@ -74,7 +74,7 @@ def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Co
         which = _discs_at(best, places, first, discs, gate_m)
         seen = which >= 0
         if seen.sum() >= 2:
-            best = fit(places[seen], discs[which[seen]], int(seen.sum()))
+            best = fit_on_points(places[seen], discs[which[seen]], int(seen.sum()))
     seen = _discs_at(best, places, first, discs, gate_m) >= 0
     rival = _best_of_pairs(places, first, discs, gate_m, base_m, best[None], middle)[1]
     across = float(np.linalg.eigvalsh(np.cov(places[seen].T, ddof=0))[0])
@@ -91,9 +91,11 @@ def align_by_sight(
     """
     none = Alignment(None, "unlike", best=pose_of(found.transform))
     square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
-    fits = refine(np.stack([found.transform, square]), mine.corners, theirs.corners)
+    refined = refine(np.stack([found.transform, square]), mine.corners, theirs.corners)
     best = none
-    for t, inliers, residual in zip(fits.transforms, fits.inliers.tolist(), fits.residuals.tolist(), strict=True):
+    for t, inliers, residual in zip(
+        refined.transforms, refined.inliers.tolist(), refined.residuals.tolist(), strict=True
+    ):
         if apart(t, found.transform, found.middle, COARSE_M, DISTINCT_RAD):
             continue
         agreed, conflict = agreement(mine.walls, theirs.walls, t)
@@ -164,7 +166,7 @@ def _best_of_pairs(
                     qx, qy = discs[b, 0] - discs[a, 0], discs[b, 1] - discs[a, 1]
                     if abs(math.hypot(px, py) - math.hypot(qx, qy)) > gate_m:
                         continue
-                    t = fit(np.stack((places[i], places[j])), np.stack((discs[a], discs[b])), 2)
+                    t = fit_on_points(np.stack((places[i], places[j])), np.stack((discs[a], discs[b])), 2)
                     found = (_discs_at(t, places, first, discs, gate_m) >= 0).sum()
                     if found <= count:
                         continue

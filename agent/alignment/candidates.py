@@ -13,7 +13,7 @@ from agent.alignment.agreement import agreement
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, like_walls, likeness
 from agent.alignment.prepared import PreparedMap
-from agent.geometry.transform import apart, fit, move
+from agent.geometry.transform import apart, fit_on_points, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 
@@ -188,7 +188,7 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
             if count < 2:
                 break
             if g < len(GATES_M) - 1:
-                t[:] = fit(source, target, count)
+                t[:] = fit_on_points(source, target, count)
     return out, counts, rms
 
 

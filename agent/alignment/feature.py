@@ -206,12 +206,12 @@ def _likeness(mine: Corners, theirs: Corners, my_common: Floats, their_common: F
                         d = wrapped(d)
                     var = a_sds[i, k] ** 2 + b_sds[j, k] ** 2
                     gain = LOG_WRONG_ENTRY  # that of nearly all pairs: no logarithm or exponential is needed
-                    fits = NEGLIGIBLE
+                    ratio = NEGLIGIBLE
                     if d * d < FAR_OFF * var:
                         common = 0.5 * (my_common[i, k] + their_common[j, k])
-                        fits = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
-                    if fits > NEGLIGIBLE:
-                        gain = math.log((1.0 - wrong) * math.exp(min(fits, 30.0)) + wrong)
+                        ratio = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
+                    if ratio > NEGLIGIBLE:
+                        gain = math.log((1.0 - wrong) * math.exp(min(ratio, 30.0)) + wrong)
                 elif one == AT_LEAST and two == AT_LEAST:
                     continue
                 else:  # one wall was seen whole, the other is at least so long

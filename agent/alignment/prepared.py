@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from agent.alignment.agreement import Walls, index_walls
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, corners
-from agent.alignment.meeting import Place, place_of
+from agent.alignment.free_space import FreeSpace, free_space_of
 from protocol.wireframe import Wireframe
 
 
@@ -15,7 +15,7 @@ class PreparedMap:
 
     corners: Corners
     walls: Walls
-    place: Place
+    free_space: FreeSpace
 
 
 def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
@@ -23,5 +23,5 @@ def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None
     if int(wireframe.own.sum()) > config.max_vertices:
         return None
     found = corners(wireframe)
-    place = place_of(found.points, found.parent, found.child, found.walls)
-    return PreparedMap(found, index_walls(found.walls, found.juts), place)
+    free_space = free_space_of(found.points, found.parent, found.child, found.walls)
+    return PreparedMap(found, index_walls(found.walls, found.juts), free_space)

@@ -89,7 +89,7 @@ def update(
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
     laid = _laid(newest, fit.transform, peer.walls)
-    peer = replace(peer, map=newest, transform=fit.transform, fit_m=fit.sd_at(fit.centre), laid=laid)
+    peer = replace(peer, map=newest, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
     return replace(peer, agreed_m=agreed, refused=0), figures
 
 

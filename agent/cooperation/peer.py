@@ -1,4 +1,4 @@
-"""Another robot: met, proposed or merged, and in each of these states a log of what it told."""
+"""Another robot: unaligned, proposed or merged, and in each of these states a log of what it told."""
 
 import math
 from collections import deque
@@ -11,6 +11,7 @@ import numpy as np
 from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
+from agent.alignment.encounter import Encounter
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial, Watch
@@ -23,13 +24,6 @@ from protocol.wireframe import Wireframe
 
 ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
-
-
-class Encounter(NamedTuple):
-    """Where both robots were when a message came, each in its own frame."""
-
-    here: Pose
-    theirs: Pose
 
 
 @dataclass
@@ -120,7 +114,7 @@ class PeerLog:
 
 
 @dataclass(eq=False)
-class Met:
+class Unaligned:
     """A peer that was heard, and whose frame is not known."""
 
     log: PeerLog
@@ -134,7 +128,7 @@ class Proposed:
     map: ReceivedMap
     """The map on trial."""
     trial: Trial
-    fit_m: float
+    transform_sd_m: float
     """Standard error of the transform, metres."""
 
     @property
@@ -163,7 +157,7 @@ class Merged:
     """The merged map: a newer one takes its place only if it agrees with the own map."""
     transform: Floats
     """(3,) the peer's frame in the robot's own: T."""
-    fit_m: float
+    transform_sd_m: float
     """Standard error of the transform, metres."""
     walls: WallEvidence
     """What own scans say of the merged map."""
@@ -181,12 +175,12 @@ class Merged:
     """Whether it is seen where it must be since it was merged."""
 
 
-Peer = Met | Proposed | Merged
+Peer = Unaligned | Proposed | Merged
 
 Figures = Mapping[str, object]
 """Numbers of an event."""
 
 
-def fit_error_m(alignment: Alignment | None) -> float:
+def transform_sd_m(alignment: Alignment | None) -> float:
     """Standard error in metres of a transform by its alignment; None: of one that is given."""
     return 0.1 if alignment is None else max(alignment.residual, 0.01) / math.sqrt(max(alignment.inliers, 1))

@@ -10,9 +10,9 @@ from agent.alignment.align import Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.meeting import RANGE_SLACK_M, Meeting
+from agent.alignment.encounter import RANGE_SLACK_M
 from agent.alignment.prepared import PreparedMap, prepare
-from agent.cooperation.peer import PeerLog, Proposed, fit_error_m
+from agent.cooperation.peer import PeerLog, Proposed, transform_sd_m
 from agent.cooperation.verification import DISC_GATE_M, DISC_MOVED_M
 from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.clearance import distances_to_walls
@@ -82,13 +82,17 @@ class Aligner:
         return None if mine is None or theirs is None else (mine, theirs)
 
     def align(self, log: PeerLog, own: Wireframe) -> Alignment:
-        """Align by the maps. A transform that puts a message out of the radio's range is impossible."""
+        """Align by the maps. A transform that puts a message out of the radio's range, or a body into a wall, is
+        impossible. That never helps another one to win, as the true one need not be among the candidates.
+        """
         assert log.map is not None and log.contact is not None
-        meeting = Meeting(*log.contact, self.range_m, self.spec.radius_m)
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
-        said = align_prepared(mine, theirs, self.config, self.rng, meeting)
+        said = align_prepared(mine, theirs, self.config, self.rng)
         if said.transform is None or mine is None or theirs is None:
             return said
+        spaces = mine.free_space, theirs.free_space
+        if not log.contact.allows(np.array([said.transform]), *spaces, self.range_m, self.spec.radius_m)[0]:
+            return replace(said, transform=None, reason="impossible")
         exact = fit_on_walls(own, log.map.wireframe, np.array(said.transform)).transform
         if beside(mine.walls, theirs.walls, exact) > self.config.max_beside:
             return replace(said, transform=None, reason="inexact")
@@ -114,7 +118,7 @@ class Aligner:
         if said.transform is not None or (against and same):
             peer.trial.align_again(same and not against)
         if same and said.transform is not None:
-            peer.trial.transform, peer.fit_m = np.array(said.transform), fit_error_m(said)
+            peer.trial.transform, peer.transform_sd_m = np.array(said.transform), transform_sd_m(said)
         if same and not against:
             peer.map = peer.log.map
             peer.trial.walls.lay(peer.map.wireframe)
@@ -150,16 +154,16 @@ class Aligner:
             log.put_on_trial = told
         return said
 
-    def walls_fit(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
+    def walls_agree(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
         """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""
         maps = self.both(log, own)
         if maps is None:
             return False
         mine, theirs = maps
-        fit = refine(transform[None], mine.corners, theirs.corners)
-        if not len(fit.transforms) or fit.inliers[0] < LEAST_CORNERS:
+        refined = refine(transform[None], mine.corners, theirs.corners)
+        if not len(refined.transforms) or refined.inliers[0] < LEAST_CORNERS:
             return False
-        if apart(fit.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD):
+        if apart(refined.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD):
             return False
         assert log.map is not None
         exact = fit_on_walls(own, log.map.wireframe, transform).transform

@@ -1,6 +1,6 @@
 """Trust, but verify: the proposals Z and the transforms T of Algorithm 1, from the first message to the merged map.
 
-A peer is met, then proposed (an alignment is on trial while the robot drives to where the peer was), then merged, or
+A peer is heard, then proposed (an alignment is on trial while the robot drives to where the peer was), then merged, or
 given up. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
 """
 
@@ -17,7 +17,7 @@ from agent.communication.exchange import News
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
 from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradiction, hide_seen_through, merge, update
-from agent.cooperation.peer import Figures, Merged, Met, Peer, PeerLog, Proposed, fit_error_m
+from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial
@@ -106,10 +106,10 @@ class Team:
         """Where peers with a transform were last heard to be, in the robot's own frame."""
         known = []
         for name, peer in sorted(self.peers.items()):
-            if isinstance(peer, Met) or peer.log.pose_tick < 0:
+            if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
                 continue
             drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
-            spread, turn = math.hypot(0.01 + peer.fit_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
+            spread, turn = math.hypot(0.01 + peer.transform_sd_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
             known.append(
                 TeammatePose(
                     robot=name,
@@ -148,7 +148,7 @@ class Team:
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
         for news in told:
-            peer = self.peers.setdefault(news.peer, Met(PeerLog(news.peer)))
+            peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
             log, beacon = peer.log, news.beacon
             if beacon is not None and log.pose_tick < min(beacon.tick, tick):
                 pose_tick = min(beacon.tick, tick)  # nobody is ahead of time
@@ -157,7 +157,7 @@ class Team:
                 if tick - pose_tick <= self._ticks(LATE_S):
                     log.take_sighting(sighting)
                     if isinstance(peer, Proposed):
-                        self._meet(peer.trial, sighting)
+                        self._weigh(peer.trial, sighting)
                     elif isinstance(peer, Merged) and self.config.verification.discs:
                         self._watch(peer, sighting)
             if news.frame is not None:
@@ -175,8 +175,8 @@ class Team:
             for peer in self.peers.values():
                 self._look(peer, here, scan)
 
-    def _meet(self, trial: Trial, sighting: Sighting) -> None:
-        trial.meet(sighting, self.aligner.reach_m, self.spec.radius_m)
+    def _weigh(self, trial: Trial, sighting: Sighting) -> None:
+        trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)
 
     def _watch(self, peer: Merged, sighting: Sighting) -> None:
         """Undo a merge whose teammate is not where it must be: the walls of a building may agree after a half turn."""
@@ -188,7 +188,7 @@ class Team:
     def _look(self, peer: Peer, pose: Pose, scan: CornerScan) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""
         if isinstance(peer, Proposed):
-            peer.trial.walk(pose, scan)
+            peer.trial.look_at_walls(pose, scan)
         elif isinstance(peer, Merged):
             peer.walls.look(peer.transform, pose, scan)
             if figures := contradiction(peer):
@@ -223,11 +223,11 @@ class Team:
             if new.refused >= REFUSED_MAPS:
                 self.undo(new, "its later maps contradict it", figures)
             return True
-        if isinstance(peer, Met) and log.contact is not None and self._align_as_told(peer, own):
+        if isinstance(peer, Unaligned) and log.contact is not None and self._align_as_told(peer, own):
             return True
-        growth = log.growth if isinstance(peer, Met) else GROWTH_ON_TRIAL
+        growth = log.growth if isinstance(peer, Unaligned) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
-            return isinstance(peer, Met) and self._align_by_sight(peer, own)
+            return isinstance(peer, Unaligned) and self._align_by_sight(peer, own)
         if log.contact is None:
             return False
         if off_its_map(log):
@@ -249,7 +249,7 @@ class Team:
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
 
-    def _align_as_told(self, peer: Met, own: Wireframe) -> bool:
+    def _align_as_told(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what a peer that has merged the robot's map says itself, if the walls agree; true if compared."""
         said = self.aligner.align_as_told(peer.log, own)
         if said is None:
@@ -261,7 +261,7 @@ class Team:
         peer.log.told_reason = said.reason
         return True
 
-    def _align_by_sight(self, peer: Met, own: Wireframe) -> bool:
+    def _align_by_sight(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose the frame that the sightings of a peer give, if the walls agree; true where walls were compared."""
         log, found = peer.log, self.aligner.align_by_sight(peer.log, own)
         if found is None:
@@ -278,7 +278,7 @@ class Team:
         return True
 
     def propose(
-        self, peer: Met, transform: Pose, own: Wireframe, figures: Figures,
+        self, peer: Unaligned, transform: Pose, own: Wireframe, figures: Figures,
         alignment: Alignment | None = None, how: str = "aligned",
     ) -> Proposed:  # fmt: skip
         """Z = Z + proposal: put a transform of a peer whose map is known on trial.
@@ -291,8 +291,8 @@ class Team:
         walls.lay(log.map.wireframe, fresh_pieces(log.map.wireframe, t, own))
         trial = Trial(self.config.verification, t, walls, 0 if how == "aligned" else 2)
         for sighting in log.sightings:
-            self._meet(trial, sighting)
-        proposed = self.peers[log.name] = Proposed(log, log.map, trial, fit_error_m(alignment))
+            self._weigh(trial, sighting)
+        proposed = self.peers[log.name] = Proposed(log, log.map, trial, transform_sd_m(alignment))
         self.queue.append(proposed)
         self._say("proposed", log, how, transform, figures)
         return proposed
@@ -312,7 +312,7 @@ class Team:
         """Accept and reject the proposals whose evidence suffices."""
         for peer in list(self.queue):
             verdict = peer.trial.verdict
-            if verdict and not self.aligner.walls_fit(peer.log, own, peer.transform):
+            if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform):
                 self._reject(peer, "its walls do not fit")
             elif verdict:
                 self._say("accepted", peer.log, "the evidence decides", peer.transform, peer.trial.figures())
@@ -330,7 +330,7 @@ class Team:
             self._reject(peer, "it took too long")
         elif arrived is False and not drive.detours:
             self._reject(peer, "unreachable")
-        elif peer.trial.asks_for_a_meeting and not self._is_heard(tick, peer):
+        elif peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
             self._reject(peer, "undecided")
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, drive.detours)
@@ -342,7 +342,7 @@ class Team:
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
         unseen = peer.trial.walls.unseen()
-        if self._is_heard(tick, peer) and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_meeting):
+        if self._is_heard(tick, peer) and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_sighting):
             return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
         stands = apply(peer.transform, stands)
@@ -367,7 +367,7 @@ class Team:
 
     def _forget_transform(self, peer: Proposed | Merged) -> None:
         peer.log.growth = REJECTED_GROWTH
-        self.peers[peer.log.name] = Met(peer.log)
+        self.peers[peer.log.name] = Unaligned(peer.log)
 
     def merge(self, peer: Proposed, tick: int, own: Wireframe) -> None:
         """Make the map of a peer of the queue part of the robot's: T = T + transform."""

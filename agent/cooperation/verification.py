@@ -117,19 +117,19 @@ class Trial:
         return False if self.weight <= -self.config.reject else None
 
     @property
-    def asks_for_a_meeting(self) -> bool:
+    def asks_for_a_sighting(self) -> bool:
         """Whether walls have said all that they can, so that only seeing the peer where it must be may decide."""
         nats = (self.nats[kind] for kind in ("ground", "later_maps") if getattr(self.config, kind))
         return self.config.discs and sum(nats) >= WALLS_MOST_NATS
 
-    def walk(self, pose: Pose, scan: CornerScan) -> None:
+    def look_at_walls(self, pose: Pose, scan: CornerScan) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""
         self.walls.look(self.transform, pose, scan)
         confirmed, against = self.walls.said(FRESH_LOOKS)
         gain = min(GROUND_NATS_PER_M * confirmed, GROUND_MOST_NATS)
         self.nats["ground"] = gain - GROUND_AGAINST_NATS_PER_M * against
 
-    def meet(self, sighting: Sighting, reach_m: float, radius_m: float) -> None:
+    def weigh(self, sighting: Sighting, reach_m: float, radius_m: float) -> None:
         """Weigh a message and the scan of its moment. reach_m: the radio's range; radius_m: of the peer's body."""
         self.hear(sighting.here, sighting.theirs, reach_m)
         self.look_for_disc(sighting.here, sighting.theirs, sighting.scan, sighting.discs, radius_m)

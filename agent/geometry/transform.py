@@ -53,7 +53,7 @@ def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float
 
 
 @shared_kernel
-def fit(source: Floats, target: Floats, count: int) -> Floats:
+def fit_on_points(source: Floats, target: Floats, count: int) -> Floats:
     """Least-squares transform (3,) of the first `count` source points (n, 2) onto the targets (n, 2); count >= 1."""
     sx, sy = source[:count, 0].mean(), source[:count, 1].mean()
     tx, ty = target[:count, 0].mean(), target[:count, 1].mean()

@@ -82,25 +82,25 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does.
     """
     out = np.full(len(pieces), -1)
-    fits = np.empty(count)
+    chi2 = np.empty(count)
     for k in range(len(pieces)):
         best = math.inf
         for e in range(count):
-            fits[e] = cost(edges[e], pieces[k], gates) if edges[e].alive == WALL else math.inf
-            if math.isfinite(fits[e]):
+            chi2[e] = cost(edges[e], pieces[k], gates) if edges[e].alive == WALL else math.inf
+            if math.isfinite(chi2[e]):
                 shared = overlap(edges[e], pieces[k], gates)
-                fits[e] += 0.0 if shared > 0 else (BRIDGE_CHI2 if math.isfinite(shared) else math.inf)
-                if fits[e] < best:
-                    best, out[k] = fits[e], e
+                chi2[e] += 0.0 if shared > 0 else (BRIDGE_CHI2 if math.isfinite(shared) else math.inf)
+                if chi2[e] < best:
+                    best, out[k] = chi2[e], e
         if dice[k] == 0.0 or not math.isfinite(best):
             continue
         total = 0.0
         for e in range(count):
-            total += math.exp(-0.5 * (fits[e] - best))
+            total += math.exp(-0.5 * (chi2[e] - best))
         left = dice[k] * total
         for e in range(count):
-            left -= math.exp(-0.5 * (fits[e] - best))
-            if left < 0 and math.isfinite(fits[e]):
+            left -= math.exp(-0.5 * (chi2[e] - best))
+            if left < 0 and math.isfinite(chi2[e]):
                 out[k] = e
                 break
     return out

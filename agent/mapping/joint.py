@@ -18,7 +18,7 @@ from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose
 
 AXIS = 6  # row of the walls' common axis, after the pose (x, y, theta) and the wheels' three constants
-BEGIN = 7  # first row of the pose at the begin of the turn, which was that of the last scan
+BEGIN = 7  # first row of the pose at the begin of the revolution, which was that of the last scan
 WALLS = 10
 """Row of the first wall. Each has four: its offset to the left, m, at the point that its record holds, its direction,
 rad, and how far along it its tail and its head are, m. What is not known, or exact, has zeros."""

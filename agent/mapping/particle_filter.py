@@ -67,8 +67,8 @@ def update_particles(
 
     edges (p, e), counts (p,), poses (p, 3), the wheels' constants (p, 3), the walls' axes (p,) and joint covariances
     (p, m, m) are updated in place. Poses of variance 0 are exact. grown (p, 2): by how much the variance of place (m2)
-    and heading (rad2) grew during the turn. raw (k,): the scan's pieces, robot's frame. noise: m, standard deviation of
-    a range. dice: (p, 2, k), for each particle a row for association and one for insertion. patience: (p,) each
+    and heading (rad2) grew in the revolution. raw (k,): the scan's pieces, robot's frame. noise: m, standard deviation
+    of a range. dice: (p, 2, k), for each particle a row for association and one for insertion. patience: (p,) each
     particle's own, as a factor. Returns the scan's log-likelihoods (p,), up to a constant.
     """
     scores, gates = np.zeros(len(counts)), Gates(noise, OFFSET_GATE_M)
@@ -121,8 +121,8 @@ def _move(edges: Records, pose: Floats, constants: Floats, axis: Floats, shift: 
 def _placed(raw: Records, predicted: Pose, shift: Floats, grown: Floats, noise: float) -> Records:
     """Pieces (k,) in the map's frame, each from where the robot was at its moment, and worth what that is known to.
 
-    Between the ends of a turn the pose is a bridge of its random walk. Hits that share an error of it are worth as many
-    independent ones as have the same variance.
+    Between the ends of a revolution the pose is a bridge of its random walk. Hits that share an error of it are worth
+    as many independent ones as have the same variance.
     """
     out = raw.copy()
     for k in range(len(raw)):

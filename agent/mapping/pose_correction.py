@@ -69,10 +69,10 @@ def axis_of(edges: Records, count: int, noise: float) -> Axis:
 
 @kernel
 def pose_at(pose: Pose, shift: Floats, moment: float) -> Pose:
-    """Where the robot was at a moment of the turn (0 to 1, its stamp), in terms of the stamp's frame.
+    """Where the robot was at a moment of the revolution (0 to 1, its stamp), in terms of the stamp's frame.
 
     The scan is unrolled by odometry about the predicted pose. What scans correct of that, shift (m,), is between what
-    they correct of the turn's begin and of its end.
+    they correct of the revolution's begin and of its end.
     """
     return (
         pose[0] + moment * shift[0] + (1.0 - moment) * shift[BEGIN],
@@ -214,7 +214,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
 
 @kernel
 def _spread(rows: Ints, slopes: Floats, moment: float, by_pose: tuple[float, float, float]) -> None:
-    """Write into the first six rows and slopes what depends on the pose at a moment of the turn."""
+    """Write into the first six rows and slopes what depends on the pose at a moment of the revolution."""
     for k in range(3):
         rows[k], rows[3 + k] = k, BEGIN + k
         slopes[k], slopes[3 + k] = moment * by_pose[k], (1.0 - moment) * by_pose[k]
@@ -232,7 +232,7 @@ def _observe(
     variance: float,
     sigmas: float,
 ) -> None:
-    """Take in a number that depends on the pose at a moment of the turn, by_pose, and on other rows (k,)."""
+    """Take in a number that depends on the pose at a moment of the revolution, by_pose, and on other rows (k,)."""
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
     _spread(all_rows, all_slopes, moment, by_pose)
     all_rows[6:], all_slopes[6:] = rows, slopes

@@ -75,7 +75,7 @@ class Wheels:
         return way
 
     def move(self, poses: Floats, joint: Floats, told: list[Pose], slips: bool = False) -> Floats:
-        """Move particles' poses (p, 3) and joint covariances (p, m, m) in place; the last pose begins the turn.
+        """Move particles' poses (p, 3) and joint covariances (p, m, m) in place; the last pose begins the revolution.
 
         slips: whether the robot may touch something. Returns (p, 2): by how much the variance of place and heading
         grew.

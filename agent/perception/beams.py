@@ -1,4 +1,4 @@
-"""The beams of one turn of the lidar, in the robot's frame at the scan's stamp (ours).
+"""The beams of one revolution of the lidar, in the robot's frame at the scan's stamp (ours).
 
 A lidar that turns takes its beams one after the other, each from where the robot was at that moment. Odometry says
 where that was: every beam has its own origin, and what it met is a point in the one frame of the stamp.
@@ -22,25 +22,25 @@ class Beams(NamedTuple):
     """A closed ring of n beams by rising bearing. Metres and radians in the robot's frame at the stamp.
 
     What was not measured (a limited field of view, what a robot that turns back left out, the seam between the first
-    and the last beam of a turn) is filled with beams of range NaN, so that neighbours in the ring are neighbours.
+    and the last beam of a revolution) is filled with beams of range NaN, so that neighbours in the ring are neighbours.
     """
 
     ranges: Floats  # (n,) from each beam's origin; inf where nothing came back, NaN where nothing was measured
     origins: Floats  # (n, 2) where the lidar was
-    rays: Floats  # (n, 2) unit directions
-    moments: Floats  # (n,) when they were taken: 0 at the start of the turn, 1 at the stamp
+    directions: Floats  # (n, 2) unit vectors
+    moments: Floats  # (n,) when they were taken: 0 at the start of the revolution, 1 at the stamp
     distances: Floats  # (n,) from the robot at the stamp to what was met; inf where nothing was
     bearings: Floats  # (n,) of what was met, or of the beam's end at the lidar's range; rising but for parallax
     step: float  # angle between neighbours while the robot does not turn
     shift: float  # greatest distance of an origin from the robot at the stamp
 
 
-class _Rays(NamedTuple):
+class _Ring(NamedTuple):
     """A ring of n beams whatever they meet: fields of `Beams`, and which of a scan's ranges they have."""
 
     order: Ints  # (m,) places in the scan; what follows in the ring was not measured
     origins: Floats
-    rays: Floats
+    directions: Floats
     moments: Floats
     angles: Floats  # (n,) of the directions, rad, rising
     step: float
@@ -50,22 +50,22 @@ class _Rays(NamedTuple):
 def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beams:
     """The beams of a scan (beams,), metres, in the order in which an observation has them.
 
-    way: (k + 1, 3) odometry poses at equal steps from the start of the turn to its stamp; None: the robot stood still.
+    way: (k + 1, 3) odometry poses at equal steps from the revolution's start to its stamp; None: the robot stood still.
     """
-    order, origins, rays, moments, angles, step, shift = (
-        _rays(lidar, way) if way is not None and lidar.turning else _rays_at_rest(lidar)
+    order, origins, directions, moments, angles, step, shift = (
+        _ring(lidar, way) if way is not None and lidar.turning else _ring_at_rest(lidar)
     )
     ranges = np.concatenate((ranges[order], np.full(len(angles) - len(order), np.nan)))
     distances = np.where(np.isnan(ranges), np.inf, ranges)
     if shift > 0:
-        ends = origins + np.where(np.isfinite(ranges), ranges, lidar.range_max_m)[:, None] * rays
+        ends = origins + np.where(np.isfinite(ranges), ranges, lidar.range_max_m)[:, None] * directions
         angles = angles + wrapped(np.arctan2(ends[:, 1], ends[:, 0]) - angles)
         distances = np.where(np.isfinite(ranges), np.hypot(*ends.T), np.inf)
-    return Beams(ranges, origins, rays, moments, distances, angles, step, shift)
+    return Beams(ranges, origins, directions, moments, distances, angles, step, shift)
 
 
-def _rays(lidar: LidarSpec, way: Floats | None) -> _Rays:
-    """The ring of a turn on a way (k + 1, 3) as of `ring_of`, or of one without motion."""
+def _ring(lidar: LidarSpec, way: Floats | None) -> _Ring:
+    """The ring of a revolution on a way (k + 1, 3) as of `ring_of`, or of one without motion."""
     bearings, moments = lidar.bearings(), lidar.moments()
     places = np.zeros((lidar.beams, 3)) if way is None else _places_at(moments, way)
     step = abs(float(bearings[1] - bearings[0]))
@@ -81,14 +81,14 @@ def _rays(lidar: LidarSpec, way: Floats | None) -> _Rays:
         fill = max(1, round(left_out / step) - 1)
         origins, moments = np.vstack((origins, np.zeros((fill, 2)))), np.concatenate((moments, np.ones(fill)))
         angles = np.concatenate((angles, angles[-1] + np.arange(1, fill + 1) / (fill + 1) * left_out))
-    rays = np.column_stack((np.cos(angles), np.sin(angles)))
-    return _Rays(order, origins, rays, moments, angles, step, float(np.hypot(*origins.T).max()))
+    directions = np.column_stack((np.cos(angles), np.sin(angles)))
+    return _Ring(order, origins, directions, moments, angles, step, float(np.hypot(*origins.T).max()))
 
 
 @lru_cache
-def _rays_at_rest(lidar: LidarSpec) -> _Rays:
+def _ring_at_rest(lidar: LidarSpec) -> _Ring:
     """The ring of a robot that stands, or whose beams are all taken at once."""
-    return _rays(lidar, None)
+    return _ring(lidar, None)
 
 
 def _places_at(moments: Floats, way: Floats) -> Floats:

@@ -8,25 +8,27 @@ import numpy as np
 from agent.corner_scan import NOISE_SIGMAS
 from agent.kernels import kernel
 from agent.perception.beams import Beams
-from agent.perception.segmentation import beam_sums, fit
+from agent.perception.segmentation import beam_sums, fit_line
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
 
 FEW_BEAMS = 3  # fewer beams show no disc. A circle fits so many as well as a line does; more must fit a circle better
-MAX_CHI2 = 4.0  # mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a turn
+MAX_CHI2 = (
+    4.0  # mean chi-square that a beam may have on a teammate's disc; leaves room for its motion within a revolution
+)
 INNER = 0.9  # share of a disc's width whose beams are surely on it, also where its place is not yet fitted
 ROUNDS = 3  # Gauss-Newton steps from the first guess, which is off by half a radius at most
 
 
 class Panorama(NamedTuple):
-    """A full turn of ranges in which discs are looked for, in even steps of bearing: beam k is the one near k steps."""
+    """A scan in which discs are looked for, in even steps of bearing all around: beam k is the one near k steps."""
 
     ranges: Floats  # (n,) m, inf where nothing came back, NaN where nothing was measured
-    rays: Floats  # (n, 2) cosine and sine of each beam's bearing
+    directions: Floats  # (n, 2) cosine and sine of each beam's bearing
     noise: Floats  # (n,) m, standard deviation of each range
     step: float  # rad, from each beam to the next
     radius: float  # m, of the discs
-    shift: float  # m, by which the lidar moved in the turn
+    shift: float  # m, by which the lidar moved in the revolution
 
 
 class Disc(NamedTuple):
@@ -36,38 +38,38 @@ class Disc(NamedTuple):
     bearing: float  # rad
 
 
-class Fit(NamedTuple):
+class Support(NamedTuple):
     """How well the beams inside a disc end on it."""
 
     beams: int  # beams well inside the disc
     on: int  # those of them that end on it
     chi2: float  # of these, in sum
-    first: int  # the first and the last of these; they may lie outside of a turn
+    first: int  # the first and the last of these; they may lie outside of [0, n)
     last: int
 
 
 @kernel
 def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
-    """Discs in a full turn of beams: (d, 2) metres, centres in the robot's frame. noise: (n,) sd of the ranges.
+    """Discs in a ring of beams: (d, 2) metres, centres in the robot's frame. noise: (n,) sd of the ranges.
 
     A disc is a run of beams that fit a circle of the radius better than a line, with a jump in range at one end, and a
     jump or another disc at the other. Far posts, wall ends and walls pass now and then: `perceive` asks the map.
     """
-    turn = _evenly_spread(beams, noise, radius)
-    found = np.empty((len(turn.ranges), 3))  # distance, bearing, mean chi-square
+    scan = _evenly_spread(beams, noise, radius)
+    found = np.empty((len(scan.ranges), 3))  # distance, bearing, mean chi-square
     count = 0
-    for i in range(len(turn.ranges)):
-        if not math.isfinite(turn.ranges[i]) or _goes_on_beside(turn, i):
+    for i in range(len(scan.ranges)):
+        if not math.isfinite(scan.ranges[i]) or _goes_on_beside(scan, i):
             continue
-        disc = Disc(turn.ranges[i] + radius, i * turn.step)
-        if not _may_be(_fit_of(turn, disc)):
+        disc = Disc(scan.ranges[i] + radius, i * scan.step)
+        if not _may_be(_support_of(scan, disc)):
             continue
         for _ in range(ROUNDS):
-            disc = _better(turn, disc)
-        fitted = _fit_of(turn, disc)
-        if _may_be(fitted) and fitted.chi2 <= MAX_CHI2 * fitted.on and not _is_line(turn, disc, fitted):
-            count = _keep_best(found, count, disc, fitted.chi2 / fitted.on, radius)
-    return _bounded(turn, found, count)
+            disc = _better(scan, disc)
+        support = _support_of(scan, disc)
+        if _may_be(support) and support.chi2 <= MAX_CHI2 * support.on and not _is_line(scan, disc, support):
+            count = _keep_best(found, count, disc, support.chi2 / support.on, radius)
+    return _bounded(scan, found, count)
 
 
 @kernel
@@ -77,7 +79,7 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
     Where parallax parts what is near from what is far no beam falls on some steps: they have the farther of both.
     """
     n = round(2 * math.pi / beams.step)
-    ranges, rays, sd = np.full(n, np.nan), np.zeros((n, 2)), np.ones(n)
+    ranges, directions, sd = np.full(n, np.nan), np.zeros((n, 2)), np.ones(n)
     taken = np.zeros(n, np.bool_)
     for i in range(len(beams.ranges)):
         k = round(beams.bearings[i] / beams.step) % n
@@ -85,7 +87,7 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
         if math.isnan(beams.ranges[i]) or ranges[k] <= beams.distances[i]:
             continue
         ranges[k], sd[k] = beams.distances[i], noise[i]
-        rays[k, 0], rays[k, 1] = math.cos(beams.bearings[i]), math.sin(beams.bearings[i])
+        directions[k, 0], directions[k, 1] = math.cos(beams.bearings[i]), math.sin(beams.bearings[i])
     for k in range(n):
         if not taken[k] and taken[k - 1]:
             after = k + 1
@@ -93,20 +95,20 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
                 after += 1
             farther = after % n if ranges[after % n] > ranges[k - 1] else k - 1
             for gap in range(k, after):
-                ranges[gap % n], sd[gap % n], rays[gap % n] = ranges[farther], sd[farther], rays[farther]
-    return Panorama(ranges, rays, sd, beams.step, radius, beams.shift)
+                ranges[gap % n], sd[gap % n], directions[gap % n] = ranges[farther], sd[farther], directions[farther]
+    return Panorama(ranges, directions, sd, beams.step, radius, beams.shift)
 
 
 @kernel
 def _in_turn(k: int, n: int) -> int:
-    """Beam k of n, where k may lie less than a turn outside; quicker than a remainder."""
+    """Beam k of n, where k may lie less than n outside; quicker than a remainder."""
     return k + n if k < 0 else k - n if k >= n else k
 
 
 @kernel
-def _near(turn: Panorama, k: int) -> float:
+def _near(scan: Panorama, k: int) -> float:
     """Metres by which the range of beam k may differ from that to a disc, if the beam is to end on it."""
-    return NOISE_SIGMAS * turn.noise[k] + 0.1 * turn.radius
+    return NOISE_SIGMAS * scan.noise[k] + 0.1 * scan.radius
 
 
 @kernel
@@ -116,70 +118,70 @@ def _half_width(distance: float, radius: float) -> float:
 
 
 @kernel
-def _goes_on_beside(turn: Panorama, i: int) -> bool:
+def _goes_on_beside(scan: Panorama, i: int) -> bool:
     """Whether the beams beside a disc that beam i would meet end about as far: most beams end on walls, which go on."""
-    r, n = turn.ranges[i], len(turn.ranges)
-    beside = math.ceil(math.asin(turn.radius / (r + turn.radius)) / turn.step) + 1
-    before, after = turn.ranges[(i - beside) % n], turn.ranges[(i + beside) % n]
-    far, near = r + 0.5 * turn.radius, r - _near(turn, i)
+    r, n = scan.ranges[i], len(scan.ranges)
+    beside = math.ceil(math.asin(scan.radius / (r + scan.radius)) / scan.step) + 1
+    before, after = scan.ranges[(i - beside) % n], scan.ranges[(i + beside) % n]
+    far, near = r + 0.5 * scan.radius, r - _near(scan, i)
     return near <= before <= far or near <= after <= far
 
 
 @kernel
-def _span(turn: Panorama, disc: Disc) -> tuple[int, int]:
-    """First and last beam well inside a disc; they may lie outside of a turn."""
-    half = INNER * _half_width(disc.distance, turn.radius)
-    return math.ceil((disc.bearing - half) / turn.step), math.floor((disc.bearing + half) / turn.step)
+def _span(scan: Panorama, disc: Disc) -> tuple[int, int]:
+    """First and last beam well inside a disc; they may lie outside of [0, n)."""
+    half = INNER * _half_width(disc.distance, scan.radius)
+    return math.ceil((disc.bearing - half) / scan.step), math.floor((disc.bearing + half) / scan.step)
 
 
 @kernel
-def _off(turn: Panorama, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
+def _off(scan: Panorama, k: int, distance: float, cb: float, sb: float) -> tuple[float, float, float]:
     """Metres by which the range of beam k exceeds that to a disc at a bearing (cosine cb, sine sb); -inf if it misses.
 
     With the cosine and sine of the angle from the disc's centre to the beam.
     """
-    x, y = turn.rays[k, 0], turn.rays[k, 1]
+    x, y = scan.directions[k, 0], scan.directions[k, 1]
     c, s = x * cb + y * sb, y * cb - x * sb
-    side, radius = distance * s, turn.radius
+    side, radius = distance * s, scan.radius
     if c < 0 or abs(side) >= radius:
         return -math.inf, c, s
-    return turn.ranges[k] - distance * c + math.sqrt(radius * radius - side * side), c, s
+    return scan.ranges[k] - distance * c + math.sqrt(radius * radius - side * side), c, s
 
 
 @kernel
-def _fit_of(turn: Panorama, disc: Disc) -> Fit:
-    """How the beams well inside a disc fit it."""
-    low, high = _span(turn, disc)
+def _support_of(scan: Panorama, disc: Disc) -> Support:
+    """How the beams well inside a disc support it."""
+    low, high = _span(scan, disc)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     on, chi2, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        beam = _in_turn(k, len(turn.ranges))
-        off, _, _ = _off(turn, beam, disc.distance, cb, sb)
-        if abs(off) < _near(turn, beam):
+        beam = _in_turn(k, len(scan.ranges))
+        off, _, _ = _off(scan, beam, disc.distance, cb, sb)
+        if abs(off) < _near(scan, beam):
             on += 1
-            chi2 += (off / turn.noise[beam]) ** 2
+            chi2 += (off / scan.noise[beam]) ** 2
             first, last = min(first, k), max(last, k)
-    return Fit(high - low + 1, on, chi2, first, last)
+    return Support(high - low + 1, on, chi2, first, last)
 
 
 @kernel
-def _may_be(fitted: Fit) -> bool:
+def _may_be(support: Support) -> bool:
     """Whether enough beams end on a disc, and at least half of those inside it."""
-    return fitted.on >= FEW_BEAMS and 2 * fitted.on >= fitted.beams
+    return support.on >= FEW_BEAMS and 2 * support.on >= support.beams
 
 
 @kernel
-def _better(turn: Panorama, disc: Disc) -> Disc:
+def _better(scan: Panorama, disc: Disc) -> Disc:
     """One Gauss-Newton step on distance and bearing, with the two exact derivatives of the range."""
     distance, bearing = disc
-    radius = turn.radius
+    radius = scan.radius
     a11, a12, a22, b1, b2 = 1e-12, 0.0, 1e-12, 0.0, 0.0
     cb, sb = math.cos(bearing), math.sin(bearing)
-    low, high = _span(turn, disc)
+    low, high = _span(scan, disc)
     for k in range(low, high + 1):
-        beam = _in_turn(k, len(turn.ranges))
-        off, c, s = _off(turn, beam, distance, cb, sb)
-        if abs(off) <= _near(turn, beam):
+        beam = _in_turn(k, len(scan.ranges))
+        off, c, s = _off(scan, beam, distance, cb, sb)
+        if abs(off) <= _near(scan, beam):
             side = distance * s
             root = math.sqrt(radius * radius - side * side)
             by_distance, by_bearing = c + side * s / root, side - side * distance * c / root
@@ -190,22 +192,22 @@ def _better(turn: Panorama, disc: Disc) -> Disc:
     if det > 1e-9 * a11 * a22:
         d_distance, d_bearing = (b1 * a22 - b2 * a12) / det, (b2 * a11 - b1 * a12) / det
     distance = max(distance + max(-radius, min(radius, d_distance)), 1.05 * radius)
-    return Disc(distance, bearing + max(-turn.step, min(turn.step, d_bearing)))
+    return Disc(distance, bearing + max(-scan.step, min(scan.step, d_bearing)))
 
 
 @kernel
-def _is_line(turn: Panorama, disc: Disc, fitted: Fit) -> bool:
+def _is_line(scan: Panorama, disc: Disc, support: Support) -> bool:
     """Whether the beams on a disc, unless they are few, fit a line better."""
-    size, m = fitted.last - fitted.first + 1, 0
+    size, m = support.last - support.first + 1, 0
     run, angle, sd = np.empty(size), np.empty(size), np.empty(size)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
-    for k in range(fitted.first, fitted.last + 1):
-        beam = _in_turn(k, len(turn.ranges))
-        if abs(_off(turn, beam, disc.distance, cb, sb)[0]) < _near(turn, beam):
-            run[m], angle[m] = turn.ranges[beam], math.atan2(turn.rays[beam, 1], turn.rays[beam, 0])
-            sd[m] = turn.noise[beam]
+    for k in range(support.first, support.last + 1):
+        beam = _in_turn(k, len(scan.ranges))
+        if abs(_off(scan, beam, disc.distance, cb, sb)[0]) < _near(scan, beam):
+            run[m], angle[m] = scan.ranges[beam], math.atan2(scan.directions[beam, 1], scan.directions[beam, 0])
+            sd[m] = scan.noise[beam]
             m += 1
-    return m > FEW_BEAMS and fit(beam_sums(run[:m], angle[:m], sd[:m])[m])[2] < fitted.chi2
+    return m > FEW_BEAMS and fit_line(beam_sums(run[:m], angle[:m], sd[:m])[m])[2] < support.chi2
 
 
 @kernel
@@ -229,7 +231,7 @@ def _keep_best(found: Floats, count: int, disc: Disc, residual: float, radius: f
 
 
 @kernel
-def _bounded(turn: Panorama, found: Floats, count: int) -> Floats:
+def _bounded(scan: Panorama, found: Floats, count: int) -> Floats:
     """(d, 2) metres, centres of those discs that end at a jump on one side, and at a jump or another disc on the other.
 
     A row of discs is a wall, so a disc with both ends hidden by others does not count, nor does it end another.
@@ -237,15 +239,15 @@ def _bounded(turn: Panorama, found: Floats, count: int) -> Floats:
     jump = np.zeros((count, 2), np.bool_)
     for c in range(count):
         for side in range(2):
-            jump[c, side] = _jumps(turn, found[c, 0], found[c, 1], 2 * side - 1)
+            jump[c, side] = _jumps(scan, found[c, 0], found[c, 1], 2 * side - 1)
     kept, n_kept = np.empty((count, 2)), 0
     for c in range(count):
         distance, bearing = found[c, 0], found[c, 1]
-        edge = _half_width(distance, turn.radius) + turn.step
+        edge = _half_width(distance, scan.radius) + scan.step
         bounded = jump[c, 0] or jump[c, 1]
         for side in range(2):
             if bounded and not jump[c, side]:
-                bounded = _on_another(turn, found, count, jump, c, bearing + (2 * side - 1) * edge)
+                bounded = _on_another(scan, found, count, jump, c, bearing + (2 * side - 1) * edge)
         if bounded:
             kept[n_kept, 0], kept[n_kept, 1] = distance * math.cos(bearing), distance * math.sin(bearing)
             n_kept += 1
@@ -253,25 +255,25 @@ def _bounded(turn: Panorama, found: Floats, count: int) -> Floats:
 
 
 @kernel
-def _jumps(turn: Panorama, distance: float, bearing: float, side: int) -> bool:
+def _jumps(scan: Panorama, distance: float, bearing: float, side: int) -> bool:
     """Whether a beam beside a disc (side 1: left, -1: right) is clearly farther or nearer than the disc."""
-    half = _half_width(distance, turn.radius)
-    wider = _half_width(max(distance - turn.shift, turn.radius), turn.radius) - half  # seen from where it was taken
+    half = _half_width(distance, scan.radius)
+    wider = _half_width(max(distance - scan.shift, scan.radius), scan.radius) - half  # seen from where it was taken
     edge = bearing + side * half
-    for steps in range(1, 2 + math.ceil(wider / turn.step)):
-        if turn.ranges[round(edge / turn.step + side * steps) % len(turn.ranges)] > distance + 0.3 * turn.radius:
+    for steps in range(1, 2 + math.ceil(wider / scan.step)):
+        if scan.ranges[round(edge / scan.step + side * steps) % len(scan.ranges)] > distance + 0.3 * scan.radius:
             return True
-    beam = round(edge / turn.step + side) % len(turn.ranges)
-    return turn.ranges[beam] < distance - turn.radius - _near(turn, beam)
+    beam = round(edge / scan.step + side) % len(scan.ranges)
+    return scan.ranges[beam] < distance - scan.radius - _near(scan, beam)
 
 
 @kernel
-def _on_another(turn: Panorama, found: Floats, count: int, jump: Bools, c: int, bearing: float) -> bool:
+def _on_another(scan: Panorama, found: Floats, count: int, jump: Bools, c: int, bearing: float) -> bool:
     """Whether a bearing beside disc c meets another disc that ends at a jump itself."""
     for other in range(count):
         if other != c and (jump[other, 0] or jump[other, 1]):
-            half = _half_width(found[other, 0], turn.radius)
-            if abs(wrapped(bearing - found[other, 1])) <= half + turn.step:
+            half = _half_width(found[other, 0], scan.radius)
+            if abs(wrapped(bearing - found[other, 1])) <= half + scan.step:
                 return True
     return False
 
@@ -288,7 +290,7 @@ def hidden_beams(beams: Beams, discs: Floats, radius: float) -> Bools:
                 from_x, from_y = x, y
                 half = math.asin(radius / max(math.hypot(x, y), 1.001 * radius)) + beams.step
                 slope = math.tan(1.001 * half) if half < 1.5 else math.inf
-            c, s = beams.rays[k, 0], beams.rays[k, 1]
+            c, s = beams.directions[k, 0], beams.directions[k, 1]
             across, ahead = c * y - s * x, c * x + s * y
             if (ahead <= 0.0 and half < 1.5) or abs(across) > slope * ahead:
                 continue  # clearly beside the disc, without an angle

@@ -15,7 +15,7 @@ from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams
-from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, Turn, pieces_of
+from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats
@@ -62,7 +62,7 @@ class Perception:
             self._map, self._walls = known, walls[lengths(walls) >= WALL_M]
         x, y, theta = way[-1].tolist()
         predicted = compose(start, (x, y, theta))
-        turn = way if observation.tick == self._tick + 1 else None  # after a missed tick the turn's start is unknown
+        unrolled = way if observation.tick == self._tick + 1 else None  # after a missed tick its start is unknown
         self._tick = observation.tick
         if heard:
             self._posts.hear(observation.tick, predicted)
@@ -71,7 +71,7 @@ class Perception:
             observation.scan(),
             self._spec,
             self._method,
-            way=turn,
+            way=unrolled,
             expected=self._seen_discs.expected(observation.odometry),
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
@@ -99,12 +99,12 @@ def perceive(
     alone: bool = False,
     company: bool = True,
 ) -> CornerScan:
-    """Corner scan of a turn of the lidar, in the robot's frame at its stamp.
+    """Corner scan of a revolution of the lidar, in the robot's frame at its stamp.
 
     ranges: (beams,) float64 metres, inf where nothing came back, NaN where nothing was measured. What is not positive,
     or more than 1 m beyond the lidar's range, counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
-    start of the turn to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing round
-    can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
+    start of the revolution to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing
+    round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
     the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
 
@@ -128,8 +128,8 @@ def perceive(
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
         edge, corner = (EDGE_OF_RANGE_SIGMAS, 0.0) if lidar.noise_share == 0 else (GROWN_EDGE_SIGMAS, CORNER_SIGMAS)
-        turn = Turn(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar), edge, corner)
-        pieces, explained = pieces_of(turn, cuts, sums)
+        range_scan = RangeScan(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar), edge, corner)
+        pieces, explained = pieces_of(range_scan, cuts, sums)
         unexplained &= ~explained
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
@@ -155,7 +155,7 @@ def _may_be_teammates(discs: Floats, known: Floats, posts: Floats, radius: float
 
 @kernel
 def _sectors(marked: Bools, beams: Beams, least: int) -> Floats:
-    """(s, 3) sectors, as in Sight, of runs of at least so many marked beams (n,) of a full turn.
+    """(s, 3) sectors, as in Sight, of runs of at least so many marked beams (n,) of a ring.
 
     From and to in radians, and metres to the nearest hit: inf without hits, 0 where a beam was not measured.
     """
@@ -171,7 +171,7 @@ def _sectors(marked: Bools, beams: Beams, least: int) -> Floats:
             continue
         if run >= least:
             width = width_of(beams, k - run, k - 1)
-            first = beams.bearings[(k - run) % n] + min(width, 0.0)  # parallax may turn the order of two beams
+            first = beams.bearings[(k - run) % n] + min(width, 0.0)  # parallax may swap two beams
             out[count, 0] = first % (2 * math.pi)
             out[count, 1] = out[count, 0] + abs(width)
             out[count, 2] = near

@@ -9,7 +9,7 @@ from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSI
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
 from agent.perception.beams import Beams, width_of
-from agent.perception.segmentation import LINE_COST, MIN_HITS, fit
+from agent.perception.segmentation import LINE_COST, MIN_HITS, fit_line
 from protocol.arrays import Bools, Floats, Ints, Records
 
 LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
@@ -30,8 +30,8 @@ DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0,
 MAX_SLACK_M = 0.1  # a corner lies at most so far off its walls' hits, however unsure the directions of few hits are
 
 
-class Turn(NamedTuple):
-    """The beams of a turn, and what kernels need to know of them and of their lidar."""
+class RangeScan(NamedTuple):
+    """The beams of a scan, and what kernels need to know of them and of their lidar."""
 
     beams: Beams  # (n,)
     noise: Floats  # (n,) m, standard deviation of each range
@@ -45,63 +45,63 @@ class Turn(NamedTuple):
 
 
 @kernel
-def pieces_of(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
+def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools]:
     """Pieces (p,) of PIECE, and which beams (n,) are explained by one.
 
     cuts (k, 2) and sums (2 m + 1, 6): as from `segmentation.piecewise`, over the used beams.
     """
-    cuts = _split_at_gaps(turn, cuts)
-    explained = np.zeros(len(turn.hidden), np.bool_)
+    cuts = _split_at_gaps(scan, cuts)
+    explained = np.zeros(len(scan.hidden), np.bool_)
     for k in range(len(cuts)):
         for j in range(cuts[k, 0], cuts[k, 1]):
-            explained[turn.used[j % len(turn.used)]] = True
-    cuts, totals = _join_across_strays(turn, cuts, sums)
-    ends, worth = np.empty((len(cuts), 2), np.int64), np.ones(len(turn.hidden))
+            explained[scan.used[j % len(scan.used)]] = True
+    cuts, totals = _join_across_strays(scan, cuts, sums)
+    ends, worth = np.empty((len(cuts), 2), np.int64), np.ones(len(scan.hidden))
     for k in range(len(cuts)):
         for side in range(2):
-            ends[k, side] = _beam(turn, cuts[k, side] - side)
-    pieces = _with_corners(turn, cuts, ends, totals, worth)
-    if turn.corner_sigmas > 0.0:
+            ends[k, side] = _beam(scan, cuts[k, side] - side)
+    pieces = _with_corners(scan, cuts, ends, totals, worth)
+    if scan.corner_sigmas > 0.0:
         for k in range(len(cuts)):
             for side in range(2):
-                _doubt_beams(worth, pieces, k, side, turn, cuts[k])
+                _doubt_beams(worth, pieces, k, side, scan, cuts[k])
             for j in range(cuts[k, 0], cuts[k, 1]):
-                beam = turn.used[j % len(turn.used)]
+                beam = scan.used[j % len(scan.used)]
                 if explained[beam]:  # a stray that the piece was joined across is in no sum
                     totals[k] -= (1.0 - worth[beam]) * (sums[j + 1] - sums[j])
-        pieces = _with_corners(turn, cuts, ends, totals, worth)
+        pieces = _with_corners(scan, cuts, ends, totals, worth)
     return pieces, explained
 
 
 @kernel
-def _with_corners(turn: Turn, cuts: Ints, ends: Ints, totals: Floats, worth: Floats) -> Records:
+def _with_corners(scan: RangeScan, cuts: Ints, ends: Ints, totals: Floats, worth: Floats) -> Records:
     """Pieces (k,) of PIECE with labelled ends. cuts, ends (k, 2): their beams; totals (k, 6): sums of these.
 
     worth: (n,) what each beam counts for a line.
     """
     pieces = np.zeros(len(cuts), PIECE)
     for k in range(len(cuts)):
-        _fill(pieces[k], turn, cuts[k], ends[k], totals[k], worth)
+        _fill(pieces[k], scan, cuts[k], ends[k], totals[k], worth)
     for k in range(len(cuts)):
-        _link_corner(pieces, k, turn, ends)
+        _link_corner(pieces, k, scan, ends)
     for k in range(len(cuts)):
         for side in range(2):
             p = pieces[k]
             if p.label[side] != NOMINAL and p.hits >= TELLING_HITS:
-                p.label[side], decided = _predicted_label(turn, ends[k, side], side, totals[k])
+                p.label[side], decided = _predicted_label(scan, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
-                    p.face[side] = _on_small_face(p, turn, ends[k, side], side)
-                    p.slack[side] = abs(_on_ray(p, turn.beams, decided) - p.end[side])
+                    p.face[side] = _on_small_face(p, scan, ends[k, side], side)
+                    p.slack[side] = abs(_on_ray(p, scan.beams, decided) - p.end[side])
     return pieces
 
 
 @kernel
-def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, turn: Turn, cut: Ints) -> None:
+def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, scan: RangeScan, cut: Ints) -> None:
     """Let those beams of piece k count little, in worth (n,), that may have met the face beyond its corner.
 
     Where that face is no piece, it is taken to be square, and out of sight unless the lidar stands beyond the corner.
     """
-    p, m, outward = pieces[k], len(turn.used), 1.0 if side == 1 else -1.0
+    p, m, outward = pieces[k], len(scan.used), 1.0 if side == 1 else -1.0
     x, y, ux, uy = p.x + p.end[side] * p.ux, p.y + p.end[side] * p.uy, -p.uy, p.ux
     if p.label[side] == NOMINAL:
         q = pieces[p.link[side]]
@@ -109,9 +109,9 @@ def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, turn: Turn, 
     elif outward * (along(p, 0.0, 0.0) - p.end[side]) <= 0.0:
         return
     for i in range(cut[1] - cut[0]):
-        beam = turn.used[(cut[1] - 1 - i if side == 1 else cut[0] + i) % m]
-        apart = _range_to(p.x, p.y, p.ux, p.uy, turn.beams, beam) - _range_to(x, y, ux, uy, turn.beams, beam)
-        if not abs(apart) < turn.corner_sigmas * turn.noise[beam]:
+        beam = scan.used[(cut[1] - 1 - i if side == 1 else cut[0] + i) % m]
+        apart = _range_to(p.x, p.y, p.ux, p.uy, scan.beams, beam) - _range_to(x, y, ux, uy, scan.beams, beam)
+        if not abs(apart) < scan.corner_sigmas * scan.noise[beam]:
             return
         worth[beam] = DOUBTFUL
 
@@ -119,32 +119,32 @@ def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, turn: Turn, 
 @kernel
 def _range_to(x: float, y: float, ux: float, uy: float, beams: Beams, k: int) -> float:
     """Range of beam k to the line through a point in a direction, metres; inf where they are parallel."""
-    c, s = beams.rays[k, 0], beams.rays[k, 1]
+    c, s = beams.directions[k, 0], beams.directions[k, 1]
     cross = c * uy - s * ux
     return math.inf if abs(cross) < 1e-6 else ((x - beams.origins[k, 0]) * uy - (y - beams.origins[k, 1]) * ux) / cross
 
 
 @kernel
-def _beam(turn: Turn, j: int) -> int:
-    """The beam of place j among the used ones; beyond one turn the number of beams is added."""
-    m = len(turn.used)
-    return int(turn.used[j % m] + len(turn.hidden) * (j // m))
+def _beam(scan: RangeScan, j: int) -> int:
+    """The beam of place j among the used ones; beyond one revolution the number of beams is added."""
+    m = len(scan.used)
+    return int(scan.used[j % m] + len(scan.hidden) * (j // m))
 
 
 @kernel
-def _split_at_gaps(turn: Turn, cuts: Ints) -> Ints:
+def _split_at_gaps(scan: RangeScan, cuts: Ints) -> Ints:
     """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them.
 
     Those that are seen from behind are left out: the lidar passed a wall's line on the way to the stamp.
     """
-    m, count = len(turn.used), 0
+    m, count = len(scan.used), 0
     out = np.empty((m + 1, 2), np.int64)
     for k in range(len(cuts)):
         begin = cuts[k, 0]
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
-            if j < cuts[k, 1] and _apart(turn.beams, turn.used[j % m], turn.used[(j - 1) % m]) <= BRIDGE_M:
+            if j < cuts[k, 1] and _apart(scan.beams, scan.used[j % m], scan.used[(j - 1) % m]) <= BRIDGE_M:
                 continue
-            seen_in_front = width_of(turn.beams, _beam(turn, begin), _beam(turn, j - 1)) > 0.0
+            seen_in_front = width_of(scan.beams, _beam(scan, begin), _beam(scan, j - 1)) > 0.0
             if j - begin >= MIN_HITS and seen_in_front:
                 out[count, 0], out[count, 1] = begin, j
                 count += 1
@@ -160,7 +160,7 @@ def _apart(beams: Beams, p: int, q: int) -> float:
 
 
 @kernel
-def _join_across_strays(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Ints, Floats]:
+def _join_across_strays(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Ints, Floats]:
     """Join neighbouring pieces on one line that only a stray or two part; returns pieces and their sums.
 
     A stray is noise: what stands out farther is a post or the edge of a thin wall, at whose corners the pieces may end.
@@ -170,8 +170,8 @@ def _join_across_strays(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Ints, Flo
         own = sums[cuts[k, 1]] - sums[cuts[k, 0]]
         if count:
             joint = total[count - 1] + own
-            cost = fit(total[count - 1])[2] + fit(own)[2] + LINE_COST
-            if fit(joint)[2] < cost and _only_strays(turn, out[count - 1, 1], cuts[k, 0], joint):
+            cost = fit_line(total[count - 1])[2] + fit_line(own)[2] + LINE_COST
+            if fit_line(joint)[2] < cost and _only_strays(scan, out[count - 1, 1], cuts[k, 0], joint):
                 out[count - 1, 1], total[count - 1] = cuts[k, 1], joint
                 continue
         out[count], total[count] = cuts[k], own
@@ -180,41 +180,41 @@ def _join_across_strays(turn: Turn, cuts: Ints, sums: Floats) -> tuple[Ints, Flo
 
 
 @kernel
-def _only_strays(turn: Turn, first: int, end: int, joint: Floats) -> bool:
+def _only_strays(scan: RangeScan, first: int, end: int, joint: Floats) -> bool:
     """Whether the beams [first, end) between two pieces are few, and off the joint line by no more than noise."""
-    m = len(turn.used)
+    m = len(scan.used)
     if end - first > MAX_STRAYS:
         return False
-    a, b, _ = fit(joint)
+    a, b, _ = fit_line(joint)
     for j in range(first, end):
-        beam = turn.used[j % m]
-        bearing = turn.beams.bearings[beam]
+        beam = scan.used[j % m]
+        bearing = scan.beams.bearings[beam]
         u = a * math.cos(bearing) + b * math.sin(bearing)
-        if not abs(turn.beams.distances[beam] * u - 1.0) < NOISE_SIGMAS * turn.noise[beam] * u:
+        if not abs(scan.beams.distances[beam] * u - 1.0) < NOISE_SIGMAS * scan.noise[beam] * u:
             return False
-    return _apart(turn.beams, turn.used[(first - 1) % m], turn.used[end % m]) <= BRIDGE_M
+    return _apart(scan.beams, scan.used[(first - 1) % m], scan.used[end % m]) <= BRIDGE_M
 
 
 @kernel
-def _fill(piece: Record, turn: Turn, cut: Ints, ends: Ints, total: Floats, worth: Floats) -> None:
+def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, worth: Floats) -> None:
     """Fill a piece with its line and hits. Both its ends are frontiers until more is known.
 
-    cut: (2,) first and end of its beams in the doubled turn. ends: (2,) its first and last beam. total: (6,) sums over
+    cut: (2,) first and end of its beams in the doubled scan. ends: (2,) its first and last beam. total: (6,) sums over
     its beams. worth: (n,) what each beam counts.
     """
-    m, beams = len(turn.used), turn.beams
-    a, b, _ = fit(total)
+    m, beams = len(scan.used), scan.beams
+    a, b, _ = fit_line(total)
     norm = math.hypot(a, b)
     piece.ux, piece.uy = -b / norm, a / norm
     hits, sum_t, sum_tt, residual, moment = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(cut[0], cut[1]):
-        k = turn.used[j % m]
+        k = scan.used[j % m]
         angle, r = beams.bearings[k], beams.distances[k]
         off = (r * (a * math.cos(angle) + b * math.sin(angle)) - 1.0) / norm
-        if abs(off) > STRAY_SIGMAS * turn.noise[k]:
+        if abs(off) > STRAY_SIGMAS * scan.noise[k]:
             continue  # a stray that the piece was joined across
         t = r * (math.cos(angle) * piece.ux + math.sin(angle) * piece.uy)
-        weight = worth[k] * (turn.unit / turn.noise[k]) ** 2
+        weight = worth[k] * (scan.unit / scan.noise[k]) ** 2
         hits += weight
         sum_t += weight * t
         sum_tt += weight * t * t
@@ -236,29 +236,29 @@ def _fill(piece: Record, turn: Turn, cut: Ints, ends: Ints, total: Floats, worth
 def _on_ray(piece: Record, beams: Beams, k: int) -> float:
     """Where the ray of beam k meets the piece's line, metres from its centroid; inf where it does not."""
     k %= len(beams.ranges)
-    c, s, x, y = beams.rays[k, 0], beams.rays[k, 1], beams.origins[k, 0], beams.origins[k, 1]
+    c, s, x, y = beams.directions[k, 0], beams.directions[k, 1], beams.origins[k, 0], beams.origins[k, 1]
     cross = c * piece.uy - s * piece.ux
     return math.inf if abs(cross) < 1e-6 else -(c * (piece.y - y) - s * (piece.x - x)) / cross
 
 
 @kernel
-def _on_small_face(piece: Record, turn: Turn, beam: int, side: int) -> float:
+def _on_small_face(piece: Record, scan: RangeScan, beam: int, side: int) -> float:
     """Metres by which a wall may end before its last beam meets its line, as that beam may have hit the face beyond.
 
     A lidar that stands beyond the end of a thin wall sees its tip, too, whose hits lie behind the line within noise.
     """
-    k = beam % len(turn.hidden)
-    c, s = turn.beams.rays[k, 0], turn.beams.rays[k, 1]
+    k = beam % len(scan.hidden)
+    c, s = scan.beams.directions[k, 0], scan.beams.directions[k, 1]
     outward = (c * piece.ux + s * piece.uy) * (1.0 if side == 1 else -1.0)
     across = abs(c * piece.uy - s * piece.ux)
-    behind = UNSEEN_FACE_SIGMAS * turn.noise[k]
+    behind = UNSEEN_FACE_SIGMAS * scan.noise[k]
     return min(behind * max(-outward, 0.0) / max(across, 1e-6), 0.5 * (piece.end[1] - piece.end[0]))
 
 
 @kernel
-def _link_corner(pieces: Records, k: int, turn: Turn, ends: Ints) -> None:
+def _link_corner(pieces: Records, k: int, scan: RangeScan, ends: Ints) -> None:
     """Let piece k and the next share a corner if their lines meet between their hits, give or take the noise."""
-    count, n = len(pieces), len(turn.hidden)
+    count, n = len(pieces), len(scan.hidden)
     after = (k + 1) % count
     p, q = pieces[k], pieces[after]
     begins = ends[after, 0] + (n if k + 1 == count else 0)
@@ -267,10 +267,10 @@ def _link_corner(pieces: Records, k: int, turn: Turn, ends: Ints) -> None:
     if count < 2 or begins - last > LOOK_PAST or abs(sine) < MIN_CORNER_SINE:
         return
     along_q = meet(q, p)[1]
-    off_p = NOISE_SIGMAS * turn.unit * math.sqrt(1 / p.hits + along_p**2 / p.spread)
-    off_q = NOISE_SIGMAS * turn.unit * math.sqrt(1 / q.hits + along_q**2 / q.spread)
+    off_p = NOISE_SIGMAS * scan.unit * math.sqrt(1 / p.hits + along_p**2 / p.spread)
+    off_q = NOISE_SIGMAS * scan.unit * math.sqrt(1 / q.hits + along_q**2 / q.spread)
     slack = min(math.hypot(off_p, off_q) / abs(sine), MAX_SLACK_M)
-    next_p, next_q = _on_ray(p, turn.beams, begins), _on_ray(q, turn.beams, last)
+    next_p, next_q = _on_ray(p, scan.beams, begins), _on_ray(q, scan.beams, last)
     next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
     next_q = next_q if next_q < q.end[0] else -math.inf
     if p.end[1] - slack <= along_p <= next_p + slack and next_q - slack <= along_q <= q.end[0] + slack:
@@ -281,32 +281,32 @@ def _link_corner(pieces: Records, k: int, turn: Turn, ends: Ints) -> None:
 
 
 @kernel
-def _predicted_label(turn: Turn, beam: int, side: int, sums: Floats) -> tuple[int, int]:
+def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tuple[int, int]:
     """Label by prediction of a piece's end at a beam that is no corner, and the beam that decided.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
     something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
     """
-    beams, n = turn.beams, len(turn.hidden)
-    a, b, _ = fit(sums)
+    beams, n = scan.beams, len(scan.hidden)
+    a, b, _ = fit_line(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent, before, noise = 0, beams.ranges[beam % n], turn.noise[beam % n]
+    silent, before, noise = 0, beams.ranges[beam % n], scan.noise[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
         k = (beam + (2 * side - 1) * ahead) % n
-        c, s = beams.rays[k, 0], beams.rays[k, 1]
+        c, s = beams.directions[k, 0], beams.directions[k, 1]
         away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
         u = (a * c + b * s) / away if away > 0.0 else 0.0  # 1 / range at which the beam meets the line
-        if turn.hidden[k] or u <= 1.0 / turn.range_max:
+        if scan.hidden[k] or u <= 1.0 / scan.range_max:
             return FRONTIER, k
         predicted = 1.0 / u
         spread = predicted**2 * math.sqrt((c * c * sums[2] - 2 * c * s * sums[1] + s * s * sums[0]) / det)
         sd = math.hypot(noise, spread)
         r = beams.ranges[k]
         if not math.isfinite(r):
-            if predicted > turn.range_max - turn.edge_sigmas * sd:
+            if predicted > scan.range_max - scan.edge_sigmas * sd:
                 return FRONTIER, k
             silent += 1
-            if silent == turn.silence:
+            if silent == scan.silence:
                 return OCCLUSION, k
         elif r > predicted + NOISE_SIGMAS * sd:
             return OCCLUSION, k

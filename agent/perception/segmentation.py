@@ -38,8 +38,8 @@ def beam_sums(ranges: Floats, bearings: Floats, noise: Floats) -> Floats:
 
 
 @kernel
-def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: Floats) -> Floats:
-    """(2 m + 1, 6) prefix sums over the turn and the same turn once more, so that a piece may wrap around."""
+def doubled_sums(ranges: Floats, bearings: Floats, noise: Floats) -> Floats:
+    """(2 m + 1, 6) prefix sums over the ring and the same ring once more, so that a piece may wrap around."""
     m = len(ranges)
     once = beam_sums(ranges, bearings, noise)
     sums = np.empty((2 * m + 1, 6))
@@ -49,7 +49,7 @@ def sums_of_two_turns(ranges: Floats, bearings: Floats, noise: Floats) -> Floats
 
 
 @kernel
-def fit(sums: Floats) -> tuple[float, float, float]:
+def fit_line(sums: Floats) -> tuple[float, float, float]:
     """Line a x + b y = 1 (a, b in 1 / m) and chi-square of six sums; chi-square is inf where the beams fix no line."""
     det = sums[0] * sums[2] - sums[1] * sums[1]
     if det <= 1e-12 * sums[0] * sums[2] + 1e-300:
@@ -61,7 +61,7 @@ def fit(sums: Floats) -> tuple[float, float, float]:
 
 @kernel
 def chi2_of(sums: Floats, i: int, j: int) -> float:
-    """Chi-square of the line through beams [i, j); as `fit`, without temporary arrays."""
+    """Chi-square of the line through beams [i, j); as `fit_line`, without temporary arrays."""
     cc, cs, ss = sums[j, 0] - sums[i, 0], sums[j, 1] - sums[i, 1], sums[j, 2] - sums[i, 2]
     det = cc * ss - cs * cs
     if det <= 1e-12 * cc * ss + 1e-300:
@@ -107,29 +107,29 @@ def _cheapest_cut(sums: Floats, first: int, last: int) -> Ints:
 
 @kernel
 def piecewise(ranges: Floats, bearings: Floats, noise: Floats) -> tuple[Ints, Floats]:
-    """Cut a full turn of finite beams optimally.
+    """Cut a ring of finite beams optimally.
 
-    ranges, bearings, noise: (m,) distances in m in the order of the turn, their directions in rad, their standard
-    deviations in m. Returns (k, 2) intervals [first, end) into the doubled turn (indices modulo m), which may wrap
-    around, and the (2 m + 1, 6) prefix sums of the doubled turn.
+    ranges, bearings, noise: (m,) distances in m in the order of the ring, their directions in rad, their standard
+    deviations in m. Returns (k, 2) intervals [first, end) into the doubled ring (indices modulo m), which may wrap
+    around, and the (2 m + 1, 6) prefix sums of the doubled ring.
     """
-    m, sums = len(ranges), sums_of_two_turns(ranges, bearings, noise)
-    turn = _true_cut(sums, m // 4, m - m // 4)
-    if turn < 0:
-        turn = max(_true_cut(sums, 0, m), 0)
-    return _cheapest_cut(sums, turn, turn + m), sums
+    m, sums = len(ranges), doubled_sums(ranges, bearings, noise)
+    begin = _true_cut(sums, m // 4, m - m // 4)
+    if begin < 0:
+        begin = max(_true_cut(sums, 0, m), 0)
+    return _cheapest_cut(sums, begin, begin + m), sums
 
 
 @kernel
 def _true_cut(sums: Floats, first: int, last: int) -> int:
-    """A beam at which a line begins in any cut of the turn, or -1.
+    """A beam at which a line begins in any cut of the ring, or -1.
 
     Beams first..last are cut, and the line that begins nearest to their middle is taken: where the cut begins and ends
     has no influence there.
     """
     lines = _cheapest_cut(sums, first, last)
-    middle, best, turn = (first + last) // 2, (last - first) // 4, -1
+    middle, best, begin = (first + last) // 2, (last - first) // 4, -1
     for k in range(len(lines)):
         if abs(lines[k, 0] - middle) <= best:
-            turn, best = lines[k, 0], abs(lines[k, 0] - middle)
-    return turn
+            begin, best = lines[k, 0], abs(lines[k, 0] - middle)
+    return begin

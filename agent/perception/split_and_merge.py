@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agent.kernels import kernel
-from agent.perception.segmentation import LINE_COST, MIN_HITS, chi2_of, sums_of_two_turns
+from agent.perception.segmentation import LINE_COST, MIN_HITS, chi2_of, doubled_sums
 from protocol.arrays import Floats, Ints
 
 CHI2_PER_BEAM = 2.0  # chi-square that a beam may have on its line before the piece is split; 1 is the mean of the noise
@@ -14,18 +14,18 @@ JUMP = 4.0  # a step between beams this many times the greatest distance from th
 
 @kernel
 def split_and_merge(ranges: Floats, bearings: Floats, noise: Floats) -> tuple[Ints, Floats]:
-    """Cut a full turn of finite beams; same arguments and result as `segmentation.piecewise`.
+    """Cut a ring of finite beams; same arguments and result as `segmentation.piecewise`.
 
     Splits at the beam farthest from the chord, then merges neighbours whose common fit costs less than a line.
     """
     m = len(ranges)
     doubled_ranges = np.concatenate((ranges, ranges))
     doubled_bearings = np.concatenate((bearings, bearings + 2 * math.pi))
-    sums = sums_of_two_turns(ranges, bearings, noise)
+    sums = doubled_sums(ranges, bearings, noise)
     x, y = doubled_ranges * np.cos(doubled_bearings), doubled_ranges * np.sin(doubled_bearings)
-    turn, _ = _widest_step(x, y, 0, m + 1)  # a cut in any case
+    begin, _ = _widest_step(x, y, 0, m + 1)  # a cut in any case
     stack = np.empty((2 * m + 2, 2), np.int64)
-    stack[0, 0], stack[0, 1] = turn, turn + m
+    stack[0, 0], stack[0, 1] = begin, begin + m
     out, depth, k = np.empty((m, 2), np.int64), 1, 0
     while depth > 0:
         depth -= 1

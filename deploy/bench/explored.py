@@ -13,7 +13,7 @@ import numpy as np
 
 from agent.config import AgentConfig
 from agent.exploration.explorer import Explorer
-from agent.geometry.transform import fit
+from agent.geometry.transform import fit_on_points
 from agent.robot import Robot, Step
 from agent.shell.mind import MakeMind, Mind
 from deploy import inprocess
@@ -82,7 +82,11 @@ class Tracks:
         """
         believed, odometry = (np.array(poses)[:, :2] for poses in (self.believed[robot], self.odometry[robot]))
         true = seen_from(frame, np.array([poses[row, :2] for poses in self.true[: len(believed)]]))
-        paths = {"path": apply(fit(believed, true, len(true)), believed), "frame": believed, "odometry": odometry}
+        paths = {
+            "path": apply(fit_on_points(believed, true, len(true)), believed),
+            "frame": believed,
+            "odometry": odometry,
+        }
         off = {name: np.hypot(*(path - true).T) for name, path in paths.items()}
         found = {f"{name}_rms_m": round(float(np.sqrt((far**2).mean())), 5) for name, far in off.items()}
         return found | {"path_max_m": round(float(off["path"].max()), 5)}

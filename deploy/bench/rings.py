@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.geometry.transform import fit
+from agent.geometry.transform import fit_on_points
 from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submap_wireframe import records_of
@@ -59,7 +59,7 @@ def measure_ring(side_m: float, laps_driven: float, niches: bool, worse: float, 
         begun += [true] * (len(submaps.poses) - len(begun))
         off_m = math.dist(mapper.filter.pose[:2], relative(pose_of(way[0]), true)[:2])
     settled, places = submaps.poses[:, :2], np.array(begun)[:, :2]
-    frame = fit(settled, places, len(places))
+    frame = fit_on_points(settled, places, len(places))
     off = np.hypot(*(apply(frame, settled) - places).T)
     truth = truth_of(world, (way[0, 0], way[0, 1]), spec.radius_m, spec.lidar.range_max_m)
     wrong = false_loops(submaps, begun)
@@ -121,10 +121,10 @@ def carried(world: World, way: Floats, spec: RobotSpec, seed: int) -> Iterator[t
     odometry, steps = Odometry(way[0], spec.odometry, rng), round(1 / spec.lidar.rate_hz / STEP_S)
     read = np.arange(1, spec.poses_per_scan + 1) / spec.poses_per_scan
     for tick, end in enumerate(range(steps, len(way), steps)):
-        turn = way[end - steps : end + 1, None]
-        ranges, met = lidar.trace(turn)
-        measured = lidar.measured(ranges, [rng], met, lidar.rays(turn))[0].astype("<f4")
-        told = odometry.update(along(turn, read)[:, 0])
+        period = way[end - steps : end + 1, None]
+        ranges, met = lidar.trace(period)
+        measured = lidar.measured(ranges, [rng], met, lidar.rays(period))[0].astype("<f4")
+        told = odometry.update(along(period, read)[:, 0])
         seen = Observation(
             tick=tick, ranges=measured.tobytes(), odometry=odometry.pose, way=told.astype("<f8").tobytes()
         )

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader as Rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from agent.shell.ros2.lidar_turn import APART_S, MAX_RANGE_M, LidarTurn, stamp_of
+from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
@@ -26,15 +26,15 @@ from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-KNOTS = 6  # poses of odometry along a turn of the lidar: every 40 ms for one of 0.2 s
+KNOTS = 6  # poses of odometry along a revolution of the lidar: every 40 ms for one of 0.2 s
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
 
 
-class _Sweep(NamedTuple):
+class _Entry(NamedTuple):
     """One LaserScan of a bag."""
 
     number: int
-    turn: LidarTurn
+    scan: LaserScan
 
 
 @dataclass
@@ -42,7 +42,7 @@ class _Bag:
     """What is read out of a bag."""
 
     frames: Frames = field(default_factory=Frames)
-    sweeps: list[_Sweep] = field(default_factory=list)
+    usable: list[_Entry] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     lidar_frame: str = ""
@@ -142,13 +142,13 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
-    turn = LidarTurn.told(told, _stamp(told, time_ns))
-    if not turn.makes_sense:
+    scan = LaserScan.told(told, _stamp(told, time_ns))
+    if not scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return
-    if not bag.sweeps:
+    if not bag.usable:
         bag.lidar_frame, bag.limits = told.header.frame_id, (told.range_min, told.range_max)
-    bag.sweeps.append(_Sweep(bag.scans - 1, turn))
+    bag.usable.append(_Entry(bag.scans - 1, scan))
 
 
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
@@ -183,31 +183,31 @@ def _root(bag: _Bag, given: Given) -> str:
 
 
 def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
-    """The scans, each at the end of the lidar's turn, with their odometry."""
-    if not bag.sweeps:
+    """The scans, each at the end of the lidar's revolution, with their odometry."""
+    if not bag.usable:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    root, first = _root(bag, given), bag.sweeps[0].turn
-    ends = np.array([sweep.turn.end_s for sweep in bag.sweeps])
+    root, first = _root(bag, given), bag.usable[0].scan
+    ends = np.array([entry.scan.end_s for entry in bag.usable])
     knots = [
-        bag.frames.placed(bag.lidar_frame, root, ends - share * first.around_s) for share in np.linspace(1, 0, KNOTS)
+        bag.frames.placed(bag.lidar_frame, root, ends - share * first.period_s) for share in np.linspace(1, 0, KNOTS)
     ]
     upside_down, ways = knots[-1].upside_down, np.stack([knot.poses for knot in knots], 1)
     lidar = _lidar(first, bag.limits, given, upside_down)
     log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
-    for sweep, end, way, apart in zip(bag.sweeps, ends.tolist(), ways, knots[-1].apart_s, strict=True):
+    for entry, end, way, apart in zip(bag.usable, ends.tolist(), ways, knots[-1].apart_s, strict=True):
         if apart > APART_S:
             log.skipped[f"scans without odometry within {APART_S} s"] += 1
             continue
-        readings = sweep.turn.at(first.rays)
-        log.add(Scan(sweep.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
+        readings = entry.scan.at(first.bearings)
+        log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
     log.note_gaps()
     return log
 
 
-def _lidar(turn: LidarTurn, limits: tuple[float, float], given: Given, upside_down: bool) -> LidarSpec:
-    """The lidar that makes such sweeps."""
+def _lidar(scan: LaserScan, limits: tuple[float, float], given: Given, upside_down: bool) -> LidarSpec:
+    """The lidar that makes such scans."""
     low, high = limits
     reach = (low, high) if given.range_max_m is None else (low, given.range_max_m)
-    return turn.lidar(LidarSpec(noise_m=NOISE_M), reach, upside_down=upside_down)
+    return scan.lidar(LidarSpec(noise_m=NOISE_M), reach, upside_down=upside_down)

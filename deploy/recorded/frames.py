@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.shell.ros2.lidar_turn import LEVEL
+from agent.shell.ros2.laser_scan import LEVEL
 from protocol.arrays import Floats
 from protocol.errors import InputError
 

@@ -37,7 +37,7 @@ class Scan(NamedTuple):
     time_s: float
     ranges: Floats  # (beams,) m; inf where nothing came back, NaN where nothing was measured
     odometry: Pose  # of the lidar, by the wheels
-    turn: Floats | None = None  # (k + 1, 3) the same at equal steps from the beginning to the end of the lidar's turn
+    way: Floats | None = None  # (k + 1, 3) the same at equal steps from the begin to the end of the revolution
 
 
 @dataclass
@@ -82,7 +82,7 @@ class LidarLog:
     def _unusable(self, scan: Scan) -> str | None:
         if len(scan.ranges) != self.lidar.beams:
             return f"scans without {self.lidar.beams} readings, as the first had"
-        poses = np.array(scan.odometry) if scan.turn is None else scan.turn
+        poses = np.array(scan.odometry) if scan.way is None else scan.way
         if not (np.abs(poses) <= MAX_NUMBER).all():  # NaN is not
             return "scans whose odometry is no number"
         if not math.isfinite(scan.time_s) or (self.scans and scan.time_s < self.scans[-1].time_s):

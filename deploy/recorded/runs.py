@@ -58,8 +58,8 @@ def read_run(run: Path, given: Given) -> list[LidarLog]:
         before: tuple[int, Pose] | None = None
         for number, kept in enumerate(kept_scans(source, lidar.beams)):
             pose = compose(tuple(kept["odometry"]), lidar.mount)
-            turn = None if before is None or kept["tick"] != before[0] + 1 else np.array((before[1], pose))
-            log.add(Scan(number, kept["t"], alone.cleaned(ranges_of(kept)), pose, turn))
+            way = None if before is None or kept["tick"] != before[0] + 1 else np.array((before[1], pose))
+            log.add(Scan(number, kept["t"], alone.cleaned(ranges_of(kept)), pose, way))
             before = kept["tick"], pose
         if not log.scans:
             raise NoRunError(f"{source}: it has no scan that can be used")

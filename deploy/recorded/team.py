@@ -161,7 +161,7 @@ def _deliver(tick: int, players: Sequence[Player], sender: Player, sends: Sequen
 def _observation(tick: int, scan: Scan, origin: Pose) -> Observation:
     """A scan as a mind takes it, the odometry from where the log began."""
     ranges, odometry = scan.ranges.astype("<f4").tobytes(), relative(origin, scan.odometry)
-    if scan.turn is None:
+    if scan.way is None:
         return Observation(tick=tick, ranges=ranges, odometry=odometry)
-    way = np.array([*(relative(origin, pose_of(pose)) for pose in scan.turn[:-1]), odometry], "<f8")
+    way = np.array([*(relative(origin, pose_of(pose)) for pose in scan.way[:-1]), odometry], "<f8")
     return Observation(tick=tick, ranges=ranges, odometry=odometry, way=way.tobytes())

@@ -1,7 +1,7 @@
 """The scans of a run as CARMEN text logs, with the true path beside each: for other mapping programs and their judges.
 
 A log has an ODOM line, then a FLASER line where the lidar looks 180 degrees ahead, else a ROBOTLASER1 line, for each
-scan (carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the end of the lidar's turn. Where nothing was
+scan (carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the end of a revolution. Where nothing was
 measured 0 is written, as by the LDS-01, and where nothing came back a range that no lidar of the kind has.
 """
 

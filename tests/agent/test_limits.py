@@ -17,7 +17,7 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
     ("spec", "said"),
     [
         (RobotSpec(lidar=LidarSpec(field_of_view_deg=90.0, beams=90)), "looks at 90 degrees"),
-        (RobotSpec(lidar=LidarSpec(beams=90)), "90 beams a turn"),
+        (RobotSpec(lidar=LidarSpec(beams=90)), "90 beams a revolution"),
         (RobotSpec(lidar=LidarSpec(range_min_m=4.0)), "measures nothing"),
         (RobotSpec(max_turn_rps=15.0, lidar=LidarSpec(turning=True)), "172 degrees during one scan"),
     ],

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.cooperation.peer import Met
+from agent.cooperation.peer import Unaligned
 from agent.robot import Robot
 from deploy.bench.alignment.pairs import moved
 from protocol.errors import ProtocolError
@@ -87,7 +87,7 @@ def _message(
             return []
         case 6:  # its map is merged as it was told
             found = robot.team.peers.get(peer)
-            if isinstance(found, Met) and found.log.map is not None and found.log.contact is not None:
+            if isinstance(found, Unaligned) and found.log.map is not None and found.log.contact is not None:
                 transform = FRAME if one % 2 else (one / 16, two / 16, one / 40)
                 robot.team.merge(robot.team.propose(found, transform, robot.own, {}), tick, robot.own)
             return []

@@ -144,10 +144,10 @@ class Lidar:
             self._discs(poses, discs, own, nearness.reshape(-1), met.reshape(-1))
 
     def _walls(self, poses: Floats, nearness: Floats, met: Ints) -> None:
-        wall, robot, start, end, nearest, turn = self._in_reach(poses, np.zeros(len(poses)))
+        wall, robot, start, end, nearest, cross = self._in_reach(poses, np.zeros(len(poses)))
         along_wall = end - start
         farthest = np.maximum(np.hypot(start[:, 0], start[:, 1]), np.hypot(end[:, 0], end[:, 1]))
-        sweep = np.arctan2(turn, (start * end).sum(1))
+        sweep = np.arctan2(cross, (start * end).sum(1))
         first = np.where((sweep >= 0)[:, None], start, end)
         begin = (np.arctan2(first[:, 1], first[:, 0]) - self._bearings[0]) % (2 * math.pi)
         on = nearest <= _TOUCHING_M  # then every beam starts on the wall
@@ -157,9 +157,9 @@ class Lidar:
         with np.errstate(divide="ignore"):
             least, most = 1 / farthest, 1 / nearest
         # on the wall's straight continuation a beam along the wall returns its near end
-        edge_on = np.abs(turn) <= _TOUCHING_M * np.hypot(along_wall[:, 0], along_wall[:, 1])
+        edge_on = np.abs(cross) <= _TOUCHING_M * np.hypot(along_wall[:, 0], along_wall[:, 1])
         least[edge_on] = most[edge_on]
-        slope_x, slope_y = (along_wall / np.where(edge_on, 1.0, turn)[:, None]).T
+        slope_x, slope_y = (along_wall / np.where(edge_on, 1.0, cross)[:, None]).T
 
         pair, beam = beams_within(begin, np.abs(sweep), self._step, self.spec.beams)
         found = self._cos[beam] * slope_y[pair] - self._sin[beam] * slope_x[pair]

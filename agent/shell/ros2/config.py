@@ -41,8 +41,8 @@ class Ros2Config(Config):
     upside_down: bool = False
     """Whether the lidar is mounted upside down, so that its readings go clockwise."""
     silence_s: Positive = 0.5
-    """Seconds without a scan after which the robot is told to stop: two and a half turns of an LDS-01, in which it
-    drives 0.11 m."""
+    """Seconds without a scan after which the robot is told to stop: two and a half revolutions of an LDS-01, in which
+    it drives 0.11 m."""
     dead_man_s: Positive | None = None
     """The robot drives only while somebody says true on the topic `dead_man` (std_msgs/Bool) at least every so many
     seconds; null: without anybody."""
@@ -70,7 +70,7 @@ class Ros2ProcessConfig(ProcessConfig):
     """One robot's process on a ROS 2 robot, which nobody tells what body it has."""
 
     spec: RobotSpec = RobotSpec(lidar=LidarSpec(noise_share=0.0175), odometry=OdometrySpec(noisy=True))
-    """The body. What each scan tells of the lidar itself (its beams, field of view, range and turn) is taken from
+    """The body. What each scan tells of the lidar itself (its beams, field of view, range and period) is taken from
     there."""
     ros2: Ros2Config = Ros2Config()
     """How the robot is reached."""

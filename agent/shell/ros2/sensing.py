@@ -1,4 +1,4 @@
-"""What a ROS 2 robot tells, checked, as observations: a tick for each scan, with the odometry of its turn.
+"""What a ROS 2 robot tells, checked, as observations: a tick for each scan, with the odometry of its revolution.
 
 Times are those of the messages' stamps. What cannot be used is skipped and counted; nothing of it ends the robot.
 """
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agent.shell.ros2.lidar_turn import APART_S, LEVEL, LidarRays, LidarTurn, stamp_of
+from agent.shell.ros2.laser_scan import APART_S, LEVEL, Bearings, LaserScan, stamp_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
@@ -20,7 +20,7 @@ from protocol.settings import MAX_NUMBER
 WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes every 0.05 s or more often
 KEPT_S = 10.0  # of odometry, at least
 MOST_KEPT = 10_000  # messages of odometry that are kept: 1 kHz in these seconds
-KNOTS = 5  # poses of odometry for each scan: every 40 ms of a turn of 0.2 s
+KNOTS = 5  # poses of odometry for each scan: every 40 ms of a revolution of 0.2 s
 BACK_AGAIN = 10
 """Messages in a row, older than one before, after which the clock counts as set back, and its new time holds."""
 JUMP_M, JUMP_RAD = 0.3, 0.5
@@ -127,9 +127,9 @@ class Sensing:
         """When the last observation was made, by the clock."""
         self._upside_down, self._clock = upside_down, clock
         self.wheels = Wheelpath(spec, self.skip)
-        self._rays: LidarRays | None = None
+        self._bearings: Bearings | None = None
         self._lidar_frame = ""
-        self._pending: tuple[LidarTurn, float] | None = None
+        self._pending: tuple[LaserScan, float] | None = None
         """The scan that waits for its odometry, and since when."""
         self._origin: Pose | None = None
         self._end_s = -math.inf
@@ -141,7 +141,7 @@ class Sensing:
     @property
     def knows_lidar(self) -> bool:
         """Whether a scan has told of the lidar."""
-        return self._rays is not None
+        return self._bearings is not None
 
     def skip(self, reason: str) -> None:
         """Count what cannot be used."""
@@ -161,48 +161,48 @@ class Sensing:
 
     def take_scan(self, told: Any) -> None:
         """Take a LaserScan message."""
-        turn = LidarTurn.told(told, stamp_of(told))
-        if not turn.makes_sense:
+        scan = LaserScan.told(told, stamp_of(told))
+        if not scan.makes_sense:
             return self.skip("scans of no possible lidar")
-        if self._rays is None and not self._meet_lidar(turn, told):
+        if self._bearings is None and not self._accept_lidar(scan, told):
             return None
         if told.header.frame_id != self._lidar_frame:
             return self.skip("scans of another lidar")
-        if turn.end_s <= self._end_s:
+        if scan.end_s <= self._end_s:
             self._back += 1
             if self._back < BACK_AGAIN:
                 return self.skip("scans whose time jumps back")
             self.skip("times at which the clock of the scans was set back")
-            before_s = turn.end_s - 1 / self.spec.lidar.rate_hz
+            before_s = scan.end_s - 1 / self.spec.lidar.rate_hz
             self._zero_s, self._end_s = self._zero_s + before_s - self._end_s, before_s
         self._back = 0
         if self._pending is not None:
             self.skip("scans that came too fast to be used")
-        self._pending = turn, self._clock()
+        self._pending = scan, self._clock()
         return None
 
-    def _meet_lidar(self, turn: LidarTurn, told: Any) -> bool:
+    def _accept_lidar(self, scan: LaserScan, told: Any) -> bool:
         """Learn from a first scan what lidar this is; whether it can be."""
-        period_s = turn.around_s or told.scan_time
+        period_s = scan.period_s or told.scan_time
         known = self.spec.lidar.model_dump() | ({"rate_hz": 1 / period_s} if 0.01 <= period_s <= 100 else {})
         try:
-            lidar = turn.lidar(
+            lidar = scan.lidar(
                 LidarSpec.model_validate(known), (told.range_min, told.range_max), upside_down=self._upside_down
             )
         except ValueError:
             self.skip("scans of no possible lidar")
             return False
         self.spec = self.spec.model_copy(update={"lidar": lidar})
-        self._rays, self._lidar_frame = turn.rays, told.header.frame_id
-        self._zero_s = EPOCH_S if turn.begin_s >= EPOCH_S else 0.0
+        self._bearings, self._lidar_frame = scan.bearings, told.header.frame_id
+        self._zero_s = EPOCH_S if scan.begin_s >= EPOCH_S else 0.0
         return True
 
     def due(self) -> SensedScan | None:
         """The next observation, where the odometry of a scan is there or does not come."""
-        if self._pending is None or self._rays is None:
+        if self._pending is None or self._bearings is None:
             return None
-        (turn, came), lidar = self._pending, self.spec.lidar
-        end_s = turn.end_s
+        (scan, came), lidar = self._pending, self.spec.lidar
+        end_s = scan.end_s
         if self.wheels.until_s < end_s and self._clock() - came < WAIT_S:
             return None
         self._pending = None
@@ -220,7 +220,7 @@ class Sensing:
         px, py, heading = poses[-1].tolist()
         observation = Observation(
             tick=tick,
-            ranges=lidar.cleaned(turn.at(self._rays)).astype("<f4").tobytes(),
+            ranges=lidar.cleaned(scan.at(self._bearings)).astype("<f4").tobytes(),
             odometry=(px, py, heading),
             way=poses.astype("<f8").tobytes(),
         )

@@ -13,7 +13,7 @@ from agent.alignment.align import Alignment, Method, by_features, described
 from agent.alignment.candidates import Candidates, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
-from agent.geometry.transform import fit, move
+from agent.geometry.transform import fit_on_points, move
 from agent.kernels import kernel
 from deploy.bench.alignment.congruent_sets import matched_clouds
 from protocol.arrays import Floats
@@ -81,7 +81,7 @@ def closest_points(source: Floats, target: Floats) -> Floats:
                     count += 1
             if count < 2:
                 break
-            last, t = t, fit(here, there, count)
+            last, t = t, fit_on_points(here, there, count)
             if np.abs(t - last).sum() < 1e-6:
                 break
         out[k] = t

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from agent.alignment.candidates import FINE_M
-from agent.geometry.transform import fit, move
+from agent.geometry.transform import fit_on_points, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import wrapped
@@ -122,7 +122,7 @@ def _congruent(source: Floats, target: Floats, bases: Ints, pairs: Ints, lengths
                     continue
                 if abs(wrapped(_turn(to[i] - from_[i], target[q] - target[p]) - angle)) <= SAME_RAD:
                     there[0], there[1], there[2], there[3] = from_[i], to[i], target[p], target[q]
-                    found[total] = fit(four, there, 4)
+                    found[total] = fit_on_points(four, there, 4)
                     matched[total] = _matched(source, target, found[total])
                     total += 1
     return found[:total], matched[:total]

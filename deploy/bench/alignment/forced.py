@@ -8,7 +8,7 @@ import numpy as np
 
 from agent.alignment.candidates import ranked
 from agent.alignment.prepared import prepare
-from agent.cooperation.peer import Merged, Met, Proposed
+from agent.cooperation.peer import Merged, Proposed, Unaligned
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
@@ -87,19 +87,19 @@ class ForcedRun:
                 continue
             if isinstance(peer, Merged):  # a near miss that later maps put right, or a failure: go on
                 team.undo(peer, "made free for the next", {})
-            elif isinstance(peer, Met) and peer.log.contact is not None and peer.log.map is not None:
+            elif isinstance(peer, Unaligned) and peer.log.contact is not None and peer.log.map is not None:
                 theirs = peer.log.map.wireframe
                 if min(len(theirs.edges), len(robot.own.edges)) >= LEAST_WALLS:
                     self._force(robot, peer, theirs, observation.tick)
 
-    def _force(self, robot: Robot, peer: Met, theirs: Wireframe, tick: int) -> None:
+    def _force(self, robot: Robot, peer: Unaligned, theirs: Wireframe, tick: int) -> None:
         kind, name = KINDS[len(self.forced) % len(KINDS)], peer.log.name
         robot.team.propose(peer, self._wrong(kind, robot, peer, theirs), robot.own, {"forced": True})
         peer.log.aligned_walls = len(robot.own.edges), len(theirs.edges)
         self._next[robot.robot, name] = tick + round(EVERY_S * robot.spec.lidar.rate_hz)
         self.open[robot.robot, name] = {"kind": kind, "t": tick / robot.spec.lidar.rate_hz}
 
-    def _wrong(self, kind: str, robot: Robot, peer: Met, theirs: Wireframe) -> Pose:
+    def _wrong(self, kind: str, robot: Robot, peer: Unaligned, theirs: Wireframe) -> Pose:
         """A transform of that kind that is wrong."""
         mine, their_frame = self.frames[robot.robot], self.frames[peer.log.name]
         truth = relative(mine, their_frame)

@@ -11,7 +11,7 @@ import numpy as np
 
 from agent.alignment.align import align_prepared
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.meeting import Meeting
+from agent.alignment.encounter import Encounter
 from agent.alignment.prepared import prepare
 from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
@@ -87,8 +87,8 @@ def _said(pair: Pair, method: str, small: bool) -> Row:
     ms = (time.perf_counter() - begin) * 1e3
     possible = False
     if found.best is not None and mine is not None and theirs is not None:
-        meeting = Meeting(pair.mine.pose, pair.theirs.pose, RANGE_M, RobotSpec().radius_m)
-        possible = bool(meeting.possible(np.array([found.best]), mine.place, theirs.place)[0])
+        spaces, encounter = (mine.free_space, theirs.free_space), Encounter(pair.mine.pose, pair.theirs.pose)
+        possible = bool(encounter.allows(np.array([found.best]), *spaces, RANGE_M, RobotSpec().radius_m)[0])
     is_right = found.best is not None and pair.right(found.best)
     said = {"ms": ms, "possible": possible, "reason": found.reason, "right": is_right, "best": found.best is not None}
     return {**said, "inliers": found.inliers, "margin": found.margin}

@@ -9,8 +9,9 @@ import pytest
 from agent.alignment.agreement import agreement, beside, index_walls
 from agent.alignment.align import Alignment, Method, align_prepared, by_features
 from agent.alignment.config import AlignmentConfig
+from agent.alignment.encounter import Encounter
 from agent.alignment.feature import AT_LEAST, EXACT, UNKNOWN, corners, likeness
-from agent.alignment.meeting import Meeting, place_of
+from agent.alignment.free_space import free_space_of
 from agent.alignment.prepared import prepare
 from agent.geometry.transform import distance, inverse
 from protocol.geometry import apply
@@ -69,12 +70,10 @@ def part_of(wireframe: Wireframe, low: float, high: float) -> Wireframe:
     return Wireframe(wireframe.points[used], labels, index.astype(np.int32), np.ones(m, np.float32), np.ones(m, bool))
 
 
-def found(
-    mine: Wireframe, theirs: Wireframe, meeting: Meeting | None = None, method: Method = by_features, **config: object
-) -> Alignment:
+def found(mine: Wireframe, theirs: Wireframe, method: Method = by_features, **config: object) -> Alignment:
     rules = AlignmentConfig.model_validate(config)
     maps = prepare(mine, rules), prepare(theirs, rules)
-    return align_prepared(*maps, rules, np.random.default_rng(1), meeting, method)
+    return align_prepared(*maps, rules, np.random.default_rng(1), method)
 
 
 def off(alignment: Alignment, truth: np.ndarray, theirs: Wireframe) -> tuple[float, float]:
@@ -143,7 +142,7 @@ def test_what_a_map_has_from_others_is_not_aligned() -> None:
     assert found(whole, heard).reason == "small"
 
 
-def test_a_meeting_out_of_range_or_inside_a_wall_is_impossible() -> None:
+def test_an_encounter_allows_no_transform_that_puts_robots_out_of_range_or_into_walls() -> None:
     whole = maze(3)
     frame = np.array([4.0, -2.0, 1.2])
     theirs = moved(whole, frame)
@@ -151,21 +150,24 @@ def test_a_meeting_out_of_range_or_inside_a_wall_is_impossible() -> None:
     spot = np.array([ring[:, 0].min() + 0.5, ring[:, 1].min() + 0.5])
     there = apply(frame, spot[None])[0]
 
-    def meeting(x: float, y: float, range_m: float = 4.0) -> Meeting:
-        return Meeting((x, y, 0.0), (float(there[0]), float(there[1]), 0.0), range_m, 0.1)
+    said, maps = found(whole, theirs), [prepare(one, AlignmentConfig()) for one in (whole, theirs)]
+    spaces = [one.free_space for one in maps if one is not None]
 
-    assert found(whole, theirs, meeting(spot[0] + 0.4, spot[1])).reason == "aligned"
-    assert found(whole, theirs, meeting(spot[0] + 0.4, spot[1], 0.05)).reason == "impossible"
-    outside = found(whole, theirs, Meeting((-5.0, -5.0, 0.0), (float(there[0]), float(there[1]), 0.0), 40.0, 0.1))
-    assert outside.reason == "impossible" and outside.best is not None
+    def allowed(x: float, y: float, range_m: float) -> bool:
+        encounter = Encounter((x, y, 0.0), (float(there[0]), float(there[1]), 0.0))
+        return bool(encounter.allows(np.array([said.transform]), *spaces, range_m, 0.1)[0])
+
+    assert allowed(spot[0] + 0.4, spot[1], 4.0)
+    assert not allowed(spot[0] + 0.4, spot[1], 0.05)
+    assert not allowed(-5.0, -5.0, 40.0)
 
 
 def test_a_place_is_inside_outer_rings_and_outside_pillars() -> None:
     room = chain([(0, 0), (4, 0), (4, 4), (0, 4), (0, 0)], [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)])
     made = corners(room)
-    place = place_of(made.points, made.parent, made.child, made.walls)
+    ground = free_space_of(made.points, made.parent, made.child, made.walls)
     spots = np.array([(0.5, 0.5), (1.5, 1.5), (-1.0, 1.0), (0.05, 2.0), (3.0, 3.0)])
-    assert place.reachable(spots, 0.1).tolist() == [True, False, False, False, True]
+    assert ground.holds(spots, 0.1).tolist() == [True, False, False, False, True]
 
 
 def test_the_same_maps_and_generator_give_the_same_alignment() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import psutil
 import pytest
 
-from agent.cooperation.peer import Met
+from agent.cooperation.peer import Unaligned
 from agent.cooperation.weight import COMPARED_WALLS, STRANGE_WALLS, is_too_large
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import moved, random_pose
@@ -80,7 +80,7 @@ class Betrayed(Robot):
         self.seconds.append(time.thread_time() - began)
         self.most_walls = max(self.most_walls, len(self.wireframe.edges))
         peer = self.team.peers.get("x")
-        if isinstance(peer, Met) and peer.log.map is not None and len(self.own.edges) > 8:
+        if isinstance(peer, Unaligned) and peer.log.map is not None and len(self.own.edges) > 8:
             there = relative(self.frame, (0.0, 0.0, 0.0))
             self.team.merge(self.team.propose(peer, there, self.own, {}), tick, self.own)
         assert len(step.sends) <= 256 and len(self.wireframe.points) < MAX_VERTICES

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from agent.cooperation.peer import Met
+from agent.cooperation.peer import Unaligned
 from agent.robot import Robot, Step
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import Explored, explore
@@ -52,7 +52,7 @@ def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_
         peer = team.peers.get("r2")
         if (
             robot.robot == "r1"
-            and isinstance(peer, Met)
+            and isinstance(peer, Unaligned)
             and peer.log.map is not None
             and peer.log.contact
             and not undone

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.cooperation.peer import Met
+from agent.cooperation.peer import Unaligned
 from agent.robot import Robot, Step
 from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
@@ -93,7 +93,7 @@ def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> No
         peer = team.peers.get("r2")
         if observation.tick < 100 or peer is None:  # until both have seen something that can be contradicted
             return
-        if isinstance(peer, Met) and not events and peer.log.map is not None:
+        if isinstance(peer, Unaligned) and not events and peer.log.map is not None:
             x, y, _ = peer.log.pose
             there = (-x + 1.0, -y + 0.5, 0.4)  # anywhere but where it is
             team.merge(team.propose(peer, there, robot.own, {}), observation.tick, robot.own)

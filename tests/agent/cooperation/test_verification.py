@@ -50,15 +50,15 @@ def test_walls_alone_accept_nothing_where_the_teammate_may_be_seen() -> None:
     assert one.verdict is True
 
 
-def test_where_walls_have_said_all_they_can_only_a_meeting_may_decide() -> None:
+def test_where_walls_have_said_all_they_can_only_a_sighting_may_decide() -> None:
     one = trial()
     one.nats["ground"] = 2.9
-    assert not one.asks_for_a_meeting
+    assert not one.asks_for_a_sighting
     one.align_again(True)
-    assert one.asks_for_a_meeting and one.verdict is None
+    assert one.asks_for_a_sighting and one.verdict is None
     alone = trial(discs=False)
     alone.nats["ground"] = 3.0
-    assert not alone.asks_for_a_meeting
+    assert not alone.asks_for_a_sighting
 
 
 def test_a_message_from_beyond_the_radio_s_range_decides_against() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.geometry.transform import apart, compose, distance, fit, inverse, move
+from agent.geometry.transform import apart, compose, distance, fit_on_points, inverse, move
 from protocol.geometry import apply
 
 
@@ -16,7 +16,7 @@ def test_transforms_compose_invert_and_fit() -> None:
         points = rng.uniform(-5, 5, (6, 2))
         assert apply(compose(a, b), points) == pytest.approx(apply(a, apply(b, points)))
         assert apply(inverse(a), apply(a, points)) == pytest.approx(points)
-        assert apply(fit(points, apply(a, points), 6), points) == pytest.approx(apply(a, points))
+        assert apply(fit_on_points(points, apply(a, points), 6), points) == pytest.approx(apply(a, points))
 
 
 def test_a_point_moves_as_points_do() -> None:

@@ -28,7 +28,7 @@ def way_of(end: np.ndarray, speed: float, turn: float, steps: int = 5) -> np.nda
 
 
 def taken(walls: np.ndarray, spec: LidarSpec, way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Ranges (beams,) of one turn along a way, and the walls met, each beam cast on its own."""
+    """Ranges (beams,) of one revolution along a way, and the walls met, each beam cast on its own."""
     at = np.linspace(0, 1, len(way))
     poses = np.column_stack([np.interp(spec.moments(), at, column) for column in way.T])
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])

@@ -94,9 +94,9 @@ def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None
     log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
     assert log.lidar.turning
     last = log.scans[-1]
-    assert last.time_s == pytest.approx(102.1, abs=1e-3) and last.turn is not None
-    assert last.turn[-1] == pytest.approx(last.odometry)
-    assert last.turn[0] == pytest.approx(pose_at(last.time_s - 0.2), abs=1e-3)
+    assert last.time_s == pytest.approx(102.1, abs=1e-3) and last.way is not None
+    assert last.way[-1] == pytest.approx(last.odometry)
+    assert last.way[0] == pytest.approx(pose_at(last.time_s - 0.2), abs=1e-3)
 
 
 def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:

@@ -65,7 +65,7 @@ def test_a_run_is_a_log_for_each_robot(tmp_path: Path, lidar: dict[str, object])
             np.testing.assert_allclose(readings, written.ranges, atol=1e-4)
             assert scan.odometry == pytest.approx(written.odometry, abs=1e-5)
         for before, scan in pairwise(log.scans):
-            assert scan.turn is not None and scan.turn == pytest.approx(np.array((before.odometry, scan.odometry)))
+            assert scan.way is not None and scan.way == pytest.approx(np.array((before.odometry, scan.odometry)))
 
 
 def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:

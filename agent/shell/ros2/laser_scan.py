@@ -12,8 +12,8 @@ APART_S = 0.5  # a scan farther than this from all odometry is left out: at 0.5 
 LEVEL = 0.9  # cosine of a lidar's tilt, up or down, below which what it sees is no floor plan
 MAX_RANGE_M = 100.0  # as in LidarSpec
 MIN_VIEW = math.radians(1)  # as in LidarSpec
-MAX_VIEW = 7.0  # rad: a whole turn, and some directions again
-MAX_TURN_S = 10.0  # a turn that takes longer is told in a wrong unit
+MAX_VIEW = 7.0  # rad: a whole revolution, and some directions again
+MAX_PERIOD_S = 10.0  # one that takes longer is told in a wrong unit
 
 
 def stamp_of(message: Any) -> float:
@@ -22,7 +22,7 @@ def stamp_of(message: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-class LidarRays(NamedTuple):
+class Bearings(NamedTuple):
     """How the readings of a LaserScan point."""
 
     number: int
@@ -30,48 +30,48 @@ class LidarRays(NamedTuple):
     step: float  # rad; negative where they go clockwise
 
 
-class LidarTurn(NamedTuple):
+class LaserScan(NamedTuple):
     """One LaserScan, whose stamp is that of its first reading."""
 
     begin_s: float
     between_s: float  # from one reading to the next
-    rays: LidarRays
+    bearings: Bearings
     readings: Floats  # (number,) m
 
     @classmethod
     def told(cls, message: Any, stamp_s: float) -> Self:
-        """Of a message with this stamp. Where the first direction comes again at the end of a turn, it is left out."""
+        """Of a message with this stamp. Where the first direction comes again at its end, that is left out."""
         count, step = len(message.ranges), message.angle_increment
         around = round(2 * math.pi / abs(step)) if MIN_VIEW < abs(step) * count < MAX_VIEW else count
-        rays = LidarRays(min(count, around), message.angle_min, step)
-        return cls(stamp_s, message.time_increment, rays, message.ranges[:around])
+        bearings = Bearings(min(count, around), message.angle_min, step)
+        return cls(stamp_s, message.time_increment, bearings, message.ranges[:around])
 
     @property
     def makes_sense(self) -> bool:
         """Whether there is a lidar that measures so."""
-        count, first, step = self.rays
+        count, first, step = self.bearings
         around = abs(step) * count  # NaN is in no range
         takes_s = self.between_s * count
         return (
-            8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < MAX_VIEW and 0 <= takes_s < MAX_TURN_S
+            8 <= count <= MAX_BEAMS and abs(first) < 10 and MIN_VIEW < around < MAX_VIEW and 0 <= takes_s < MAX_PERIOD_S
         )
 
     @property
     def end_s(self) -> float:
         """When the last reading was taken."""
-        return self.begin_s + self.between_s * (self.rays.number - 1)
+        return self.begin_s + self.between_s * (self.bearings.number - 1)
 
     @property
-    def around_s(self) -> float:
-        """Seconds that the lidar takes for a whole turn; 0 where it looks everywhere at once."""
-        return self.between_s * 2 * math.pi / abs(self.rays.step)
+    def period_s(self) -> float:
+        """Seconds of a revolution; 0 where it looks everywhere at once."""
+        return self.between_s * 2 * math.pi / abs(self.bearings.step)
 
     def lidar(self, known: LidarSpec, limits: tuple[float, float], *, upside_down: bool = False) -> LidarSpec:
-        """The lidar that makes such turns, with the mount, the errors and the rate that are known of it.
+        """The lidar that makes such scans, with the mount, the errors and the rate that are known of it.
 
         limits: metres, the least and the greatest range. Raises ValueError where there is none.
         """
-        count, first, step = self.rays
+        count, first, step = self.bearings
         low, high = limits
         high = min(high, MAX_RANGE_M) if high > 0 else MAX_RANGE_M
         told = {
@@ -85,15 +85,15 @@ class LidarTurn(NamedTuple):
         }
         return LidarSpec.model_validate(known.model_dump() | told)
 
-    def at(self, rays: LidarRays) -> Floats:
-        """Readings (rays.number,) at other rays: at each the nearest, NaN where none is within a step.
+    def at(self, bearings: Bearings) -> Floats:
+        """Readings (bearings.number,) at other bearings: at each the nearest, NaN where none is within a step.
 
-        Some lidars give a few readings more or less in each turn.
+        Some lidars give a few readings more or less in each revolution.
         """
-        if rays == self.rays:
+        if bearings == self.bearings:
             return self.readings
-        count, first, step = self.rays
-        at = (rays.first - first + rays.step * np.arange(rays.number)) / step
+        count, first, step = self.bearings
+        at = (bearings.first - first + bearings.step * np.arange(bearings.number)) / step
         around = 2 * math.pi / abs(step)
         nearest = np.rint(at - around * np.floor((at + 0.5) / around)).astype(np.int64)
         return np.where(nearest < count, self.readings[np.minimum(nearest, count - 1)], np.nan)
