@@ -106,16 +106,29 @@ def fresh_pieces(theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:
     """(k,) pieces of a received map, moved by a transform (3,), that lie on no wall of the own map."""
     pieces, _ = pieces_of(theirs)
     mine, _ = pieces_of(own)
-    places = apply(transform, pieces[:, :2])
-    c, s = math.cos(transform[2]), math.sin(transform[2])
-    ways = pieces[:, 2:] @ np.array([[c, s], [-s, c]])
-    fresh = np.ones(len(pieces), np.bool_)
-    for low in range(0, len(pieces), 500):  # bounds the memory
-        part = slice(low, low + 500)
-        near = np.abs(places[part, None, 0] - mine[:, 0]) < USED_M
-        near &= np.abs(places[part, None, 1] - mine[:, 1]) < USED_M
-        fresh[part] = ~(near & (ways[part] @ mine[:, 2:].T > USED_COSINE)).any(1)
-    return fresh
+    mine = mine[np.argsort(mine[:, 0], kind="stable")]
+    near = np.searchsorted(mine[:, 0], apply(transform, pieces[:, :2])[:, 0] - USED_M)
+    return ~_used(pieces, np.asarray(transform, np.float64), mine, near)
+
+
+@kernel
+def _used(pieces: Floats, t: Floats, mine: Floats, first: Ints) -> Bools:
+    """(k,) which pieces (k, 4), moved by t (3,), lie on one of the own (m, 4), which are in order of x.
+
+    first: (k,) from which of the own ones on they are near enough in x.
+    """
+    used = np.zeros(len(pieces), np.bool_)
+    c, s = math.cos(t[2]), math.sin(t[2])
+    for k in range(len(pieces)):
+        x, y = move(t, pieces[k, 0], pieces[k, 1])
+        ux, uy = c * pieces[k, 2] - s * pieces[k, 3], s * pieces[k, 2] + c * pieces[k, 3]
+        for j in range(first[k], len(mine)):
+            if mine[j, 0] - x >= USED_M:
+                break
+            if abs(mine[j, 1] - y) < USED_M and ux * mine[j, 2] + uy * mine[j, 3] > USED_COSINE:
+                used[k] = True
+                break
+    return used
 
 
 def _keys(pieces: Floats) -> Ints:

@@ -1,12 +1,16 @@
 """A proposal on trial: what each kind of evidence weighs, and when it decides."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from agent.cooperation.config import VerificationConfig
-from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of, sees_place
 from agent.cooperation.verification import Trial
 from agent.mapping.views import view_of
+from protocol.geometry import seen_from
+from protocol.wireframe import enclosed
 from tests.agent.mapping.test_layers import scan_at
 from tests.agent.mapping.test_particle_filter import ROOM, ring
 
@@ -99,3 +103,15 @@ def test_a_post_beyond_a_place_shows_that_nobody_is_there_large_or_small(half: f
     assert sees_place(1.5, 0.7, 0.105, view)
     assert not sees_place(2.04, 0.7, 0.105, view)
     assert not sees_place(2.5, 0.7, 0.105, view)
+
+
+def test_pieces_on_own_walls_are_not_fresh_wherever_the_sender_s_frame_lies() -> None:
+    """The peer has seen a pillar in the room, and the far side of its wall, which is as thin as paper."""
+    room, pillar = [(0.0, 0.0), (5.0, 0.0), (5.0, 4.0), (0.0, 4.0)], [(2.0, 1.0), (2.0, 2.0), (3.0, 2.0), (3.0, 1.0)]
+    behind = [(5.01, 0.0), (9.0, 0.0), (9.0, 4.0), (5.01, 4.0)]
+    own, theirs = (enclosed([np.array(ring) for ring in rings]) for rings in ([room], [room, pillar, behind]))
+    _, wall = pieces_of(theirs)
+    for frame in ((0.0, 0.0, 0.0), (3.0, -7.0, 2.0)):
+        fresh = fresh_pieces(replace(theirs, points=seen_from(frame, theirs.points)), np.array(frame), own)
+        assert not fresh[wall < 4].any()
+        assert fresh[np.isin(wall, (4, 5, 6, 7, 9, 11))].all()
