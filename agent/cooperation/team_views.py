@@ -36,9 +36,11 @@ class _Taken(NamedTuple):
     """(k, 2) those of them that were kept, metres, the robot's own frame."""
 
 
-def _cells(places: Floats) -> list[tuple[int, int]]:
-    """The cell of each of places (k, 2)."""
-    return [(x, y) for x, y in np.floor(places / SAME_VIEW_M).astype(np.int64).tolist()]
+def _cells(places: Floats) -> list[int]:
+    """A number of the cell of each of places (k, 2)."""
+    x, y = np.floor(places / SAME_VIEW_M).astype(np.int64).T
+    cells: list[int] = ((x << 32) + y).tolist()
+    return cells
 
 
 class TeamViews:
@@ -55,7 +57,7 @@ class TeamViews:
         """Tell all again, as some of it no longer holds: nobody's tick of the last one known is as late."""
         self._looked = Looked([], [], [])
         self._waiting = deque[tuple[float, float, str]]()
-        self._cells = set[tuple[int, int]]()
+        self._cells = set[int]()
         self._passed_on = dict[str, int]()  # first-hand viewpoints of each peer that were passed on, or known already
         self._own, self._own_tick = 0, -1
 
