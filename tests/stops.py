@@ -89,17 +89,16 @@ def unreadable(out: Path) -> list[str]:
 def faults(run: Command, did: str, phase: str, taken_s: float, errors: str) -> list[str]:
     """What is wrong with how a run ended. One that was over already says how it ended itself."""
     status, by_launcher = run.popen.returncode, "launcher" not in did
-    goes_on = did == "server killed" and phase == NOTHING  # another is started
-    found = [f"took {taken_s:.1f} s"] if taken_s > WITHIN_S and not goes_on else []
-    found += ["traceback"] if "Traceback" in errors else []
+    found, late = ["traceback"] if "Traceback" in errors else [], [f"took {taken_s:.1f} s"] * (taken_s > WITHIN_S)
     if not run.out.exists():
-        return found + ([f"status {status}"] if by_launcher and status != Status.INTERRUPTED else [])
+        return found + late + ([f"status {status}"] if by_launcher and status != Status.INTERRUPTED else [])
     found += [f"{name} is no good" for name in unreadable(run.out)]
     try:
         manifest = run.manifest()
     except (OSError, ValueError):
-        return [*found, "no manifest"]
+        return [*found, *late, "no manifest"]
     needless = did == "server killed" and manifest["ended"] == "time"  # it was not needed any more, or another began
+    found += [] if needless else late
     if by_launcher and not needless and not status == manifest.get("exit_status") == Status.INTERRUPTED:
         found.append(f"status {status}, {manifest.get('exit_status')} in the manifest")
     if manifest["ended"] not in ("interrupted", "time") and not (phase == "manifest.json" and not by_launcher):

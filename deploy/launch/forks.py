@@ -13,6 +13,9 @@ instead of 27, and is up after 10 ms of CPU instead of 70 (measured)."""
 
 CONTEXT = multiprocessing.get_context("forkserver")
 
+LAUNCHER = "WIRESWARM_LAUNCHER"
+"""Tells the server in its environment who launches: where that is killed at once, it has another parent already."""
+
 SOCKET_BYTES = 107 - len("/pymp-12345678/listener-12345678")
 """The longest path of a temporary folder in which its socket can have a name: Linux takes 107 bytes (unix(7))."""
 
@@ -20,6 +23,7 @@ SOCKET_BYTES = 107 - len("/pymp-12345678/listener-12345678")
 def begin() -> None:
     """Begin it, where it has not begun; it loads while its caller goes on, and ends with it. Raises OSError."""
     CONTEXT.set_forkserver_preload(PRELOAD)
+    os.environ[LAUNCHER] = str(os.getpid())
     if len(os.fsencode(own := tempfile.gettempdir())) > SOCKET_BYTES:
         tempfile.tempdir = "/tmp"
         util.get_temp_dir()  # of multiprocessing: made by the first who asks, for this process and its sockets

@@ -3,13 +3,13 @@
 import os
 import signal
 
-LOOK_S = 0.2
+from deploy.launch.forks import LAUNCHER
 
-_LAUNCHER = os.getppid()
+LOOK_S = 0.2
 
 
 def _look(number: int, frame: object) -> None:
-    if os.getppid() != _LAUNCHER:
+    if os.getppid() != int(os.environ[LAUNCHER]):
         os._exit(0)
 
 

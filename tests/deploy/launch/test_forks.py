@@ -1,8 +1,10 @@
 """The server from which a run's processes are forked."""
 
+import os
 import subprocess
 import sys
 
+from deploy.launch.forks import LAUNCHER
 from tests.disturbed import REPO
 
 FORKED = """
@@ -14,9 +16,19 @@ print(*sorted(set(sys.modules) - loaded))
 """
 
 
+def run(program: str, launcher: int) -> subprocess.CompletedProcess[str]:
+    command, environment = [sys.executable, "-c", program], os.environ | {LAUNCHER: str(launcher)}
+    return subprocess.run(command, cwd=REPO, env=environment, capture_output=True, text=True, timeout=60)
+
+
 def test_a_robot_imports_nothing_of_its_own() -> None:
     """What each of thirty forks imports, 8 ms once, is a quarter of a second until all are up."""
-    said = subprocess.run(
-        [sys.executable, "-c", FORKED], capture_output=True, text=True, timeout=60, check=True, cwd=REPO
+    said = run(FORKED, os.getpid())
+    assert (said.returncode, said.stdout.split()) == (0, [])
+
+
+def test_a_server_whose_launcher_was_killed_before_it_looked_loads_no_further() -> None:
+    said = run(
+        "import deploy.launch.leash, time\nfor _ in range(50): time.sleep(0.1)\nprint('loaded')", os.getpid() + 1
     )
-    assert said.stdout.split() == []
+    assert (said.returncode, said.stdout) == (0, "")
