@@ -117,7 +117,7 @@ class Robot:
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._draw_map(tick, own_changed)
         seen = scan.wireframe()
-        errand = None if self.team.drive is None else self.team.drive.goal
+        errand = None if self.team.errand is None else self.team.errand.goal
         explorer, partners, viewpoints = self.explorer, self.team.partners(tick), self.team.views.places
         situation = Situation(
             tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, partners, viewpoints

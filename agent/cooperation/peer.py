@@ -61,18 +61,18 @@ class PeerLog:
     explained_by_proposal: int = 0
     """The same of the last proposal by sight: another one must explain more."""
 
-    told: Floats | None = None
+    claim: Floats | None = None
     """(3,) its frame in the robot's own by its own word, which it gives where it has merged the robot's map."""
-    put_on_trial: Floats | None = None
-    """What of that was proposed: it is not tried again."""
-    told_reason: str = ""
-    """Why the last such word was not proposed."""
+    tried_claim: Floats | None = None
+    """The claim that was put on trial: it is not tried again."""
+    claim_reason: str = ""
+    """Why the last claim was not proposed."""
 
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
-        told = inverse(np.array(mine_in_theirs))
-        if self.put_on_trial is None or apart(told, self.put_on_trial, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
-            self.told = told
+        claim = inverse(np.array(mine_in_theirs))
+        if self.tried_claim is None or apart(claim, self.tried_claim, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
+            self.claim = claim
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick, and what was seen when it said so.

@@ -143,15 +143,15 @@ class Aligner:
         The newest maps must agree there, and all messages must have come from within the radio's range. What does not
         pass waits for the peer's next word, as maps grow.
         """
-        told, log.told = log.told, None
-        maps = None if told is None or log.map is None else self.both(log, own)
-        if told is None or maps is None:
+        claim, log.claim = log.claim, None
+        maps = None if claim is None or log.map is None else self.both(log, own)
+        if claim is None or maps is None:
             return None
         mine, theirs = maps
-        near = Consensus(told, 0, 0, theirs.corners.centre, 0.0)
+        near = Consensus(claim, 0, 0, theirs.corners.centre, 0.0)
         said = self._in_reach(log, align_by_sight(mine, theirs, near, self.config, LEAST_CORNERS))
         if said.transform is not None:
-            log.put_on_trial = told
+            log.tried_claim = claim
         return said
 
     def walls_agree(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:

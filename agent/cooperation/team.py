@@ -54,7 +54,7 @@ IN_FRONT_M = 0.8
 
 
 @dataclass(frozen=True)
-class Drive:
+class Errand:
     """The drive to verify the first proposal of the queue."""
 
     goal: Floats
@@ -77,7 +77,7 @@ class Team:
         self.peers: dict[str, Peer] = {}
         self.queue: list[Proposed] = []
         """Z, in the order in which they were proposed."""
-        self.drive: Drive | None = None
+        self.errand: Errand | None = None
         """To verify the first of the queue; None without proposal."""
         self.changed = False
         """Whether a layer of the map has changed in this tick."""
@@ -109,6 +109,7 @@ class Team:
             if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
                 continue
             drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
+            # since then it may have driven straight on, at three deviations, and turned by a radian in half a metre
             spread, turn = math.hypot(0.01 + peer.transform_sd_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
             known.append(
                 TeammatePose(
@@ -256,9 +257,9 @@ class Team:
             return False
         if said.transform is not None:
             self.propose(peer, said.transform, own, said.figures(), said, how="told")
-        elif said.reason != peer.log.told_reason:
+        elif said.reason != peer.log.claim_reason:
             self._say("attempt", peer.log, f"told, {said.reason}", said.best, said.figures())
-        peer.log.told_reason = said.reason
+        peer.log.claim_reason = said.reason
         return True
 
     def _align_by_sight(self, peer: Unaligned, own: Wireframe) -> bool:
@@ -322,22 +323,22 @@ class Team:
 
     def _set_goal(self, tick: int, peer: Proposed, pose: Pose, arrived: bool | None) -> None:
         """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""
-        drive = self.drive
-        if drive is None:
+        errand = self.errand
+        if errand is None:
             assert peer.log.contact is not None
-            self.drive = Drive(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
-        elif tick - drive.since > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
+            self.errand = Errand(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
+        elif tick - errand.since > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
             self._reject(peer, "it took too long")
-        elif arrived is False and not drive.detours:
+        elif arrived is False and not errand.detours:
             self._reject(peer, "unreachable")
         elif peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
             self._reject(peer, "undecided")
         elif arrived is not None:
-            place = self._elsewhere(tick, peer, pose, drive.detours)
-            if place is None or drive.detours >= DETOURS:
+            place = self._elsewhere(tick, peer, pose, errand.detours)
+            if place is None or errand.detours >= DETOURS:
                 self._reject(peer, "undecided")
             else:
-                self.drive = Drive(place, drive.since, drive.detours + 1)
+                self.errand = Errand(place, errand.since, errand.detours + 1)
 
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
@@ -357,7 +358,7 @@ class Team:
     def _leave_queue(self, peer: Proposed) -> None:
         """Z = Z - proposal."""
         if self.queue[0] is peer:
-            self.drive = None
+            self.errand = None
         self.queue.remove(peer)
 
     def _reject(self, peer: Proposed, reason: str) -> None:

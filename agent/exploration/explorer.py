@@ -173,7 +173,7 @@ class Explorer:
 
     def _take_viewpoints(self, scene: Scene, viewpoints: Floats) -> None:
         """What teammates saw need not be swept; what is taken back with a merge must."""
-        more, self.viewpoints.told = len(viewpoints) - len(self.viewpoints.told), viewpoints
+        more, self.viewpoints.teammates = len(viewpoints) - len(self.viewpoints.teammates), viewpoints
         if more and self.target is not None and self.target.task.samples is not None:
             self.target = None
         if more < 0 and self.complete:

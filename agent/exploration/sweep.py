@@ -39,12 +39,12 @@ class Viewpoints:
     def __init__(self) -> None:
         self.own: list[tuple[float, float]] = []  # metres, frame of the map
         self.ticks: list[int] = []  # when the robot was there
-        self.told = np.zeros((0, 2))  # (k, 2) those of teammates
+        self.teammates = np.zeros((0, 2))  # (k, 2) those of teammates
 
     @property
     def nbytes(self) -> int:
         """Bytes of what is kept."""
-        return 24 * len(self.own) + self.told.nbytes
+        return 24 * len(self.own) + self.teammates.nbytes
 
     def keep(self, tick: int, here: Floats, spacing_m: float = SPACING_M) -> bool:
         """Keep the present place (2,) if it is so far from the last one; true if kept."""
@@ -63,7 +63,7 @@ class Viewpoints:
 
     def all(self) -> Floats:
         """(k, 2) own ones and teammates'."""
-        return np.vstack((self.own_places(), self.told))
+        return np.vstack((self.own_places(), self.teammates))
 
 
 @kernel

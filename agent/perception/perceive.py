@@ -45,7 +45,7 @@ class Perception:
         self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._tick = -1  # of the last observation
-        self._round = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
+        self._discs = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
@@ -79,12 +79,12 @@ class Perception:
             company=company,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
-        self._round = scan.discs
+        self._discs = scan.discs
         return scan if company else replace(scan, discs=NOBODY)
 
     def remember(self, tick: int, pose: Pose) -> None:
         """Note where the last scan's discs are, once the pose is corrected."""
-        self._posts.add(tick, apply(pose, self._round))
+        self._posts.add(tick, apply(pose, self._discs))
 
 
 def perceive(
