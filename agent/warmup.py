@@ -19,6 +19,7 @@ import numpy as np
 from agent.alignment.align import align_prepared
 from agent.alignment.prepared import prepare
 from agent.config import AgentConfig
+from agent.cooperation.verification import Watch
 from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
@@ -76,12 +77,14 @@ def compile_kernels() -> None:
 
 
 def _map_and_align() -> None:
-    """Call the kernels of mapping that an empty scan reaches, of alignment and of loops."""
+    """Call the kernels of mapping and of watching a teammate that an empty scan reaches, of alignment and of loops."""
     mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
     nowhere = np.zeros((0, 3))
     sight = Sight(nowhere, nowhere, 1.0, 0.0, 0.0)
-    mapped.update(CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2))), (0.0, 0.0, 0.0))
+    scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)))
+    mapped.update(scan, (0.0, 0.0, 0.0))
     mapped.wireframe()
+    Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, RobotSpec().radius_m)
     _align()
     _close_a_loop()
 
@@ -101,8 +104,8 @@ def _close_a_loop() -> None:
 def _plan() -> None:
     spec, config = RobotSpec(), AgentConfig()
     explorer = Explorer(config.exploration, config.driving, spec, np.random.default_rng(0))
-    view = explorer.look(Situation(0, _BUILDING, 1, _STARTS[0], _BUILDING, np.zeros((0, 2))))
-    explorer.drive(view, explorer.frontier(view) or explorer.default_state(view))
+    scene = explorer.look(Situation(0, _BUILDING, 1, _STARTS[0], _BUILDING, np.zeros((0, 2))))
+    explorer.drive(scene, explorer.frontier(scene) or explorer.default_state(scene))
 
 
 def _align() -> None:
