@@ -139,6 +139,8 @@ def _pool(mine: Corners, theirs: Corners, column: int) -> Floats:
 
 FLAT_LENGTH_M = 8.0  # unseen lengths are spread over this range when densities are smoothed: the length of a long wall
 FLAT_WEIGHT = 2.0  # how many values that spread counts for
+BLUR = 2.0  # width of the kernel that smooths densities, in deviations of an entry
+KERNEL_SIGMAS = 4.0  # deviations beyond which the kernel counts as zero: 3e-4 of its height
 
 
 @kernel
@@ -155,17 +157,17 @@ def _log_common(one: Corners, lengths_pool: Floats, turns_pool: Floats) -> Float
             total = pool.shape[0] + FLAT_WEIGHT
             value = one.values[i, k]
             if one.kinds[i, k] == EXACT:
-                sd = 2.0 * one.sds[i, k]
+                sd = BLUR * one.sds[i, k]
                 found = FLAT_WEIGHT * (1.0 / (2.0 * math.pi if circular else FLAT_LENGTH_M))
                 low, high = 0, pool.shape[0]
                 if not circular:
-                    low = np.searchsorted(pool, value - 4.0 * sd)
-                    high = np.searchsorted(pool, value + 4.0 * sd)
+                    low = np.searchsorted(pool, value - KERNEL_SIGMAS * sd)
+                    high = np.searchsorted(pool, value + KERNEL_SIGMAS * sd)
                 for p in range(low, high):
                     d = pool[p] - value
                     if circular:
                         d = wrapped(d)
-                    if abs(d) < 4.0 * sd:
+                    if abs(d) < KERNEL_SIGMAS * sd:
                         found += math.exp(-0.5 * (d / sd) ** 2) / (sd * 2.5066282746310002)  # sqrt(2 pi)
                 out[i, k] = math.log(found / total)
             elif one.kinds[i, k] == AT_LEAST:
@@ -175,6 +177,8 @@ def _log_common(one: Corners, lengths_pool: Floats, turns_pool: Floats) -> Float
 
 
 NEGLIGIBLE = -14.0  # an entry with a lower log-likelihood ratio counts as wrong: 1e-6 is little against a share of 0.05
+MOST_NATS = 30.0  # ... with a higher one as this, which keeps its exponential within range
+BOUND_SIGMAS = 3.0  # deviations by which a bound may exceed the length that it bounds
 FAR_OFF = 81.0  # square of nine deviations: such a difference costs 40 nats, and no value is so rare as to outweigh it
 
 
@@ -211,14 +215,14 @@ def _likeness(mine: Corners, theirs: Corners, my_common: Floats, their_common: F
                         common = 0.5 * (my_common[i, k] + their_common[j, k])
                         ratio = -0.5 * d * d / var - 0.5 * math.log(2.0 * math.pi * var) - common
                     if ratio > NEGLIGIBLE:
-                        gain = math.log((1.0 - wrong) * math.exp(min(ratio, 30.0)) + wrong)
+                        gain = math.log((1.0 - wrong) * math.exp(min(ratio, MOST_NATS)) + wrong)
                 elif one == AT_LEAST and two == AT_LEAST:
                     continue
                 else:  # one wall was seen whole, the other is at least so long
                     room = a[i, k] - b[j, k] if one == EXACT else b[j, k] - a[i, k]
                     sd = math.sqrt(a_sds[i, k] ** 2 + b_sds[j, k] ** 2)
                     share = their_common[j, k] if one == EXACT else my_common[i, k]
-                    gain = LOG_WRONG_BOUND if room < -3.0 * sd else -share
+                    gain = LOG_WRONG_BOUND if room < -BOUND_SIGMAS * sd else -share
                 total += DISCOUNTS[k] * gain
             out[i, j] = total
     return out

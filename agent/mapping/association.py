@@ -15,10 +15,12 @@ from agent.kernels import kernel
 from agent.mapping.edges import WALL, direction_sd, line_sd, related, spread, tip_at
 from protocol.arrays import Floats, Ints, Records
 
+FACING = 0.7  # cosine of 46 degrees: what is turned farther is another wall, and no sine is worked out for it
 OFFSET_GATE_M = 0.012
 """Distance that a wall and a piece of it may have beside noise, as real walls are not straight. A gate of 6 cm would
 fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
 ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
+MOST_TURN = 0.5  # rad that piece and wall may differ by, however unsure their directions are
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -37,7 +39,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     point lies beside the piece's line: a short wall's own swings out, to a long piece that begins half a metre off.
     Not where the pose errs: there the last gate would refuse the very walls that put the pose right.
     """
-    if e.ux * p.ux + e.uy * p.uy < 0.7:
+    if e.ux * p.ux + e.uy * p.uy < FACING:
         return math.inf
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if related(e):
@@ -46,7 +48,10 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
         turn_sd = gates.noise * math.sqrt(1 / p.spread + 1 / spread(e))
     t, off = along(e, p.x, p.y), above(e, p.x, p.y)
     off_sd = math.hypot(gates.noise / math.sqrt(p.hits), line_sd(e, t, gates.noise))
-    if abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, 0.5) or abs(off) > gates.offset + NOISE_SIGMAS * off_sd:
+    if (
+        abs(turn) > min(ANGLE_GATE + NOISE_SIGMAS * turn_sd, MOST_TURN)
+        or abs(off) > gates.offset + NOISE_SIGMAS * off_sd
+    ):
         return math.inf
     if not related(e):
         near = min(max(t, tip_at(e, 0)), tip_at(e, 1))

@@ -11,7 +11,7 @@ import numpy as np
 
 from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
-from agent.mapping.matching import Match, costs_around, nearest_wall, poses_around, refine
+from agent.mapping.matching import COARSE_GATE_M, GATES_M, Match, costs_around, nearest_wall, poses_around, refine
 from agent.mapping.segments import SAMPLE_M, every
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import wrapped
@@ -19,6 +19,7 @@ from protocol.geometry import wrapped
 MATCHED_M = 3.6  # metres of wall that must lie on the earlier submap's, at least
 EXPLAINED = 0.6  # share of what the earlier views should show of the later submap that must lie on a wall
 ON_WALL_M = 0.2  # a sample this near to a wall counts as on it
+GRAZING = 0.2  # sine of 12 degrees: a flatter view of a wall need not show it
 RIVAL_M = 0.5  # a pose farther off than this, or turned by RIVAL_RAD, is another answer
 RIVAL_RAD = math.radians(10.0)
 RIVAL_SCORE = 0.85  # score of another answer, over the best one's, from which a place is ambiguous
@@ -27,8 +28,6 @@ STEP = np.array((0.4, 0.4, math.radians(4.0)))
 SIEVES = ((12, 400), (60, 6))
 """Samples by which those poses are judged, and how many of the best are kept: more samples for fewer poses, until the
 last few are refined."""
-COARSE_GATE_M = 0.4
-GATES_M = np.array([0.6, 0.3])
 AGAIN_GATES_M = np.array([0.3, 0.15])
 AGAIN_PRIOR = np.diag((1 / 0.3**2, 1 / 0.3**2, 1 / 0.05**2))  # 0.3 m and 0.05 rad: walls decide, where they hold at all
 ROUNDS = 8  # Gauss-Newton steps for each gate
@@ -49,8 +48,6 @@ class Found(NamedTuple):
 
     pose: Floats  # (3,) of the later submap in the earlier one's frame
     information: Floats  # (3, 3)
-    matched_m: float
-    explained: float
     rival: float  # score of the best other answer over the best one's
     accepted: bool
 
@@ -79,7 +76,7 @@ def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]
             dx, dy = x - view[0], y - view[1]
             distance = math.hypot(dx, dy)
             flat = dy * ux - dx * uy  # > 0 where the view is behind the wall
-            if distance > place.reach or -flat < 0.2 * distance:
+            if distance > place.reach or -flat < GRAZING * distance:
                 continue
             if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and not _hidden(place.walls, view, x, y):
                 due += 1
@@ -135,7 +132,7 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     rivals = [s for s, m, *_ in answers if _apart(m.pose, best.pose)]
     rival = max(rivals, default=0.0) / max(score, 1e-9)
     accepted = matched >= MATCHED_M and explained >= EXPLAINED and rival < RIVAL_SCORE
-    return Found(best.pose, best.information - prior, matched, explained, rival, accepted)
+    return Found(best.pose, best.information - prior, rival, accepted)
 
 
 def look_again(later: Submap, earlier: Submap, start: Floats) -> Match:

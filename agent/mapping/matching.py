@@ -13,6 +13,8 @@ from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
 FACING = math.cos(math.radians(20.0))  # a wall that is turned farther against a sample is another
+GATES_M = np.array((0.6, 0.3))  # of a pose's two refinements: the first finds walls from afar, the second is accurate
+COARSE_GATE_M = 0.4  # of the search before them, among poses up to so far apart
 BESIDE_M = 0.2  # a sample may lie so far beyond a wall's end: the wall goes on there, unseen so far
 SAMPLE_SD_M = 0.06
 """Standard deviation of a sample's distance from its wall, against the odometry's. The most sensitive setting: with

@@ -16,20 +16,18 @@ from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
 from agent.mapping.length_scale import LengthScale
 from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
-from agent.mapping.matching import SAMPLE_SD_M, costs_around, poses_around, refine, share_beside
+from agent.mapping.matching import COARSE_GATE_M, GATES_M, SAMPLE_SD_M, costs_around, poses_around, refine, share_beside
 from agent.mapping.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 
 ROOM = 64  # records by which a submap's array grows, at least
-GATES_M = np.array([0.6, 0.3])  # of a scan: the first finds walls after a bad step of odometry, the second is accurate
 ROUNDS = 6  # Gauss-Newton steps for each gate
 LOST_SHARE = 0.6  # of a scan's samples on walls, below which the pose is searched for, too
 SEARCH, SEARCH_STEP = np.array((0.4, 0.4, math.radians(24.0))), np.array((0.2, 0.2, math.radians(4.0)))
 """m, m and rad to either side of the odometry's pose, and from one pose that is tried to the next."""
 SPARSE = 25  # samples that are enough to tell those poses apart
-COARSE_GATE_M = 0.4
 TRIED = 4  # of those poses, the best are refined
 SAMPLE_WEIGHT = 0.5  # of a sample in the search, against the odometry: neighbours on one wall err alike
 SLIP = 7.0  # what it costs to believe that odometry has slipped, whatever the way: one scan in a thousand
@@ -43,6 +41,7 @@ CONFIRMED = 2.0  # scans that must have shown a wall of a loop's samples: what o
 BESIDE_M = 8.0  # between the middles of two submaps that show many of the same walls
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
+LAID_SHARE = 0.5  # of a received wall's length that must lie beside own ones for it to be one of them
 LAID_M = 0.3  # a received wall so near beside an own one is the same: transforms between buildings' maps err as much
 HELD_BY = 2.0
 """Samples, 0.4 m of wall, that must hold a loop in a direction. Short smears lie oblique to a corridor's walls and hold
@@ -274,5 +273,5 @@ def _new_to(walls: Records, others: Records) -> Records:
     """Those of the segments (k,) of others, in the frame of the walls, that lie beside none for half their length."""
     new = np.zeros(len(others), np.bool_)
     for k in range(len(others)):
-        new[k] = share_beside(walls, others[k : k + 1], LAID_M) < 0.5
+        new[k] = share_beside(walls, others[k : k + 1], LAID_M) < LAID_SHARE
     return others[new]
