@@ -18,7 +18,8 @@ from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion, ticks_to_drive
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
-from agent.exploration.planning import GIVE_M, Roads, ahead_of, circle, length_of, still_clear
+from agent.exploration.path import GIVE_M, ahead_of, length_of, still_clear
+from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
 from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
 from agent.geometry.clearance import distances_to_walls

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.exploration.frontiers import Ends, open_ends
-from agent.geometry.clearance import barred_by, crosses, distance_to_walls, distances_to_walls, keeps_clear, path_clear
+from agent.exploration.path import first_clearance
+from agent.geometry.clearance import barred_by, crosses, distances_to_walls, keeps_clear
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
@@ -22,14 +23,11 @@ from protocol.wireframe import Wireframe
 
 NODE_OFFSET_M = 0.01  # corners are passed this much wider than the clearance, as walls move a little with each scan
 NODE_SHARE = 1.15  # nodes stand off a round or thin obstacle by so many clearances, so that ways between them keep it
-GIVE_M = 0.03  # a path stays good while walls come this much nearer than its clearance, and may be cut by as much
 FRONTIER_REACH_M = 0.5  # a wall probably goes on at least this far beyond its frontier end
 FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
-_WAYPOINT_M = 0.03  # a waypoint this near is passed
 
 _NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
 _FROM_START, _NO_WAY = -1, -2  # in place of the row of the node before a goal
-_START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
 _STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
 _TWO_NODES_RAD = 0.5 * math.pi + 0.1  # a sharper corner has two nodes, so that ways around it stay short
 
@@ -269,7 +267,7 @@ class Roads:
     def leave(self, start: Floats) -> Origin:
         """Where ways start at another place (2,), and the nodes as reached from there."""
         start = np.ascontiguousarray(start, np.float64)
-        clearance = _first_clearance(start, self.walls, self.clearance)
+        clearance = first_clearance(start, self.walls, self.clearance)
         return Origin(start, clearance, *_shortest(start, clearance, self.terrain))
 
     def standable(self, points: Floats) -> Bools:
@@ -310,36 +308,6 @@ class Roads:
         goals = np.ascontiguousarray(goals, np.float64)
         motions = _unasked(goals, self.nodes)
         return np.array([_costs(origin, self.terrain, goals, motions) for origin in origins])
-
-
-def _first_clearance(start: Floats, walls: Floats, clearance_m: float) -> float:
-    """Distance that the first piece of a way keeps from walls: a robot too near to one may leave it."""
-    return min(clearance_m, _START_SHARE * distance_to_walls(start[0], start[1], walls))
-
-
-def still_clear(path: Floats, walls: Floats, clearance_m: float) -> bool:
-    """Whether a path (k, 2) still keeps the clearance from walls (m, 4); its first piece may begin nearer."""
-    if len(path) < 2:
-        return True
-    first = _first_clearance(path[0], walls, clearance_m)
-    return bool(path_clear(path[:2], walls, first) and path_clear(path[1:], walls, clearance_m))
-
-
-def ahead_of(path: Floats, here: Floats, walls: Floats, clearance_m: float) -> Floats:
-    """What is left of a path (k, 2) from here (2,) on, without waypoints that are passed or can be left out."""
-    x, y = here
-    while len(path) > 2:
-        (ax, ay), (bx, by) = path[1], path[2]
-        passed = math.hypot(ax - x, ay - y) < _WAYPOINT_M
-        if not passed and not keeps_clear(x, y, bx, by, walls, clearance_m):
-            break
-        path = path[1:]
-    return np.vstack((here, path[1:] if len(path) > 1 else path))
-
-
-def length_of(path: Floats) -> float:
-    """Metres along a path (k, 2)."""
-    return float(np.hypot(*np.diff(path, axis=0).T).sum())
 
 
 def circle(count: int) -> Floats:

@@ -8,7 +8,8 @@ import numpy as np
 
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Obstacles
-from agent.exploration.planning import GIVE_M, NODE_SHARE, Roads, circle
+from agent.exploration.path import GIVE_M
+from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
 from protocol.arrays import Floats

@@ -7,7 +7,7 @@ import pytest
 
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Driver, Obstacles
-from agent.exploration.planning import GIVE_M
+from agent.exploration.path import GIVE_M
 from agent.geometry.clearance import distance_to_walls
 from protocol.messages import RobotSpec
 from tests.agent.exploration.test_planning import ROOMY_M, Roads, chain, go, room, two_rooms

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from agent.exploration.config import DrivingConfig
 from agent.exploration.frontiers import open_ends
-from agent.exploration.planning import Roads, hurdles_of, still_clear
+from agent.exploration.path import still_clear
+from agent.exploration.planning import Roads, hurdles_of
 from agent.exploration.sweep import LEAST_SAMPLES, Sweep, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.messages import LidarSpec, RobotSpec
