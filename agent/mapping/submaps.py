@@ -101,9 +101,11 @@ class Submaps:
         before = self._local
         self._local = np.array(compose(pose_of(self._local), by))
         seen = segments_of(scan.pieces)
-        if len(seen):
-            walls = np.concatenate((self._behind, self._walls[: self._count]))
+        walls = np.concatenate((self._behind, self._walls[: self._count]))
+        if len(seen) and len(walls):
             self._local = self._tracked(samples_along(seen), walls, by, before)
+        else:
+            self._scale.lose()
         travel = travelled(by)
         self._since_merged += travel
         if self._since_merged >= MERGE_AFTER_M or not self._count:
@@ -131,16 +133,15 @@ class Submaps:
         Where few samples lie on walls, it is searched for around the odometry's, which may have slipped.
         """
         guess, config = self._local, self._config
-        if not len(walls):
-            return guess
         far = math.hypot(by[0], by[1])
         place = config.distance_sd**2 * far + config.still_sd_m**2
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
         prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
         match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
         if match.share >= LOST_SHARE:
-            self._scale.learn(before, guess, match.pose, prior, TRUST * (match.information - prior) + prior)
+            self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
+        self._scale.lose()
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)
         costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)
