@@ -32,6 +32,12 @@ class Gates(NamedTuple):
 
 
 @kernel
+def faces(e: Record, p: Record) -> bool:
+    """Whether a wall and a piece go about the same way."""
+    return bool(e.ux * p.ux + e.uy * p.uy >= FACING)
+
+
+@kernel
 def cost(e: Record, p: Record, gates: Gates) -> float:
     """Chi-square (2 degrees of freedom) of a piece p, in the map's frame, lying on the line of wall e; inf out of gate.
 
@@ -39,7 +45,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     point lies beside the piece's line: a short wall's own swings out, to a long piece that begins half a metre off.
     Not where the pose errs: there the last gate would refuse the very walls that put the pose right.
     """
-    if e.ux * p.ux + e.uy * p.uy < FACING:
+    if not faces(e, p):
         return math.inf
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if related(e):
@@ -91,10 +97,12 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     for k in range(len(pieces)):
         best = math.inf
         for e in range(count):
-            chi2[e] = cost(edges[e], pieces[k], gates) if edges[e].alive == WALL else math.inf
-            if math.isfinite(chi2[e]):
-                shared = overlap(edges[e], pieces[k], gates)
-                chi2[e] += 0.0 if shared > 0 else (BRIDGE_CHI2 if math.isfinite(shared) else math.inf)
+            chi2[e] = math.inf
+            if edges[e].alive != WALL or not faces(edges[e], pieces[k]):
+                continue
+            shared = overlap(edges[e], pieces[k], gates)  # before the cost, as it is quick and few walls are near
+            if math.isfinite(shared):
+                chi2[e] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
                 if chi2[e] < best:
                     best, out[k] = chi2[e], e
         if dice[k] == 0.0 or not math.isfinite(best):
