@@ -29,7 +29,7 @@ from agent.passenger import Passenger
 from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
-from protocol.messages import Heard, Observation, OdometrySpec, RobotSpec
+from protocol.messages import Heard, Observation, RobotSpec
 from protocol.wireframe import enclosed
 
 TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
@@ -78,15 +78,13 @@ def compile_kernels() -> None:
 
 def _map_and_align() -> None:
     """Call the kernels of mapping and of watching a teammate that an empty scan reaches, of alignment and of loops."""
-    spec = RobotSpec(odometry=OdometrySpec(noisy=True))
-    mapped = WireframeFilter(AgentConfig().filter, spec, np.random.SeedSequence(0))
+    mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
     nowhere = np.zeros((0, 3))
     sight = Sight(nowhere, nowhere, 1.0, 0.0, 0.0)
     scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)))
     mapped.update(scan, (0.0, 0.0, 0.0))
-    mapped.move((1.0, 0.0, 0.0))  # what was seen before becomes walls
     mapped.wireframe()
-    Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, spec.radius_m)
+    Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, RobotSpec().radius_m)
     _align()
     _close_a_loop()
 

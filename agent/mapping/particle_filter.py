@@ -14,7 +14,6 @@ from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, PUBLISH_AFTER, WALL, check_records
-from agent.mapping.first_look import keep_first_look, stands
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
@@ -194,14 +193,11 @@ class WireframeFilter:
         slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
         way = np.atleast_2d(odometry)
-        leaves = stands(self._odometry) and not stands(way[-1])
         told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
         self._make_room()
-        if leaves:
-            keep_first_look(self.edges, self.counts, self.poses, self.joint, self._noise)
         return self.wheels.move(self.poses, self.joint, told, slips)
 
     def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:
