@@ -13,7 +13,7 @@ from agent.geometry.transform import move
 from agent.kernels import kernel
 from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, seen_at, view_of, within
 from protocol.arrays import Bools, Floats, Ints
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose
 from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Wireframe
 
@@ -107,22 +107,18 @@ def fresh_pieces(theirs: Wireframe, transform: Floats, own: Wireframe) -> Bools:
     pieces, _ = pieces_of(theirs)
     mine, _ = pieces_of(own)
     mine = mine[np.argsort(mine[:, 0], kind="stable")]
-    near = np.searchsorted(mine[:, 0], apply(transform, pieces[:, :2])[:, 0] - USED_M)
-    return ~_used(pieces, np.asarray(transform, np.float64), mine, near)
+    return ~_used(pieces, np.asarray(transform, np.float64), mine)
 
 
 @kernel
-def _used(pieces: Floats, t: Floats, mine: Floats, first: Ints) -> Bools:
-    """(k,) which pieces (k, 4), moved by t (3,), lie on one of the own (m, 4), which are in order of x.
-
-    first: (k,) from which of the own ones on they are near enough in x.
-    """
+def _used(pieces: Floats, t: Floats, mine: Floats) -> Bools:
+    """(k,) which pieces (k, 4), moved by t (3,), lie on one of the own (m, 4), which are in order of x."""
     used = np.zeros(len(pieces), np.bool_)
     c, s = math.cos(t[2]), math.sin(t[2])
     for k in range(len(pieces)):
         x, y = move(t, pieces[k, 0], pieces[k, 1])
         ux, uy = c * pieces[k, 2] - s * pieces[k, 3], s * pieces[k, 2] + c * pieces[k, 3]
-        for j in range(first[k], len(mine)):
+        for j in range(np.searchsorted(mine[:, 0], x - USED_M), len(mine)):
             if mine[j, 0] - x >= USED_M:
                 break
             if abs(mine[j, 1] - y) < USED_M and ux * mine[j, 2] + uy * mine[j, 3] > USED_COSINE:

@@ -32,7 +32,7 @@ class Gates(NamedTuple):
 
 
 @kernel
-def faces(e: Record, p: Record) -> bool:
+def _faces(e: Record, p: Record) -> bool:
     """Whether a wall and a piece go about the same way."""
     return bool(e.ux * p.ux + e.uy * p.uy >= FACING)
 
@@ -45,7 +45,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
     point lies beside the piece's line: a short wall's own swings out, to a long piece that begins half a metre off.
     Not where the pose errs: there the last gate would refuse the very walls that put the pose right.
     """
-    if not faces(e, p):
+    if not _faces(e, p):
         return math.inf
     turn = math.asin(max(-1.0, min(1.0, e.ux * p.uy - e.uy * p.ux)))
     if related(e):
@@ -70,10 +70,13 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
 
 @kernel
 def overlap(e: Record, p: Record, gates: Gates) -> float:
-    """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf one that may not.
+    """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf: they share nothing.
 
-    Only an open end may be bridged: a corner ends its wall.
+    Only an open end may be bridged: a corner ends its wall. Few walls are near a piece, and this tells quicker than
+    `cost` which are not: it is asked first.
     """
+    if not _faces(e, p):
+        return -math.inf
     t = along(e, p.x, p.y)
     shared = min(t + p.end[1], tip_at(e, 1)) - max(t + p.end[0], tip_at(e, 0))
     if shared > 0:
@@ -98,9 +101,7 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
         best = math.inf
         for e in range(count):
             chi2[e] = math.inf
-            if edges[e].alive != WALL or not faces(edges[e], pieces[k]):
-                continue
-            shared = overlap(edges[e], pieces[k], gates)  # before the cost, as it is quick and few walls are near
+            shared = overlap(edges[e], pieces[k], gates) if edges[e].alive == WALL else -math.inf
             if math.isfinite(shared):
                 chi2[e] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
                 if chi2[e] < best:

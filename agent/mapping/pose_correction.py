@@ -144,9 +144,9 @@ def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: fl
 @kernel
 def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> bool:
     """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together."""
-    if edges[e].alive != WALL or not related(edges[e]) or not math.isfinite(cost(edges[e], p, gates)):
+    if edges[e].alive != WALL or not related(edges[e]) or overlap(edges[e], p, gates) <= END_MARGIN_M:
         return False
-    return overlap(edges[e], p, gates) > END_MARGIN_M and same_line(edges[wall], edges[e], gates)
+    return math.isfinite(cost(edges[e], p, gates)) and same_line(edges[wall], edges[e], gates)
 
 
 @kernel

@@ -55,9 +55,9 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
     """
     best, e = math.inf, -1
     for f in range(count):
-        if edges[f].alive == TENTATIVE:
+        if edges[f].alive == TENTATIVE and math.isfinite(overlap(edges[f], p, gates)):
             chi2 = cost(edges[f], p, gates)
-            if chi2 < best and math.isfinite(overlap(edges[f], p, gates)):
+            if chi2 < best:
                 best, e = chi2, f
     if e >= 0:
         n = edges[e]
