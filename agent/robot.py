@@ -32,8 +32,8 @@ heading against wheels of which it knows nothing yet, and its whole map against 
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 LAY_S = 0.6  # least time between two layings of merged maps over the own one; until then the scan shows what is new
 LAY_MORE_S = 0.2
-"""More of it for each map beyond two. A map takes 0.8 ms to lay in a team of ten, about 3 in one of thirty, where maps
-are larger: layings take less than 20 ms of each second."""
+"""More of it for each map beyond two. A map of 490 walls takes 3 ms to lay: ten or more take about 20 ms of each
+second."""
 
 
 class Step(NamedTuple):

@@ -89,7 +89,8 @@ def unreadable(out: Path) -> list[str]:
 def faults(run: Command, did: str, phase: str, taken_s: float, errors: str) -> list[str]:
     """What is wrong with how a run ended. One that was over already says how it ended itself."""
     status, by_launcher = run.popen.returncode, "launcher" not in did
-    found, late = ["traceback"] if "Traceback" in errors else [], [f"took {taken_s:.1f} s"] * (taken_s > WITHIN_S)
+    found = ["traceback"] if "Traceback" in errors else []
+    late = [f"took {taken_s:.1f} s"] if taken_s > WITHIN_S else []
     if not run.out.exists():
         return found + late + ([f"status {status}"] if by_launcher and status != Status.INTERRUPTED else [])
     found += [f"{name} is no good" for name in unreadable(run.out)]

@@ -1,6 +1,5 @@
 """Where two robots were when one heard the other: within radio range, and each in free space (ours)."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,9 +19,7 @@ class Encounter(NamedTuple):
     here: Pose
     theirs: Pose
 
-    def allows(
-        self, transforms: Floats, mine: FreeSpace, theirs: FreeSpace, range_m: float = math.inf, radius_m: float = 0.0
-    ) -> Bools:
+    def allows(self, transforms: Floats, mine: FreeSpace, theirs: FreeSpace, range_m: float, radius_m: float) -> Bools:
         """(k,) whether transforms (k, 3), of the peer's frame into mine, put both in range and in free space.
 
         mine, theirs: by my map and by the peer's. range_m: of the radio. radius_m: of either body.

@@ -123,7 +123,7 @@ def _evenly_spread(beams: Beams, noise: Floats, radius: float) -> Panorama:
 
 
 @kernel
-def _in_turn(k: int, n: int) -> int:
+def _in_ring(k: int, n: int) -> int:
     """Beam k of n, where k may lie less than n outside; quicker than a remainder."""
     return k + n if k < 0 else k - n if k >= n else k
 
@@ -178,7 +178,7 @@ def _support_of(scan: Panorama, disc: Disc) -> Support:
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     on, chi2, first, last = 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
-        beam = _in_turn(k, len(scan.ranges))
+        beam = _in_ring(k, len(scan.ranges))
         off, _, _ = _off(scan, beam, disc.distance, cb, sb)
         if abs(off) < _near(scan, beam):
             on += 1
@@ -202,7 +202,7 @@ def _better(scan: Panorama, disc: Disc) -> Disc:
     cb, sb = math.cos(bearing), math.sin(bearing)
     low, high = _span(scan, disc)
     for k in range(low, high + 1):
-        beam = _in_turn(k, len(scan.ranges))
+        beam = _in_ring(k, len(scan.ranges))
         off, c, s = _off(scan, beam, distance, cb, sb)
         if abs(off) <= _near(scan, beam):
             side = distance * s
@@ -225,7 +225,7 @@ def _is_line(scan: Panorama, disc: Disc, support: Support) -> bool:
     run, angle, sd = np.empty(size), np.empty(size), np.empty(size)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
     for k in range(support.first, support.last + 1):
-        beam = _in_turn(k, len(scan.ranges))
+        beam = _in_ring(k, len(scan.ranges))
         if abs(_off(scan, beam, disc.distance, cb, sb)[0]) < _near(scan, beam):
             run[m], angle[m] = scan.ranges[beam], math.atan2(scan.directions[beam, 1], scan.directions[beam, 0])
             sd[m] = scan.noise[beam]

@@ -2,12 +2,10 @@
 
 import gc
 import sys
-from importlib import import_module
 from pickle import UnpicklingError
 from types import TracebackType
 
-MODULES = ["deploy.launch.leash", "numpy", "zenoh", "msgpack", "pydantic", "numba", "shapely"]
-MODULES += ["deploy.launch.processes", "agent.shell.process"]
+from deploy.launch import leash
 
 
 def _untold(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
@@ -22,10 +20,9 @@ def _load() -> None:
     All of it lives on: to look it through for garbage takes a seventh of the time here, and in forks copies memory.
     """
     gc.disable()
-    for module in MODULES:
-        import_module(module)
+    import agent.shell.process  # noqa: F401
+    import deploy.launch.processes  # noqa: F401
     from agent.warmup import rehearse
-    from deploy.launch import leash
 
     rehearse()
     leash.let_go()
