@@ -1,7 +1,6 @@
 """The command `wireswarm`."""
 
 import sys
-from importlib.metadata import version
 from typing import Annotated
 
 from typer import Exit, Option, Typer
@@ -36,6 +35,8 @@ def wireswarm(
 ) -> None:
     """Small robots map a building together as wireframes: trust, but verify."""
     if show_version:
+        from importlib.metadata import version
+
         print(f"wireswarm {version('wireswarm')}")
         raise Exit
 

@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 class Config(BaseModel):
     """Settings that cannot change. Unknown keys are refused, so that a typing error in a file is found."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    # built when first asked to check something: a robot's process is handed settings that were checked
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, defer_build=True)
 
 
 MAX_NUMBER = 1e9

@@ -21,11 +21,15 @@ import numba
 import numpy as np
 from numba.core import serialize, types
 from numba.core.caching import CompileResultCacheImpl, _Cache
+from numba.core.runtime.nrt import rtsys
 
 from agent.kernels import linking
 from protocol.files import write_whole
 
 IN_PACKAGE = Path(__file__).parents[1] / "__pycache__" / "kernels"  # filled at installation, and found by all users
+
+FORMAT = 2
+"""Of what is kept: a file of another one has another name."""
 
 COMPRESSION = 1
 """Level of zlib: 2.0 of 4.4 MB are left of all kernels, which 20 ms unpack; level 9 leaves 1.9."""
@@ -47,7 +51,7 @@ class KernelCache(_Cache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was compiled for a signature, or None where it is kept nowhere or cannot be read."""
-        target_context.refresh()
+        rtsys.initialize(target_context)  # arrays are counted; all that compiling needs besides is not looked up
         name = self._file(sig, target_context.codegen())
         for folder in folders():
             try:
@@ -83,7 +87,7 @@ class KernelCache(_Cache):
     @cached_property
     def version(self) -> str:
         """Hash of the kernel and all that it reads. Asked for at the first call, when all modules are complete."""
-        made_by = sys.version_info[:2], numba.__version__, llvmlite.__version__
+        made_by = FORMAT, sys.version_info[:2], numba.__version__, llvmlite.__version__
         texts = "".join([*map(repr, made_by), *_sources(self._function, set())])
         return hashlib.sha256(texts.encode()).hexdigest()[:16]
 
@@ -106,13 +110,13 @@ class _Reduced(CompileResultCacheImpl):
 
     def reduce(self, cres: Any) -> Any:
         readable = cres._replace(type_annotation="")  # numba keeps half of a file of text for people
-        return linking.callees(cres.library), super().reduce(readable)
+        return linking.callees(cres.library), cres.library.large, super().reduce(readable)
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
-        callees, compiled = payload
+        callees, large, compiled = payload
         linking.load(callees)
         cres: Any = super().rebuild(target_context, compiled)
-        cres.library.callees = callees
+        cres.library.callees, cres.library.large = callees, large
         return cres
 
 
@@ -147,9 +151,10 @@ def _sources(value: Any, met: set[Any]) -> Iterator[str]:
             return
         met.add(value)
         if isinstance(value, FunctionType):
-            yield from _code(value.__code__, value.__doc__)
+            yield _text(value)
             yield from _sources(value.__defaults__, met)
-            for read in _read(value):
+            for name, read in _read(value):
+                yield name
                 yield from _sources(read, met)
         else:
             yield f"{getattr(value, '_fields', ())}{getattr(value, '_field_defaults', {})}"
@@ -163,15 +168,22 @@ def _sources(value: Any, met: set[Any]) -> Iterator[str]:
         yield repr(value)
 
 
-def _read(function: FunctionType) -> Iterator[Any]:
+@cache  # most functions are read by many kernels
+def _read(function: FunctionType) -> list[tuple[str, Any]]:
     """What a function reads of its module, of modules of this project that it names, and of functions around it."""
+    read = []
     names = list(_names(function.__code__))
     for name in names:
         value = function.__globals__.get(name)
-        yield name, value
+        read.append((name, value))
         if isinstance(value, ModuleType) and value.__name__.partition(".")[0] not in ("numba", "numpy", "math"):
-            yield from ((other, vars(value)[other]) for other in names if other in vars(value))
-    yield from (cell.cell_contents for cell in function.__closure__ or ())
+            read += [(other, vars(value)[other]) for other in names if other in vars(value)]
+    return read + [("", cell.cell_contents) for cell in function.__closure__ or ()]
+
+
+@cache  # likewise
+def _text(function: FunctionType) -> str:
+    return "".join(_code(function.__code__, function.__doc__))
 
 
 def _code(code: CodeType, docstring: str | None) -> Iterator[str]:

@@ -86,10 +86,12 @@ def finalize(library: Any) -> None:
 
 
 def is_large(library: Any, own: Callee) -> bool:
-    """Whether callers jump to the code of a library, and do not copy it."""
-    function = library._get_module_for_linking().get_function(own.symbol)
-    instructions = (instruction for block in function.blocks for instruction in block.instructions)
-    return len(list(islice(instructions, _LARGE))) == _LARGE
+    """Whether callers jump to the code of a library, and do not copy it. Counted once, and kept with the library."""
+    if not hasattr(library, "large"):
+        function = library._get_module_for_linking().get_function(own.symbol)
+        instructions = (instruction for block in function.blocks for instruction in block.instructions)
+        library.large = len(list(islice(instructions, _LARGE))) == _LARGE
+    return bool(library.large)
 
 
 def reduce() -> None:
