@@ -76,7 +76,7 @@ class Passenger:
             self._look_at_own()
             self.team.hear(tick, news, pose, scan, self.own)
             events = [*events, *self._cooperate(tick)]
-        return self.exchange.talk(tick, pose, self.own, self._told.version), events
+        return self.exchange.talk(tick, pose, lambda _: self.own, self._told.version), events
 
     def finish(self, tick: int = 0) -> list[Event]:
         """After the last scan: look for loops on the last of the way, and settle all once more; what happened."""

@@ -60,7 +60,7 @@ class Robot:
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
         self._own = Drawing()  # of own scans alone
         self._map = Drawing()  # the same with merged maps laid over it
-        self._told = Drawing()  # what peers are told: own walls, and those that merged peers saw themselves
+        self._told_version = 0  # rises whenever what peers are told may have changed
         self._map_bytes = encode_wireframe(self.wireframe)
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
@@ -137,7 +137,7 @@ class Robot:
         looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
         ask = {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(tick, pose, self._told.wireframe, self._told.version, looked, ask, in_sight)
+        sends = self.exchange.talk(tick, pose, self._told_to, self._told_version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -170,16 +170,24 @@ class Robot:
         return self.filter.nbytes + self.explorer.nbytes + loops
 
     def _draw_map(self, tick: int, own_changed: bool) -> bool:
-        """Lay merged maps over the own one, for the map and for what peers are told; whether the map has changed."""
-        merged = self.team.merged
-        new = told = self.own
+        """Lay merged maps over the own one; whether the map has changed."""
+        merged, laid_anew = self.team.merged, False
+        new = self.own
         if merged:
             self._to_lay |= self.team.changed
             waited = tick - self._laid_tick - self._lay_more_ticks * max(0, len(merged) - 2)
             if not (self._to_lay and waited >= 0) and not (own_changed and waited >= self._lay_ticks):
                 return False
-            self._laid_tick, self._to_lay = tick, False
+            laid_anew, self._laid_tick, self._to_lay = self._to_lay, tick, False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
-            told = self.filter.told_with([peer.laid.first_hand for peer in merged], SAME_WALL_M)
-        self._told.update(told)
-        return self._map.update(new)
+        changed = self._map.update(new)
+        self._told_version += changed or laid_anew
+        return changed
+
+    def _told_to(self, peer: str) -> Wireframe:
+        """What a peer is told: own walls, and those that other merged peers saw themselves.
+
+        A peer's own walls never come back to it (split horizon, as in routing): it would keep what it has dropped.
+        """
+        others = [merged.laid.first_hand for merged in self.team.merged if merged.log.name != peer]
+        return self.filter.told_with(others, SAME_WALL_M) if others else self.own

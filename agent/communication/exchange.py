@@ -5,7 +5,7 @@ is the tick at which it was so. Both sides keep the maps that the other may stil
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
@@ -91,6 +91,8 @@ class Told:
     """State of the robot's map that was last compared with what the peer has, or is being told."""
     untold: str = ""
     """Why the last update could not be sent; empty where it could."""
+    axis: int | None = None
+    """Direction of the grid of its maps, in steps of AXIS_STEPS a quarter turn."""
     current: int = 0
     """Tick until which it has all that was seen."""
     asked: bool = False
@@ -129,7 +131,6 @@ class Exchange:
         """Who wants to know where the robot looked from, and since when."""
         self._refused: dict[str, int] = {}
         """Tick at which a peer's refusal was last told."""
-        self._axis: int | None = None
         self._beacon_due = False
         self._silence_ticks = round(config.silence_s * rate_hz)
         waits_s = config.beacon_s, config.sight_beacon_s, config.map_period_s, config.retry_s, REASSEMBLY_S
@@ -217,7 +218,7 @@ class Exchange:
         self,
         tick: int,
         pose: Pose,
-        wireframe: Wireframe,
+        told_to: Callable[[str], Wireframe],
         state: int,
         looked: Looked = NOWHERE,
         ask: Mapping[str, Pose] = NOBODY,
@@ -225,10 +226,11 @@ class Exchange:
     ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
-        pose: the robot's own. wireframe: what peers are told. looked: where it looked from, for those that ask. state:
-        a number that changes with the wireframe. ask: the transform of each peer whose viewpoints are wanted; they are
-        asked for once a beacon's period, and the question holds the transform until that peer has asked, too.
-        in_sight: a peer whose frame is not known may be in sight, and so see the robot, too; beacons come sooner then.
+        pose: the robot's own. told_to: the map for a peer. state: a number that changes whenever one of these maps may
+        have. looked: where it looked from, for those that ask. ask: the transform of each peer whose viewpoints are
+        wanted; they are asked for once a beacon's period, and the question holds the transform until that peer has
+        asked, too. in_sight: a peer whose frame is not known may be in sight, and so see the robot, too; beacons come
+        sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -238,7 +240,7 @@ class Exchange:
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
         self._answers = []
         for peer in self.contacts:
-            kind, parts = self._due(tick, peer, wireframe, state)
+            kind, parts = self._due(tick, peer, told_to, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
         return (sends + self._talk_of_views(tick, state, looked, ask))[:MAX_SENDS]
 
@@ -260,7 +262,7 @@ class Exchange:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
-    def _due(self, tick: int, peer: str, wireframe: Wireframe, state: int) -> tuple[str, list[Part]]:
+    def _due(self, tick: int, peer: str, told_to: Callable[[str], Wireframe], state: int) -> tuple[str, list[Part]]:
         """Kind and parts of the next update to a peer, or those that were not acknowledged in time."""
         told = self._told[peer]
         late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
@@ -270,7 +272,7 @@ class Exchange:
         if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
             told.compared = state
             try:
-                parts, told.untold = self._update(tick, told, wireframe), ""
+                parts, told.untold = self._update(tick, told, told_to(peer)), ""
             except ProtocolError as error:
                 if not told.untold:
                     self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
@@ -292,12 +294,12 @@ class Exchange:
         config = self.config
         axis = main_axis(wireframe)
         slack = AXIS_SLACK_DEG / 90 * AXIS_STEPS
-        if self._axis is None or abs((axis - self._axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
-            self._axis = axis
+        if told.axis is None or abs((axis - told.axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
+            told.axis = axis
         base = told.maps.get(told.acked)
-        if base is not None and base.axis != self._axis:
+        if base is not None and base.axis != told.axis:
             base = None
-        new = quantise(wireframe, config.cell_mm, self._axis, base, SLACK_CELLS, SLACK_LEVELS)
+        new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
         if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):
             return []
         coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0

@@ -72,7 +72,7 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
 def overlap(e: Record, p: Record, gates: Gates) -> float:
     """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf: they share nothing.
 
-    Only an open end may be bridged: a corner ends its wall. Few walls are near a piece, and this tells quicker than
+    Only open ends may be bridged: a corner ends its wall. Few walls are near a piece, and this tells quicker than
     `cost` which are not: it is asked first.
     """
     if not _faces(e, p):
@@ -85,6 +85,8 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
     bridge = BRIDGE_M
     if e.label[side] != FRONTIER:
         bridge = gates.offset + (0.0 if e.label[side] == NOMINAL else e.slack[side])
+    if p.label[1 - side] == NOMINAL:
+        bridge = min(bridge, gates.offset)
     return shared if -shared <= bridge else -math.inf
 
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
-from agent.geometry.lines import along
+from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
 from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, TENTATIVE, WALL, remove, set_end, set_tip, tip_at
@@ -75,7 +75,8 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
 def first_hand(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
     """The same for peers, from layers of what their senders saw themselves; own is but what own scans saw.
 
-    Walls at second hand are told to nobody. Else two robots whose walls each has from the other hold them for ever.
+    Walls at second hand are told to nobody, and the peer's own not to it. Else two robots whose walls each has from the
+    other hold them for ever.
     """
     edges = merged(own, layers, gates)
     count = len(edges)
@@ -94,13 +95,16 @@ def _with_room(edges: Records, more: int) -> Records:
 def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
     """Cut what layers have added to own walls (m,) off them, as walls of their own; returns the new count.
 
-    Own walls that a layer has joined into one stand beside it again.
+    Own walls that a layer has joined into one, or moved away, stand beside it again.
     """
+    for k in range(count):  # a heard wall that an own one was joined into is no own wall
+        edges[k].own = int(k < len(own) and own[k].alive == WALL and own[k].seen >= PUBLISH_AFTER and edges[k].own == 1)
     for k in range(len(own)):
         was = own[k]
         if was.alive != WALL or was.seen < PUBLISH_AFTER:
             continue
-        if edges[k].alive != WALL or edges[k].own == 0:
+        if edges[k].alive != WALL or edges[k].own == 0 or _shared(edges[k], was) < MIN_WALL_M:
+            edges[k].own = 0
             edges[count] = was
             for side in range(2):
                 edges[count].link[side] = -1
@@ -124,6 +128,13 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
             set_tip(e, side, end)
             count += 1
     return count
+
+
+@kernel
+def _shared(e: Record, was: Record) -> float:
+    """Length that a wall has in common with what it was, metres; negative is a gap."""
+    high = min(tip_at(e, 1), along(e, was.tip[1, 0], was.tip[1, 1]))
+    return high - max(tip_at(e, 0), along(e, was.tip[0, 0], was.tip[0, 1]))
 
 
 @kernel

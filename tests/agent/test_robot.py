@@ -70,11 +70,20 @@ def test_the_maps_of_a_crowd_are_laid_over_the_own_one_less_often(
     mind, laid = robot(), []
     merged = [SimpleNamespace(laid=SimpleNamespace(layer=None, first_hand=None))] * peers
     monkeypatch.setattr(mind, "team", SimpleNamespace(merged=merged, changed=True))  # in each tick one sends a new map
-    monkeypatch.setattr(mind.filter, "told_with", lambda *_: Wireframe())
     for tick in range(100):
         monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
         mind._draw_map(tick, own_changed=True)
     assert np.diff(laid).min() == np.diff(laid).max() == round(seconds * SPEC.lidar.rate_hz)
+
+
+def test_no_peer_is_told_its_own_walls(monkeypatch: pytest.MonkeyPatch) -> None:
+    mind = robot()
+    merged = [SimpleNamespace(log=SimpleNamespace(name=name), laid=SimpleNamespace(first_hand=name)) for name in "ab"]
+    monkeypatch.setattr(mind, "team", SimpleNamespace(merged=merged))
+    monkeypatch.setattr(mind.filter, "told_with", lambda layers, _: layers)
+    assert [mind._told_to(peer) for peer in "abc"] == [["b"], ["a"], ["a", "b"]]
+    merged.pop()
+    assert mind._told_to("a") is mind.own
 
 
 def test_a_robot_alone_sends_beacons_only() -> None:

@@ -116,9 +116,9 @@ class Two:
                 ]
                 assert not [event for event in robot.hear(self.tick, mine)[1] if event.event == "refused"]
                 if name == "a":
-                    sends = robot.talk(self.tick, (0, 0, 0), comb(self.rooms), self.rooms, self.looked)
+                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(self.rooms), self.rooms, self.looked)
                 else:
-                    sends = robot.talk(self.tick, (0, 0, 0), comb(0), 0, ask={"a": FRAME} if ask else {})
+                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(0), 0, ask={"a": FRAME} if ask else {})
                 for send in sends:
                     self.sent.append((name, send))
                     if send.kind not in kinds_lost and self.rng.random() >= self.loss:

@@ -71,7 +71,7 @@ class Pair:
                 for event in events:
                     self.events.append((self.tick, name, event.event))
                 mine = (self.map, self.state) if name == "a" else (comb(0), 0)
-                for send in robot.talk(self.tick, (1.0, 2.0, 3.0), *mine):
+                for send in robot.talk(self.tick, (1.0, 2.0, 3.0), lambda _, own=mine[0]: own, mine[1]):
                     assert len(send.payload) <= self.mtu_bytes
                     self.sent.append((self.tick, name, send))
                     if not cut and self.rng.random() >= self.loss:
@@ -229,7 +229,7 @@ def test_parts_wait_only_so_long() -> None:
     early, late = Part(9, 0, 0, 2, body).encode(), Part(9, 0, 1, 2, body).encode()
     hear.hear(10, [Heard(tick=10, sender="a", kind="map", payload=early)])
     hear.hear(1000, [Heard(tick=1000, sender="a", kind="map", payload=late)])
-    acks = [send for send in hear.talk(1000, (0, 0, 0), comb(0), 0) if send.kind == "ack"]
+    acks = [send for send in hear.talk(1000, (0, 0, 0), lambda _: comb(0), 0) if send.kind == "ack"]
     assert Ack.decode(acks[-1].payload).missing == {0}
 
 
@@ -284,7 +284,7 @@ def test_a_flood_of_changes_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None
     for tick in range(2, 52):
         flood = [Part(256 * tick + k, 1, 0, 1, changed).encode() for k in range(256)]
         hear.hear(tick, [Heard(tick=tick, sender="a", kind="delta", payload=payload) for payload in flood])
-        sends = hear.talk(tick, (0.0, 0.0, 0.0), Wireframe(), 0)
+        sends = hear.talk(tick, (0.0, 0.0, 0.0), lambda _: Wireframe(), 0)
         acked += sum(send.kind == "ack" for send in sends)
         assert len(sends) <= MOST_ANSWERS + 1
     assert acked > 0 and len(read) <= 1 + 5 + 2 * 50 / 25
@@ -294,7 +294,7 @@ def test_a_flood_of_unknown_maps_does_not_have_a_robot_say_more_than_it_may() ->
     hear = Pair().robots["b"]
     flood = [Part(1000 + k, 7, 0, 1, b"").encode() for k in range(256)]
     hear.hear(1, [Heard(tick=1, sender="a", kind="delta", payload=payload) for payload in flood])
-    assert len(hear.talk(1, (0.0, 0.0, 0.0), Wireframe(), 0)) <= MOST_ANSWERS + 1
+    assert len(hear.talk(1, (0.0, 0.0, 0.0), lambda _: Wireframe(), 0)) <= MOST_ANSWERS + 1
 
 
 @given(st.integers(0, 2**32 - 1), *[st.floats(-9000, 9000)] * 2, st.floats(-7, 7))
@@ -385,7 +385,9 @@ def test_a_part_that_comes_twice_counts_once() -> None:
 def test_beacons_come_every_second_in_sight_of_a_stranger() -> None:
     one = Exchange(TalkConfig(), 5.0, MTU_BYTES)
     said = {
-        sight: [t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), Wireframe(), 0, in_sight=sight)]
+        sight: [
+            t for t in range(1, 51) for send in one.talk(t, (0.0, 0.0, 0.0), lambda _: Wireframe(), 0, in_sight=sight)
+        ]
         for sight in (False, True)
     }
     assert said == {False: [25, 50], True: list(range(5, 51, 5))}

@@ -10,7 +10,7 @@ from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.geometry.transform import compose, inverse
 from agent.mapping.association import Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.layers import Layer, layer_of, merged
+from agent.mapping.layers import Layer, first_hand, layer_of, merged
 from agent.perception.perceive import perceive
 from protocol.arrays import Records
 from protocol.geometry import Pose, apply
@@ -207,3 +207,25 @@ def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wiref
     assert hidden.tolist() == [False] * len(whole.edges) + [True]
     assert len(laid(walk, phantom).edges) == 11
     assert len(laid(walk, phantom, hidden=hidden).edges) == 10
+
+
+def test_a_wall_beyond_a_doorway_is_not_bridged_from_a_corner() -> None:
+    """A T meets a long wall from behind: a peer saw the wall to the T's near side, the robot begins on its far side."""
+    stub, gates = _stub(0.9, 0.0, hits=500.0), Gates(0.01, SAME_WALL_M)
+    near = certain(np.array([(-6.0, 0.0), (-0.15, 0.0), (-0.15, 2.0)]), np.array([(0, 1), (1, 2)]))
+    layers = [layer_of(near, np.zeros(3), np.zeros(2, np.bool_), HITS_PER_M)]
+    for laid in merged(stub, layers, gates), first_hand(stub, layers, gates):
+        own = laid[(laid["alive"] == WALL) & (laid["own"] == 1)]
+        assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01  # tail before head
+        assert np.sort(laid["tip"][laid["own"] == 0, :, 0].ravel()) == pytest.approx([-6.0, -0.15, -0.15, -0.15])
+
+
+def test_what_an_own_wall_was_joined_into_is_told_as_heard() -> None:
+    stub, gates = _stub(0.9, 0.5, hits=500.0), Gates(0.01, SAME_WALL_M)
+    walls = [np.array([(1.5, 0.0), (3.0, 0.0)]), np.array([(-1.0, 0.0), (3.5, 0.0)])]
+    layers = [
+        layer_of(certain(wall, np.array([(0, 1)])), np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M) for wall in walls
+    ]
+    told = first_hand(stub, layers, gates)
+    own = told[(told["alive"] == WALL) & (told["own"] == 1)]
+    assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01
