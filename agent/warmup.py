@@ -24,6 +24,7 @@ from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.kernels.cache import announce
+from agent.mapping.first_look import keep_first_look
 from agent.mapping.particle_filter import WireframeFilter
 from agent.passenger import Passenger
 from agent.robot import Robot
@@ -84,6 +85,7 @@ def _map_and_align() -> None:
     scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)))
     mapped.update(scan, (0.0, 0.0, 0.0))
     mapped.wireframe()
+    keep_first_look(mapped.edges, mapped.counts, _NOISE_M)  # of robots whose wheels err
     Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, RobotSpec().radius_m)
     _align()
     _close_a_loop()

@@ -96,6 +96,12 @@ def spread(e: Record) -> float:
 
 
 @kernel
+def squares_beside(e: Record) -> float:
+    """Sum of squared distances of the hits from the wall's line, m2."""
+    return e.xx * e.uy * e.uy - 2 * e.xy * e.ux * e.uy + e.yy * e.ux * e.ux
+
+
+@kernel
 def scatter(p: Record) -> tuple[float, float, float]:
     """Scatter xx, xy, yy of a piece's hits about its centroid, m2."""
     xx = p.spread * p.ux * p.ux + p.residual * p.uy * p.uy

@@ -13,8 +13,9 @@ import numpy as np
 from agent.corner_scan import OCCLUSION
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
-from agent.mapping.edges import WALL, related, set_tip, spread, tip_at
-from protocol.arrays import Floats, Ints, Records
+from agent.mapping.edges import FREE, TENTATIVE, WALL, related, set_tip, spread, squares_beside, tip_at
+from agent.mapping.tentative import is_steady
+from protocol.arrays import Bools, Floats, Ints, Records
 from protocol.geometry import Pose
 
 AXIS = 6  # row of the walls' common axis, after the pose (x, y, theta) and the wheels' three constants
@@ -78,7 +79,7 @@ def observe(
 def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
     """Write into each wall how well its line is known from where the robot is."""
     for e in range(min(count, has_rows(joint))):
-        if edges[e].alive == WALL and joint[row_of(e), row_of(e)] > 0.0:
+        if edges[e].alive != FREE and joint[row_of(e), row_of(e)] > 0.0:
             _relate(edges[e], row_of(e), joint, pose)
 
 
@@ -126,26 +127,35 @@ def move_walls(edges: Records, shift: Floats) -> None:
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
         wall, row = edges[e], row_of(e)
         aside, turn = shift[row], shift[row + 1]
-        if wall.alive != WALL or (aside == 0.0 and turn == 0.0):
+        if wall.alive == FREE or (aside == 0.0 and turn == 0.0):
             continue
         ends, size = (tip_at(wall, 0) + shift[row + 2], tip_at(wall, 1) + shift[row + 3]), spread(wall)
+        beside = squares_beside(wall)
         wall.x -= aside * wall.uy
         wall.y += aside * wall.ux
         angle = math.atan2(wall.uy, wall.ux) + turn
         wall.ux, wall.uy = math.cos(angle), math.sin(angle)
-        wall.xx, wall.xy, wall.yy = size * wall.ux**2, size * wall.ux * wall.uy, size * wall.uy**2
+        wall.xx, wall.yy = size * wall.ux**2 + beside * wall.uy**2, size * wall.uy**2 + beside * wall.ux**2
+        wall.xy = (size - beside) * wall.ux * wall.uy
         set_tip(wall, 0, ends[0])
         set_tip(wall, 1, ends[1])
 
 
 @kernel
-def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: float) -> Ints:
-    """Give rows to walls that have become so in this scan, and take those of others away; returns the new walls."""
+def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: float, tentative: Bools) -> Ints:
+    """Give rows to what has become a wall or a steady tentative one in this scan, and take those of others away.
+
+    tentative: (k,) which records were tentative walls before the scan. Returns the new walls.
+    """
     new, number = np.empty(len(edges), np.int64), 0
     for e in range(min(len(edges), has_rows(joint))):
         wall, row = edges[e], row_of(e)
         is_wall = e < count and wall.alive == WALL
-        if is_wall and wall.twin == 0 and related(wall):
+        holds = is_wall or (e < count and wall.alive == TENTATIVE and is_steady(wall, noise))
+        if holds and wall.twin == 0 and related(wall):
+            if is_wall and e < len(tentative) and tentative[e]:
+                new[number] = e
+                number += 1
             for side in range(2):
                 if joint[row + 2 + side, row + 2 + side] > 0.0 and not is_landmark(wall, side):
                     joint[row + 2 + side] = 0.0
@@ -154,14 +164,16 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
         if joint[row, row] > 0.0:
             joint[row : row + PER_WALL] = 0.0
             joint[:, row : row + PER_WALL] = 0.0
-        if not is_wall:
+        if not holds:
+            wall.relative[:] = 0.0
             continue
         if wall.twin > 0 and related(wall) and joint[row_of(wall.twin - 1), row_of(wall.twin - 1)] > 0.0:
             _copy_rows(joint, row_of(wall.twin - 1), row)
         else:
             _place(wall, row, joint, pose, noise)
-            new[number] = e
-            number += 1
+            if is_wall:
+                new[number] = e
+                number += 1
         wall.twin = 0
         _relate(wall, row, joint, pose)
     return new[:number]

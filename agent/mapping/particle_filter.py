@@ -13,7 +13,8 @@ from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, EDGE_BYTES, PUBLISH_AFTER, WALL, check_records
+from agent.mapping.edges import EDGE, EDGE_BYTES, PUBLISH_AFTER, TENTATIVE, WALL, check_records
+from agent.mapping.first_look import keep_first_look, stands
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
@@ -91,14 +92,24 @@ def update_particles(
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
+        tentative = _tentative(edges[p], counts[p])
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
         if not exact:
-            fresh = know_walls(edges[p], counts[p], joint[p], pose, noise)
+            fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
             shift = _rows(counts[p], joint[p])
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
             _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
     return scores
+
+
+@kernel
+def _tentative(edges: Records, count: int) -> Bools:
+    """(count,) which records are tentative walls."""
+    out = np.zeros(count, np.bool_)
+    for e in range(count):
+        out[e] = edges[e].alive == TENTATIVE
+    return out
 
 
 @kernel
@@ -193,11 +204,14 @@ class WireframeFilter:
         slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
         way = np.atleast_2d(odometry)
+        leaves = stands(self._odometry) and not stands(way[-1])
         told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
         self._make_room()
+        if leaves:
+            keep_first_look(self.edges, self.counts, self._noise)
         return self.wheels.move(self.poses, self.joint, told, slips)
 
     def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:

@@ -17,7 +17,7 @@ from agent.mapping.edges import WALL, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import AXIS, BEGIN, MIN_VIEWS, is_landmark, observe, place_end, row_of
 from agent.mapping.scan_merge import same_line
-from agent.mapping.tentative import main_axis
+from agent.mapping.tentative import main_axis, tentative_of
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
 
@@ -105,6 +105,10 @@ def correct_pose(
             for e in range(count):
                 if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
                     _observe_wall(edges, e, p, pose, joint, shift, gates.noise)
+            continue
+        tentative = tentative_of(edges, count, p, gates)
+        if tentative >= 0 and related(edges[tentative]):
+            _observe_wall(edges, tentative, p, pose, joint, shift, gates.noise)
         elif math.isfinite(axis.sd):
             off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
             sd = gates.noise / math.sqrt(p.spread)

@@ -1,6 +1,8 @@
 """Tentative walls: hits on one line that lie on no wall yet, and when they are enough to be one (ours).
 
-A few beams over a small step, over a corner or over two faces of a post fit a line, too. Such a smear is no wall.
+A few beams over a small step, over a corner or over two faces of a post fit a line, too. Such a smear is no wall. What
+is seen steadily holds the robot all the same (`joint.know_walls`), while it is in sight: among far columns, whose faces
+show too few beams to be walls, wheels would turn it by 5 degrees a metre.
 """
 
 import math
@@ -9,7 +11,21 @@ from agent.corner_scan import NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
-from agent.mapping.edges import TENTATIVE, WALL, add_hits, length, new_slot, scatter, set_end, set_tip, spread, tip_at
+from agent.mapping.edges import (
+    TENTATIVE,
+    WALL,
+    add_hits,
+    count_hits,
+    length,
+    new_slot,
+    related,
+    scatter,
+    set_end,
+    set_tip,
+    spread,
+    squares_beside,
+    tip_at,
+)
 from agent.mapping.ends import END_MARGIN_M
 from protocol.arrays import Records
 
@@ -47,21 +63,32 @@ def main_axis(edges: Records, count: int) -> tuple[float, float]:
 
 
 @kernel
-def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int, int]:
-    """Take a piece on no wall into the tentative wall on its line, or a new one; its record and the new count.
-
-    The record is -1 if the array is full. A tentative wall is no part of the map: it links to nothing, and only
-    contradiction and further pieces look at it.
-    """
+def tentative_of(edges: Records, count: int, p: Record, gates: Gates) -> int:
+    """The tentative wall that a piece on no wall lies on, or -1."""
     best, e = math.inf, -1
     for f in range(count):
         if edges[f].alive == TENTATIVE and math.isfinite(overlap(edges[f], p, gates)):
             chi2 = cost(edges[f], p, gates)
             if chi2 < best:
                 best, e = chi2, f
+    return e
+
+
+@kernel
+def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int, int]:
+    """Take a piece on no wall into the tentative wall on its line, or a new one; its record and the new count.
+
+    The record is -1 if the array is full. A tentative wall is no part of the map: it links to nothing, and only
+    contradiction and further pieces look at it.
+    """
+    e = tentative_of(edges, count, p, gates)
     if e >= 0:
         n = edges[e]
-        add_hits(n, p.hits, p.x, p.y, scatter(p))
+        if related(n):
+            count_hits(n, p.hits, along(n, p.x, p.y), p.spread)
+            _count_beside(n, p)
+        else:
+            add_hits(n, p.hits, p.x, p.y, scatter(p))
         t = along(n, p.x, p.y)
         set_tip(n, 0, min(tip_at(n, 0), t + p.end[0]))
         set_tip(n, 1, max(tip_at(n, 1), t + p.end[1]))
@@ -82,19 +109,37 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
 
 
 @kernel
-def wall_probability(c: Record, axis: float, trust: float, noise: float) -> float:
-    """Probability that a tentative wall is one: its direction is known, and it is no smear.
+def _count_beside(c: Record, p: Record) -> None:
+    """Count how far the hits of a piece lie beside a tentative wall whose line the joint estimate holds."""
+    squares = p.residual + p.hits * above(c, p.x, p.y) ** 2
+    c.xx += squares * c.uy * c.uy
+    c.xy -= squares * c.ux * c.uy
+    c.yy += squares * c.ux * c.ux
 
-    The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall. Where the
-    walls so far are rectilinear (`main_axis`), a short oblique piece is far likelier a smear than an oblique wall, so
-    its direction must be known well, which it is once the robot has come nearer. Hits on one line count together,
-    whichever scan they come from, and a short piece is not believed for following the axis: else the oblique face of
-    a post would be known by those of its views alone whose noise turns them there.
+
+@kernel
+def is_steady(c: Record, noise: float) -> bool:
+    """Whether a tentative wall is known to go some way, and is no smear.
+
+    The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall.
     """
-    direction_sd = noise / math.sqrt(spread(c))
-    squares = c.xx * c.uy * c.uy - 2 * c.xy * c.ux * c.uy + c.yy * c.ux * c.ux  # m2, of distances from the line
-    if is_bent(length(c), c.hits, squares, noise) or c.seen < STEADY * c.due or direction_sd > MAX_DIRECTION_SD:
+    if is_bent(length(c), c.hits, squares_beside(c), noise) or c.seen < STEADY * c.due:
+        return False
+    return bool(noise / math.sqrt(spread(c)) <= MAX_DIRECTION_SD)
+
+
+@kernel
+def wall_probability(c: Record, axis: float, trust: float, noise: float) -> float:
+    """Probability that a tentative wall is one.
+
+    Where the walls so far are rectilinear (`main_axis`), a short oblique piece is far likelier a smear than an oblique
+    wall, so its direction must be known well, which it is once the robot has come nearer. Hits on one line count
+    together, whichever scan they come from, and a short piece is not believed for following the axis: else the oblique
+    face of a post would be known by those of its views alone whose noise turns them there.
+    """
+    if not is_steady(c, noise):
         return 0.0
+    direction_sd = noise / math.sqrt(spread(c))
     off = 4 * (math.atan2(c.uy, c.ux) - axis)
     oblique = trust >= AXIS_TRUST and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > OFF_AXIS
     return 1.0 if c.hits >= WALL_HITS and (direction_sd <= OBLIQUE_SD or not oblique) else EARLY_WALL

@@ -233,6 +233,19 @@ def test_odometry_noise_is_corrected_by_the_map(particles: int) -> None:
     assert farthest(found, ROOM) < 0.03
 
 
+def test_far_columns_seen_before_the_first_move_hold_the_heading_against_wheels_that_differ() -> None:
+    columns = [wall for x in (-2.0, 2.0) for y in (-2.0, 2.0) for wall in ring(*turned(x, y, 0.0, 0.4))]
+    walk = Walk(columns, LidarSpec(noise_share=0.0175), 1, OdometrySpec(noisy=True))
+    for _ in range(50):
+        walk.see((0.0, 0.0, 0.0))
+    way = 0.0
+    for _ in range(20):
+        way += 0.03
+        told = math.radians(6.0) * way  # they are told to bend the way by 6 degrees a metre, which is straight
+        walk.see((way, 0.0, 0.0), (way, 0.5 * told * way, told))
+    assert abs(walk.filter.pose[2]) < math.radians(1.0)
+
+
 def test_who_is_pushed_around_by_a_teammate_knows_where_it_is_by_what_it_sees() -> None:
     walk, mate = Walk(ROOM, LidarSpec(), 1, OdometrySpec(noisy=True)), np.array([[0.205, 0.0, 0.105]])
     x, y, theta = 2.5, 0.7, 0.0

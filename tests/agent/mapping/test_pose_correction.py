@@ -12,6 +12,7 @@ from agent.mapping.joint import know_walls, relate, row_of
 from agent.mapping.pose_correction import Axis, correct_pose
 
 POSE, NOISE = (0.0, 0.0, 0.0), 0.01
+NOT_TENTATIVE = np.zeros(2, np.bool_)
 OFF_M = 0.05
 
 
@@ -25,7 +26,7 @@ def moved_by(side: int, off: float) -> float:
     wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 100.0, 3.0, -1.0, 1.0, 30.0
     wall["tip"], wall["link"], wall["label"], wall["strength"] = [(2.0, -1.0), (4.0, -1.0)], -1, OCCLUSION, 20.0
     joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
-    know_walls(edges, 1, joint, POSE, NOISE)
+    know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
     end = row_of(0) + 2 + side
     joint[end, end] = 1e-6
     joint[0, 0] = 0.1**2
@@ -69,7 +70,7 @@ def test_a_piece_of_unsure_direction_may_be_of_two_faces_and_tells_little_of_the
         wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 1e4, 0.0, -2.0, 1.0, 1e4
         wall["tip"], wall["link"] = [(-1.0, -2.0), (1.0, -2.0)], -1
         joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
-        know_walls(edges, 1, joint, POSE, NOISE)
+        know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
         joint[1, 1] = 0.1**2
         relate(edges, 1, joint, POSE)
         pieces = np.zeros(1, PIECE)
