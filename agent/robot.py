@@ -104,7 +104,7 @@ class Robot:
             self.filter.update(scan, observation.poses())
         else:
             self.filter.move(observation.poses(), slips=scan.touching)
-        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose):
+        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)
         pose = self.filter.pose

@@ -311,6 +311,11 @@ class WireframeFilter:
         x, y, theta = self.poses[self.best].tolist()
         return x, y, theta
 
+    @property
+    def covariance(self) -> Floats:
+        """(3, 3) of that pose: m2, m rad, rad2."""
+        return np.asarray(self.joint[self.best, :3, :3])
+
     def way(self, odometry: Floats) -> Floats:
         """(k + 1, 3) poses since the last scan, in the frame of the first, by odometry (k, 3) and the best particle."""
         way = way_from(pose_of(self._odometry), odometry)

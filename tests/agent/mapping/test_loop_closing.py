@@ -38,7 +38,7 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
         if seen.tick == lost_at:
             torn = compose(mind.pose, (0.8, 0.0, 0.0))
             mind.edges["alive"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
-        if loops.take(scan, pose_of(told[-1]), mind.pose):
+        if loops.take(scan, pose_of(told[-1]), mind.pose, mind.covariance):
             segments, pose = loops.settled()
             mind.replace(records_of(segments), pose)
             closed.append(seen.tick)
@@ -79,7 +79,7 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     for seen in observations(WALLS, way, SPEC.lidar, OdometrySpec(), 1):
         by = relative(before or seen.odometry, seen.odometry)
         before = seen.odometry
-        loops.take(perceive(seen.scan(), SPEC, alone=True), by, compose(start, seen.odometry))
+        loops.take(perceive(seen.scan(), SPEC, alone=True), by, compose(start, seen.odometry), np.zeros((3, 3)))
     segments, pose = loops.settled()
     records = records_of(segments)
     check_records(records)
@@ -109,9 +109,11 @@ def test_only_loops_that_agree_show_that_a_map_is_torn(
     assert loops._torn(0) is torn
 
 
-@pytest.mark.parametrize(("shown", "recognised"), [((1, 2), True), ((1,), False), ((), False)])
-def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_the_place(
-    monkeypatch: pytest.MonkeyPatch, shown: tuple[int, ...], recognised: bool
+@pytest.mark.parametrize(
+    ("shown", "known_m", "speaks"), [((1, 2), 0.5, False), ((1,), 0.5, True), ((), 0.5, True), ((), 0.03, False)]
+)
+def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_the_place_or_knows_better(
+    monkeypatch: pytest.MonkeyPatch, shown: tuple[int, ...], known_m: float, speaks: bool
 ) -> None:
     """The loop has the last submap at the first one, the filter 4 m from there: at the second and third, half each."""
     loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
@@ -123,6 +125,7 @@ def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_
         (8.0, 4.0, 0.0),
         (4.0, 0.0, 0.0),
     ]
+    loops._sds = [np.array((known_m, known_m, 0.0))] * len(loops._frames)
     loops.submaps.finished = [
         Submap(np.zeros(0, SEGMENT), np.zeros((10, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
     ]
@@ -136,4 +139,4 @@ def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_
         return np.repeat(halves.get(k, (False, False)), 5) & (not pose.any())
 
     monkeypatch.setattr(loop_closing, "on_walls", on_walls)
-    assert loops._speaks_against(0) is not recognised
+    assert loops._speaks_against(0) is speaks
