@@ -15,8 +15,8 @@ from agent.config import AgentConfig
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.team import Team
 from agent.mapping.drawing import Drawing
-from agent.mapping.submap_wireframe import wireframe_of
-from agent.mapping.submaps import Submaps, travelled
+from agent.mapping.submaps.chain import Submaps, travelled
+from agent.mapping.submaps.wireframe import wireframe_of
 from agent.mapping.wheels import way_from
 from agent.perception.perceive import Perception
 from protocol.arrays import Floats

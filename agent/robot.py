@@ -14,9 +14,9 @@ from agent.cooperation.team import Team
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.drawing import Drawing
-from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
-from agent.mapping.submap_wireframe import records_of
+from agent.mapping.submaps.loop_closing import LoopClosing
+from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import Perception
 from agent.state import State
 from protocol.geometry import pose_of

@@ -11,8 +11,8 @@ import numpy as np
 
 from agent.geometry.matrix3 import inverse
 from agent.geometry.transform import apart, compose
-from agent.mapping.matching import SAMPLE_SD_M, refine
-from agent.mapping.segments import SEGMENT, every, samples_along
+from agent.mapping.submaps.matching import SAMPLE_SD_M, refine
+from agent.mapping.submaps.segments import SEGMENT, every, samples_along
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply
 from protocol.walls import directions, lengths

@@ -23,6 +23,7 @@ from protocol.geometry import Pose, wrapped
 
 AXIS_FLOOR = math.radians(0.1)  # least sd of walls about their axis, beside what is seen of it
 HEADING_TRUST = 0.95  # agreement of the walls' directions above which their axis holds the heading
+AXIS_SIGMAS = 3.0  # a direction farther from the axis, in deviations of both, is of another one
 AXIS_PIECE_SD = math.radians(1.0)
 """Least precise direction of a piece that may lie on the axis: that of a face of 0.3 m is known to 2 degrees, and posts
 turned by 10 degrees would turn the robot by 0.4 degrees a second."""
@@ -112,7 +113,7 @@ def correct_pose(
         elif math.isfinite(axis.sd):
             off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
             sd = gates.noise / math.sqrt(p.spread)
-            if sd < AXIS_PIECE_SD and off * off < 9.0 * (sd * sd + axis.sd**2 + joint[2, 2]):
+            if sd < AXIS_PIECE_SD and off * off < AXIS_SIGMAS**2 * (sd * sd + axis.sd**2 + joint[2, 2]):
                 slopes = np.array((p.moment, 1.0 - p.moment, -1.0))
                 observe(joint, shift, rows, slopes, off, sd * sd + axis.sd**2, math.inf)
 
@@ -139,7 +140,7 @@ def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: fl
             angle = at
             continue
         off = wrapped(angle - at, 0.5 * math.pi)
-        if off * off < 9.0 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
+        if off * off < AXIS_SIGMAS**2 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
             rows[0], rows[1] = row, AXIS
             observe(joint, shift, rows, slopes, off, axis.sd**2, math.inf)
     return angle

@@ -7,10 +7,10 @@ import numpy as np
 
 from agent.config import AgentConfig
 from agent.geometry.transform import fit_on_points
-from agent.mapping.loop_closing import LoopClosing
 from agent.mapping.particle_filter import WireframeFilter
-from agent.mapping.submap_wireframe import records_of
-from agent.mapping.submaps import Submaps
+from agent.mapping.submaps.chain import Submaps
+from agent.mapping.submaps.loop_closing import LoopClosing
+from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import Perception
 from deploy.bench.cases import Figures
 from deploy.metrics import score, truth_of

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from agent.mapping.config import SubmapConfig
-from agent.mapping.submaps import Submaps
+from agent.mapping.submaps.chain import Submaps
 from deploy.bench.rings import FALSE_M, WIDTH_M, carried, false_loops, laps, ring_world
 from deploy.sensing import IDEAL, REAL
 from protocol.geometry import Pose, pose_of, relative

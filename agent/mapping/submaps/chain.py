@@ -14,11 +14,19 @@ from agent.corner_scan import CornerScan
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
-from agent.mapping.length_scale import LengthScale
-from agent.mapping.loops import AGAIN_PRIOR, Submap, find, look_again
-from agent.mapping.matching import COARSE_GATE_M, GATES_M, SAMPLE_SD_M, costs_around, poses_around, refine, share_beside
-from agent.mapping.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
+from agent.mapping.submaps.length_scale import LengthScale
+from agent.mapping.submaps.loops import AGAIN_PRIOR, Submap, find, look_again
+from agent.mapping.submaps.matching import (
+    COARSE_GATE_M,
+    GATES_M,
+    SAMPLE_SD_M,
+    costs_around,
+    poses_around,
+    refine,
+    share_beside,
+)
+from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
+from agent.mapping.submaps.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 

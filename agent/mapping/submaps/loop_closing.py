@@ -10,9 +10,9 @@ import numpy as np
 
 from agent.corner_scan import CornerScan
 from agent.mapping.config import SubmapConfig
-from agent.mapping.loops import RIVAL_SCORE, on_walls
-from agent.mapping.segments import moved
-from agent.mapping.submaps import MERGE_AFTER_M, SKIPPED, Submaps, travelled
+from agent.mapping.submaps.chain import MERGE_AFTER_M, SKIPPED, Submaps, travelled
+from agent.mapping.submaps.loops import RIVAL_SCORE, on_walls
+from agent.mapping.submaps.segments import moved
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, compose, pose_of, relative, wrapped
 

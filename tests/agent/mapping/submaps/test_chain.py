@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.mapping.loops import Submap, find
-from agent.mapping.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.segments import SEGMENT, moved, samples_along, united
-from agent.mapping.submap_wireframe import wireframe_of
+from agent.mapping.submaps.loops import Submap, find
+from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
+from agent.mapping.submaps.segments import SEGMENT, moved, samples_along, united
+from agent.mapping.submaps.wireframe import wireframe_of
 from agent.passenger import Passenger
 from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records

@@ -11,8 +11,16 @@ import numpy as np
 
 from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
-from agent.mapping.matching import COARSE_GATE_M, GATES_M, Match, costs_around, nearest_wall, poses_around, refine
-from agent.mapping.segments import SAMPLE_M, every
+from agent.mapping.submaps.matching import (
+    COARSE_GATE_M,
+    GATES_M,
+    Match,
+    costs_around,
+    nearest_wall,
+    poses_around,
+    refine,
+)
+from agent.mapping.submaps.segments import SAMPLE_M, every
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import wrapped
 

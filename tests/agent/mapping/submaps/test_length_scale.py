@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.mapping.length_scale import LengthScale
+from agent.mapping.submaps.length_scale import LengthScale
 from protocol.arrays import Floats
 from protocol.geometry import compose
 

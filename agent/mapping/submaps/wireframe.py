@@ -10,7 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
-from agent.mapping.matching import share_beside
+from agent.mapping.submaps.matching import share_beside
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
 from protocol.wireframe import Wireframe

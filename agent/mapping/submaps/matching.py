@@ -8,7 +8,7 @@ import numpy as np
 from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel
-from agent.mapping.segments import samples_along
+from agent.mapping.submaps.segments import samples_along
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 

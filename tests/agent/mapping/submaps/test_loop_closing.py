@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.mapping import loop_closing
 from agent.mapping.edges import check_records
-from agent.mapping.loop_closing import LoopClosing
-from agent.mapping.loops import Submap
 from agent.mapping.particle_filter import WireframeFilter
-from agent.mapping.pose_graph import Edges
-from agent.mapping.segments import SEGMENT
-from agent.mapping.submap_wireframe import records_of
+from agent.mapping.submaps import loop_closing
+from agent.mapping.submaps.loop_closing import LoopClosing
+from agent.mapping.submaps.loops import Submap
+from agent.mapping.submaps.pose_graph import Edges
+from agent.mapping.submaps.segments import SEGMENT
+from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
 from protocol.arrays import Bools, Floats
