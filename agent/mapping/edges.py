@@ -130,6 +130,21 @@ def direction_sd(e: Record, noise: float) -> float:
 
 
 @kernel
+def is_published(e: Record) -> bool:
+    """Whether a record is a wall that enough scans have hit."""
+    return bool(e.alive == WALL and e.seen >= PUBLISH_AFTER)
+
+
+@kernel
+def take_hits(e: Record, p: Record) -> None:
+    """Take the hits of a piece on the line of e; it stays where it is where the joint estimate holds it."""
+    if related(e):
+        count_hits(e, p.hits, along(e, p.x, p.y), p.spread)
+    else:
+        add_hits(e, p.hits, p.x, p.y, scatter(p))
+
+
+@kernel
 def count_hits(e: Record, hits: float, t: float, size: float) -> None:
     """Count hits at coordinate t along a wall, of spread `size` m2, whose line the joint estimate holds."""
     more = size + hits * t * t

@@ -15,7 +15,7 @@ from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
-from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, TENTATIVE, WALL, remove, set_end, set_tip, tip_at
+from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, is_published, remove, set_end, set_tip, tip_at
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.uncut import uncut
 from protocol.arrays import Bools, Floats, Records
@@ -98,10 +98,10 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
     Own walls that a layer has joined into one, or moved away, stand beside it again.
     """
     for k in range(count):  # a heard wall that an own one was joined into is no own wall
-        edges[k].own = int(k < len(own) and own[k].alive == WALL and own[k].seen >= PUBLISH_AFTER and edges[k].own == 1)
+        edges[k].own = int(k < len(own) and is_published(own[k]) and edges[k].own == 1)
     for k in range(len(own)):
         was = own[k]
-        if was.alive != WALL or was.seen < PUBLISH_AFTER:
+        if not is_published(was):
             continue
         if edges[k].alive != WALL or edges[k].own == 0 or _shared(edges[k], was) < MIN_WALL_M:
             edges[k].own = 0
@@ -141,7 +141,7 @@ def _shared(e: Record, was: Record) -> float:
 def _keep_published(edges: Records, count: int) -> None:
     """Remove what own scans have hit too seldom, as layers must not lean on it."""
     for e in range(count):
-        if edges[e].alive != FREE and (edges[e].alive == TENTATIVE or edges[e].seen < PUBLISH_AFTER):
+        if edges[e].alive != FREE and not is_published(edges[e]):
             remove(edges, e)
 
 

@@ -13,7 +13,7 @@ from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, EDGE_BYTES, PUBLISH_AFTER, TENTATIVE, WALL, check_records
+from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, is_published
 from agent.mapping.first_look import keep_first_look, stands
 from agent.mapping.joint import (
     AXIS,
@@ -92,7 +92,7 @@ def update_particles(
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
-        tentative = _tentative(edges[p], counts[p])
+        tentative = edges[p]["alive"][: counts[p]] == TENTATIVE
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
         if not exact:
@@ -101,15 +101,6 @@ def update_particles(
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
             _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
     return scores
-
-
-@kernel
-def _tentative(edges: Records, count: int) -> Bools:
-    """(count,) which records are tentative walls."""
-    out = np.zeros(count, np.bool_)
-    for e in range(count):
-        out[e] = edges[e].alive == TENTATIVE
-    return out
 
 
 @kernel
@@ -357,7 +348,7 @@ def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np
     """
     place, m = np.full(len(edges), -1), 0
     for k in range(len(edges)):
-        if edges[k].alive == WALL and edges[k].seen >= PUBLISH_AFTER:
+        if is_published(edges[k]):
             place[k] = m
             m += 1
     edges = edges.copy()

@@ -16,11 +16,11 @@ from agent.mapping.edges import (
     part,
     related,
     remove,
-    scatter,
     set_end,
     set_tip,
     settle_corner,
     spread,
+    take_hits,
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
@@ -55,10 +55,8 @@ def merge_scan(
             continue
         _unite_all(edges, count, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
-        if not bent[k] and related(w):
-            count_hits(w, p.hits, along(w, p.x, p.y), p.spread)
-        elif not bent[k]:
-            add_hits(w, p.hits, p.x, p.y, scatter(p))
+        if not bent[k]:
+            take_hits(w, p)
         if own:
             w.own = 1
     for k in range(len(pieces)):

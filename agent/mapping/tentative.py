@@ -14,8 +14,6 @@ from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.edges import (
     TENTATIVE,
     WALL,
-    add_hits,
-    count_hits,
     length,
     new_slot,
     related,
@@ -24,6 +22,7 @@ from agent.mapping.edges import (
     set_tip,
     spread,
     squares_beside,
+    take_hits,
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M
@@ -84,11 +83,9 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
     e = tentative_of(edges, count, p, gates)
     if e >= 0:
         n = edges[e]
+        take_hits(n, p)
         if related(n):
-            count_hits(n, p.hits, along(n, p.x, p.y), p.spread)
             _count_beside(n, p)
-        else:
-            add_hits(n, p.hits, p.x, p.y, scatter(p))
         t = along(n, p.x, p.y)
         set_tip(n, 0, min(tip_at(n, 0), t + p.end[0]))
         set_tip(n, 1, max(tip_at(n, 1), t + p.end[1]))

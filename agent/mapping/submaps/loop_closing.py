@@ -41,9 +41,8 @@ class LoopClosing:
         by: the motion since the last one by odometry, in the robot's frame then. pose: the filter's after the scan,
         with its covariance (3, 3).
         """
-        sd = np.sqrt(np.diag(covariance))
         if not self._frames:
-            self._frames, self._sds = [pose], [sd]
+            self._begin(pose, covariance)
         self._by = compose(self._by, by)
         if travelled(self._by) < MERGE_AFTER_M:
             return False
@@ -51,9 +50,13 @@ class LoopClosing:
         self.submaps.take(scan, self._by)
         self._by = (0.0, 0.0, 0.0)
         if len(self.submaps.poses) > submaps:
-            self._frames.append(pose)
-            self._sds.append(sd)
+            self._begin(pose, covariance)
         return self._torn(loops)
+
+    def _begin(self, pose: Pose, covariance: Floats) -> None:
+        """A submap begins where the filter has the robot, with that pose's covariance (3, 3)."""
+        self._frames.append(pose)
+        self._sds.append(np.sqrt(np.diag(covariance)))
 
     def _torn(self, known: int) -> bool:
         """Whether any loop after the first `known` agrees with another one that the filter has a place elsewhere.
