@@ -130,6 +130,8 @@ class Proposed:
     trial: Trial
     transform_sd_m: float
     """Standard error of the transform, metres."""
+    waits_since: Encounter | None = None
+    """The contact after which it waits for a sighting in another one; None while it is in the queue."""
 
     @property
     def transform(self) -> Floats:

@@ -93,6 +93,11 @@ class Team:
         return [peer for _, peer in sorted(self.peers.items()) if isinstance(peer, Merged)]
 
     @property
+    def proposed(self) -> list[Proposed]:
+        """Peers with a transform on trial: those of the queue, and those that wait to be seen."""
+        return [peer for peer in self.peers.values() if isinstance(peer, Proposed)]
+
+    @property
     def merged_ticks(self) -> dict[str, int]:
         """Peers whose maps are part of the robot's, and when those maps were so."""
         return {peer.log.name: peer.map.tick for peer in self.merged}
@@ -245,7 +250,7 @@ class Team:
 
     def conclude(self, tick: int, own: Wireframe) -> None:
         """Weigh the last maps for all proposals, however little they have grown, as none will come after them."""
-        for peer in list(self.queue):
+        for peer in self.proposed:
             if self.aligner.due(peer.log, own, 0.0) and not off_its_map(peer.log):
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
@@ -303,15 +308,21 @@ class Team:
     def judge(self, tick: int, own: Wireframe, pose: Pose, arrived: bool | None) -> None:
         """Decide the proposals whose evidence suffices, and where to drive for the first of the others.
 
+        Where a drive has shown all that walls can say, only a sighting of the peer decides: the proposal waits for the
+        next contact with it, without a drive, and what was seen is not lost.
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         self._decide(tick, own)
+        for peer in self.proposed:
+            if peer.waits_since is not None and peer.waits_since is not peer.log.contact:
+                peer.waits_since = None
+                self.queue.append(peer)
         if self.queue:
             self._set_goal(tick, self.queue[0], pose, arrived)
 
     def _decide(self, tick: int, own: Wireframe) -> None:
         """Accept and reject the proposals whose evidence suffices."""
-        for peer in list(self.queue):
+        for peer in self.proposed:
             verdict = peer.trial.verdict
             if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform):
                 self._reject(peer, "its walls do not fit")
@@ -328,15 +339,15 @@ class Team:
             assert peer.log.contact is not None
             self.errand = Errand(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
         elif tick - errand.since > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
-            self._reject(peer, "it took too long")
+            self._end_drive(peer, "it took too long")
         elif arrived is False and not errand.detours:
-            self._reject(peer, "unreachable")
+            self._end_drive(peer, "unreachable")
         elif peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
-            self._reject(peer, "undecided")
+            self._end_drive(peer, "undecided")
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, errand.detours)
             if place is None or errand.detours >= DETOURS:
-                self._reject(peer, "undecided")
+                self._end_drive(peer, "undecided")
             else:
                 self.errand = Errand(place, errand.since, errand.detours + 1)
 
@@ -355,11 +366,20 @@ class Team:
         """Whether a peer was heard so lately that a drive to it may meet it."""
         return tick - peer.log.pose_tick <= STILL_HEARD_S * self.spec.lidar.rate_hz
 
+    def _end_drive(self, peer: Proposed, reason: str) -> None:
+        """A drive has decided nothing: the proposal waits for a sighting, if that is all that is missing, or ends."""
+        if peer.trial.asks_for_a_sighting:
+            self._leave_queue(peer)
+            peer.waits_since = peer.log.contact
+        else:
+            self._reject(peer, reason)
+
     def _leave_queue(self, peer: Proposed) -> None:
-        """Z = Z - proposal."""
-        if self.queue[0] is peer:
+        """Z = Z - proposal, if it is not out of it already."""
+        if self.queue[:1] == [peer]:
             self.errand = None
-        self.queue.remove(peer)
+        if peer in self.queue:
+            self.queue.remove(peer)
 
     def _reject(self, peer: Proposed, reason: str) -> None:
         self._leave_queue(peer)

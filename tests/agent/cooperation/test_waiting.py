@@ -1,0 +1,57 @@
+"""A proposal of which walls have said all that they can waits for the next contact, and no drive is made for it."""
+
+import numpy as np
+import pytest
+
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.encounter import Encounter
+from agent.communication.receiving import ReceivedMap
+from agent.cooperation.config import CooperationConfig
+from agent.cooperation.peer import PeerLog, Proposed, Unaligned
+from agent.cooperation.team import Team
+from agent.cooperation.verification import DISC_NATS, GROUND_MOST_NATS
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe
+
+HERE = (0.0, 0.0, 0.0)
+EMPTY = Wireframe()
+LATER = 1000  # a tick, long after the last contact
+
+
+def on_trial(ground: float) -> tuple[Team, Proposed]:
+    """A team whose only peer is on trial and silent, its walls worth `ground` nats, at the end of the drive to it."""
+    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
+    peer = Unaligned(PeerLog("r2", contact=Encounter(HERE, (3.0, 0.0, 0.0))))
+    peer.log.map = ReceivedMap(EMPTY, 0)
+    proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
+    team.judge(LATER - 1, EMPTY, HERE, None)
+    assert team.errand is not None and team.errand.goal.tolist() == [3.0, 0.0]
+    proposed.trial.nats["ground"] = ground
+    team.judge(LATER, EMPTY, HERE, True)
+    return team, proposed
+
+
+def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again() -> None:
+    team, proposed = on_trial(GROUND_MOST_NATS)
+    assert team.errand is None and not team.queue and team.proposed == [proposed]
+    team.judge(LATER + 1, EMPTY, HERE, None)
+    assert team.errand is None  # the same contact, long over
+    proposed.log.contact, proposed.log.pose_tick = Encounter(HERE, (0.0, 2.0, 0.0)), LATER + 2
+    team.judge(LATER + 2, EMPTY, HERE, None)
+    assert team.queue == [proposed] and team.errand is not None and team.errand.goal.tolist() == [0.0, 2.0]
+
+
+@pytest.mark.parametrize("sighting", [DISC_NATS, -4 * DISC_NATS])
+def test_a_sighting_decides_while_it_waits(sighting: float) -> None:
+    team, proposed = on_trial(GROUND_MOST_NATS)
+    proposed.trial.nats["discs"] = sighting
+    team.judge(LATER + 1, EMPTY, HERE, None)
+    # these maps have no wall: without the last check, which they cannot pass, the first one would be merged
+    said = [event.data["reason"] for event in team.events if event.event == "rejected"]
+    assert said == ["its walls do not fit" if sighting > 0 else "the evidence decides"]
+
+
+def test_a_drive_that_has_shown_less_ends_in_a_rejection() -> None:
+    team, _ = on_trial(0.5 * GROUND_MOST_NATS)
+    assert [event.data["reason"] for event in team.events if event.event == "rejected"] == ["undecided"]
+    assert not team.proposed
