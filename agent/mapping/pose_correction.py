@@ -15,7 +15,7 @@ from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.edges import WALL, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
-from agent.mapping.joint import AXIS, BEGIN, MIN_VIEWS, is_landmark, observe, place_end, row_of
+from agent.mapping.joint import AXIS, BEGIN, MIN_VIEWS, has_rows, is_landmark, observe, place_end, row_of
 from agent.mapping.scan_merge import same_line
 from agent.mapping.tentative import main_axis, tentative_of
 from protocol.arrays import Floats, Ints, Records
@@ -122,28 +122,45 @@ def correct_pose(
 def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: float, axis: Axis) -> float:
     """Let new walls (n,) that lie on the axis of rectilinear ones share it; returns its angle, before the shift (m,).
 
-    angle: of the estimate. axis: as walls have it now. Where the estimate is none yet, or of another axis, the first
-    of the new walls on that axis gives it.
+    angle: of the estimate. axis: as walls have it now. Where the estimate is none yet, or of another axis, all walls on
+    that axis give it, and not the new ones alone: those seen from where the robot began came before there was an axis,
+    and are known best.
     """
     if not math.isfinite(axis.sd):
         return angle
+    begins = joint[AXIS, AXIS] == 0.0 or abs(wrapped(angle - axis.angle, 0.5 * math.pi)) > MAX_OFF_AXIS
+    if begins:
+        new = _best_known_first(edges, joint)
     rows, slopes = np.zeros(2, np.int64), np.array((1.0, -1.0))
     for e in new:
         at = math.atan2(edges[e].uy, edges[e].ux)
         row = row_of(e) + 1
         if abs(wrapped(at - axis.angle, 0.5 * math.pi)) > MAX_OFF_AXIS:
             continue
-        if joint[AXIS, AXIS] == 0.0 or abs(wrapped(angle - axis.angle, 0.5 * math.pi)) > MAX_OFF_AXIS:
+        if begins:
             joint[AXIS] = joint[row]
             joint[:, AXIS] = joint[:, row]
             joint[AXIS, AXIS] = joint[row, row] + axis.sd**2
-            angle = at
+            angle, begins = at, False
             continue
         off = wrapped(angle - at, 0.5 * math.pi)
         if off * off < AXIS_SIGMAS**2 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
             rows[0], rows[1] = row, AXIS
             observe(joint, shift, rows, slopes, off, axis.sd**2, math.inf)
     return angle
+
+
+@kernel
+def _best_known_first(edges: Records, joint: Floats) -> Ints:
+    """Walls that the joint estimate knows, by how well it knows their direction."""
+    known = np.empty(len(edges), np.int64)
+    variance, number = np.empty(len(edges)), 0
+    for e in range(min(len(edges), has_rows(joint))):
+        row = row_of(e) + 1
+        if edges[e].alive == WALL and joint[row, row] > 0.0:
+            known[number], variance[number] = e, joint[row, row]
+            number += 1
+    return known[:number][np.argsort(variance[:number], kind="mergesort")]
 
 
 @kernel

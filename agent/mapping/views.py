@@ -94,9 +94,9 @@ def look_at(x: float, y: float, view: View, place_sd: float) -> tuple[int, int]:
         return UNSEEN, -1
     k = piece_at(view, bearing, sight.half_beam)
     if k >= 0:
-        off = above(view.pieces[k], x, y)
         p = view.pieces[k]
-        sd = math.hypot(place_sd, piece_sd(p, along(p, x, y), view.noise))
+        off, t = above(p, x, y), min(max(along(p, x, y), p.end[0]), p.end[1])  # the ray meets it between its ends
+        sd = math.hypot(place_sd, piece_sd(p, t, view.noise))
         margin = max(view.margin, NOISE_SIGMAS * sd)
         if off > margin:
             return (THROUGH, k) if _inside(p, bearing, parallax) else (UNSEEN, -1)

@@ -8,8 +8,8 @@ import pytest
 from agent.corner_scan import OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.joint import know_walls, relate, row_of
-from agent.mapping.pose_correction import Axis, correct_pose
+from agent.mapping.joint import AXIS, know_walls, relate, row_of
+from agent.mapping.pose_correction import Axis, correct_pose, hold_axis
 
 POSE, NOISE = (0.0, 0.0, 0.0), 0.01
 NOT_TENTATIVE = np.zeros(2, np.bool_)
@@ -83,3 +83,17 @@ def test_a_piece_of_unsure_direction_may_be_of_two_faces_and_tells_little_of_the
         known_m.append(math.sqrt(joint[1, 1]))
     assert known_m[0] == pytest.approx(0.0104, rel=0.02)
     assert known_m[1] == pytest.approx(0.0303, rel=0.02)
+
+
+def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it() -> None:
+    """They alone tell how the frame lies: a wall that is new when walls are rectilinear at last is turned to them."""
+    edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
+    off = math.radians(0.4)
+    edges["alive"], edges["link"] = WALL, -1
+    edges["ux"], edges["uy"] = (1.0, -math.sin(off)), (0.0, math.cos(off))
+    for wall, sd_deg in enumerate((0.05, 0.4)):
+        joint[row_of(wall) + 1, row_of(wall) + 1] = math.radians(sd_deg) ** 2
+    shift = np.zeros(len(joint))
+    angle = hold_axis(edges, np.array([1]), joint, shift, 0.0, Axis(0.5 * off, math.radians(0.1)))
+    assert angle + shift[AXIS] == pytest.approx(0.0, abs=math.radians(0.05))
+    assert shift[row_of(1) + 1] == pytest.approx(-off, rel=0.2)

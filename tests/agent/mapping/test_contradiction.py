@@ -1,0 +1,38 @@
+"""What speaks against a wall, and what does not."""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import PIECE, Sight
+from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
+from protocol.messages import LidarSpec
+from tests.agent.mapping.test_particle_filter import Walk, ring, round_tour
+
+HALL = ring(
+    (0, 0), (9, 0), (9, 1.2), (8.4, 1.2), (8.4, 1.8), (9, 1.8), (9, 3), (5, 3), (5, 3.6), (4.4, 3.6), (4.4, 3), (0, 3)
+) + ring((6.5, 1.2), (6.5, 1.35), (7.6, 1.35), (7.6, 1.2))
+"""A hall of 9 m with a pillar at its end, a recess, and a thin wall that stands free."""
+FAR_END = round_tour((0.7, 0.7), (5.8, 0.7), (8.0, 0.6), (8.0, 2.4), (5.8, 2.3), (4.7, 3.0), (0.7, 2.3))
+
+
+def test_what_was_seen_from_near_outlasts_noisy_views_from_afar() -> None:
+    walk = Walk(HALL, LidarSpec(range_max_m=8.0, noise_share=0.0175))
+    for pose in FAR_END:
+        walk.see(pose)
+    near = len(walk.filter.wireframe().edges)
+    for k in range(300):
+        walk.see((0.7 + 0.3 * math.sin(k), 1.5 + 0.5 * math.cos(1.7 * k), 0.1 * k))
+    assert len(walk.filter.wireframe().edges) == near
+
+
+def test_what_lies_far_behind_a_short_piece_that_is_seen_flat_is_not_on_it() -> None:
+    """The line of three beams says nothing a metre beyond them, but what its ray meets is the piece."""
+    piece = np.zeros(1, PIECE)
+    piece["x"], piece["y"], piece["ux"], piece["hits"] = 2.0, 0.4, -1.0, 1.0
+    piece["spread"], piece["end"] = 0.01, (-0.1, 0.1)
+    piece["bearing"] = math.atan2(0.4, 2.1), math.atan2(0.4, 1.9)
+    sight = Sight(np.zeros((0, 3)), np.zeros((0, 3)), 8.0, 0.001, 0.0)
+    view = View((0.0, 0.0, 0.0), piece, sight, MARGIN_M, 0.01, 0.0)
+    assert look_at(2.0, 0.4, view, 0.0)[0] == ON
+    assert look_at(4.0, 0.8, view, 0.0)[0] == UNSEEN
