@@ -25,6 +25,7 @@ from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.kernels.cache import announce
 from agent.mapping.first_look import keep_first_look
+from agent.mapping.layers import layer_of
 from agent.mapping.particle_filter import WireframeFilter
 from agent.passenger import Passenger
 from agent.robot import Robot
@@ -85,6 +86,8 @@ def _map_and_align() -> None:
     scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)))
     mapped.update(scan, (0.0, 0.0, 0.0))
     mapped.wireframe()
+    layer = layer_of(_BUILDING, np.zeros(3), np.zeros(len(_BUILDING.edges), np.bool_), 1.0)
+    mapped.told_with([layer], _NOISE_M)  # what one peer told, as a third robot is told it: here are but two
     keep_first_look(mapped.edges, mapped.counts, _NOISE_M)  # of robots whose wheels err
     Watch().look(np.zeros(3), (0.0, 0.0, 0.0), (0.5, 0.0, 0.0), scan, scan.discs, RobotSpec().radius_m)
     _align()

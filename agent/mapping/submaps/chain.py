@@ -15,7 +15,7 @@ from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
 from agent.mapping.submaps.length_scale import LengthScale
-from agent.mapping.submaps.loops import AGAIN_PRIOR, Submap, find, look_again
+from agent.mapping.submaps.loops import AGAIN_PRIOR, Submap, due, find, look_again
 from agent.mapping.submaps.matching import (
     COARSE_GATE_M,
     GATES_M,
@@ -32,7 +32,10 @@ from protocol.geometry import Pose, apply, compose, pose_of, relative
 
 ROOM = 64  # records by which a submap's array grows, at least
 ROUNDS = 6  # Gauss-Newton steps for each gate
-LOST_SHARE = 0.6  # of a scan's samples on walls, below which the pose is searched for, too
+LOST_SHARE = 0.6
+"""Of a scan's samples that the last scan should have shown, those on walls, below which the pose is searched for, too.
+Counted over all samples, a lidar of half a turn that was turned by 50 degrees was lost, and the search put new walls
+onto old ones."""
 SEARCH, SEARCH_STEP = np.array((0.4, 0.4, math.radians(24.0))), np.array((0.2, 0.2, math.radians(4.0)))
 """m, m and rad to either side of the odometry's pose, and from one pose that is tried to the next."""
 SPARSE = 25  # samples that are enough to tell those poses apart
@@ -138,7 +141,8 @@ class Submaps:
     def _tracked(self, samples: Floats, walls: Records, by: Pose, before: Floats) -> Floats:
         """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior.
 
-        Where few samples lie on walls, it is searched for around the odometry's, which may have slipped.
+        Where few that the last scan should have shown lie on walls, it is searched for around the odometry's, which may
+        have slipped.
         """
         guess, config = self._local, self._config
         far = math.hypot(by[0], by[1])
@@ -146,10 +150,13 @@ class Submaps:
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
         prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
         match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
-        if match.share >= LOST_SHARE:
+        last_view = Submap(walls, samples, before[None], config.view_m, self._half_view)
+        known, met = due(last_view, samples, match.pose)
+        if met.sum() >= LOST_SHARE * known.sum():
             self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
         self._scale.lose()
+        samples = samples[known]
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)
         costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)

@@ -72,10 +72,10 @@ def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
 
 
 @kernel
-def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]:
-    """How many samples (k, 4) at a pose some view of a place should show, and how many of those lie on its walls."""
+def due(place: Submap, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
+    """(k,) which samples (k, 4) at a pose some view of a place should show, and (k,) which of them are on walls."""
     met = on_walls(place, samples, pose)
-    due = met.sum()
+    out = met.copy()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in np.flatnonzero(~met):
         x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
@@ -87,9 +87,9 @@ def due_and_met(place: Submap, samples: Floats, pose: Floats) -> tuple[int, int]
             if distance > place.reach or -flat < GRAZING * distance:
                 continue
             if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and not _hidden(place.walls, view, x, y):
-                due += 1
+                out[k] = True
                 break
-    return due, met.sum()
+    return out, met
 
 
 @kernel
@@ -127,12 +127,12 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     answers: list[tuple[float, Match, float, float]] = []  # score, match, metres matched, share explained
     for pose in poses:
         match = refine(samples, earlier.walls, pose, prior, GATES_M, ROUNDS)
-        due, met = due_and_met(earlier, samples, match.pose)
+        expected, met = (int(which.sum()) for which in due(earlier, samples, match.pose))
         off = match.pose - start
         off[2] = wrapped(off[2])
         if (np.abs(off) > window + STEP).any():
             continue
-        explained = met / max(due, 1)
+        explained = met / max(expected, 1)
         answers.append((met * explained, match, met * SAMPLE_M, explained))
     if not answers:
         return None

@@ -26,7 +26,6 @@ class Match(NamedTuple):
 
     pose: Floats
     information: Floats  # (3, 3) of that pose, with the prior's
-    share: float  # of the samples that lie on a wall, 0 to 1
 
 
 @kernel
@@ -51,10 +50,10 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
 
     gates: metres, a distance beyond which a sample counts little, one after the other, `rounds` steps each.
     """
-    pose, h, on = start.copy(), prior.copy(), 0
+    pose, h = start.copy(), prior.copy()
     for gate in gates:
         for _ in range(rounds):
-            h, on = prior.copy(), 0
+            h = prior.copy()
             g = -times(prior, np.array((pose[0] - start[0], pose[1] - start[1], wrapped(pose[2] - start[2]))))
             c, s = math.cos(pose[2]), math.sin(pose[2])
             for k in range(len(samples)):
@@ -63,7 +62,6 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
                 e, off = nearest_wall(walls, pose[0] + rx, pose[1] + ry, ux, uy, gate)
                 if e < 0:
                     continue
-                on += 1
                 w = 1.0 / (SAMPLE_SD_M * (1.0 + (2.0 * off / gate) ** 2)) ** 2
                 j = (-walls[e].uy, walls[e].ux, walls[e].uy * ry + walls[e].ux * rx)
                 for row in range(3):
@@ -75,7 +73,7 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
             pose[2] = wrapped(pose[2])
             if abs(step[0]) + abs(step[1]) + abs(step[2]) < 1e-3:
                 break
-    return Match(pose, h, on / max(len(samples), 1))
+    return Match(pose, h)
 
 
 @kernel

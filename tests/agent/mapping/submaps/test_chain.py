@@ -96,6 +96,17 @@ def test_wheels_that_slip_in_a_turn_do_not_bend_the_way(scan: int, slip_deg: flo
     assert path_error(mind.path(), way) < 0.02
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_walls_that_a_turn_brings_into_view_are_not_put_onto_known_ones(seed: int) -> None:
+    turns = np.arange(0, 7.5, 0.7)
+    nods = math.radians(25.0) * (-1.0) ** np.arange(len(turns))
+    way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2 + nods))
+    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    for observation in observations(cluttered(12), way, HALF_TURN, DRIFT, seed):
+        mind.step(observation)
+    assert path_error(mind.path(), way) < 0.006
+
+
 def test_the_same_scans_make_the_same_bytes() -> None:
     way = laps(SIDE, WIDTH, 1.25, step=0.5)
     paths = []

@@ -140,3 +140,20 @@ def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_
 
     monkeypatch.setattr(loop_closing, "on_walls", on_walls)
     assert loops._speaks_against(0) is speaks
+
+
+@pytest.mark.parametrize(("sd_deg", "speaks"), [(1.5, False), (0.3, True)])
+def test_a_loop_says_nothing_of_the_map_where_the_heading_at_one_moment_was_as_unsure(
+    monkeypatch: pytest.MonkeyPatch, sd_deg: float, speaks: bool
+) -> None:
+    """The loop turns the last submap by 4.4 degrees from where the filter had the robot when it began."""
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops._frames = [(0.0, 0.0, 0.0), (0.0, 0.0, math.radians(4.4))]
+    loops._sds = [np.array((0.01, 0.01, math.radians(sd))) for sd in (0.0, sd_deg)]
+    loops.submaps.finished = [
+        Submap(np.zeros(0, SEGMENT), np.zeros((10, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
+    ]
+    graph = Edges(np.array([(0, 1)]), np.zeros((1, 3)), 1e4 * np.eye(3)[None], np.ones(1, np.bool_))
+    monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
+    monkeypatch.setattr(loop_closing, "on_walls", lambda place, samples, pose: np.full(len(samples), not pose.any()))
+    assert loops._speaks_against(0) is speaks
