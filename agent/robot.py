@@ -120,8 +120,9 @@ class Robot:
         errand = None if self.team.errand is None else self.team.errand.goal
         explorer, partners, viewpoints = self.explorer, self.team.partners(tick), self.team.views.places
         situation = Situation(
-            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, partners, viewpoints
-        )
+            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, partners, viewpoints,
+            self.filter.place_sd_m, self.filter.map_sd_m,
+        )  # fmt: skip
         scene = explorer.look(situation)
         if self._looks_first():
             command = explorer.stand("look round")

@@ -10,7 +10,9 @@ from agent.exploration.planning import Roads
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 
-TaskKind = Literal["frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "errand", "retreat", "wait", "park"]
+TaskKind = Literal[
+    "frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "home", "errand", "retreat", "wait", "park"
+]
 
 TOUR_TASKS = 40
 """Most tasks that are put in order, the nearest ones. maze-15 has 15 at most, gbeltramo_building 34.

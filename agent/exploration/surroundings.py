@@ -1,7 +1,7 @@
 """What is around the robot in a tick: walls of map and scan, teammates, walls found by touch, and ways around them."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,6 +37,8 @@ class Situation:
     partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
+    pose_sd_m: float = 0.0  # standard deviation of the place of the pose
+    map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked
 
 
 @dataclass(frozen=True, kw_only=True)

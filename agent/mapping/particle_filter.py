@@ -14,6 +14,7 @@ from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, is_published
+from agent.mapping.exactness import map_sd_m
 from agent.mapping.first_look import keep_first_look, stands
 from agent.mapping.joint import (
     AXIS,
@@ -306,6 +307,15 @@ class WireframeFilter:
     def covariance(self) -> Floats:
         """(3, 3) of that pose: m2, m rad, rad2."""
         return np.asarray(self.joint[self.best, :3, :3])
+
+    @property
+    def place_sd_m(self) -> float:
+        """Standard deviation of the place of that pose, metres."""
+        return math.sqrt(float(self.joint[self.best, 0, 0] + self.joint[self.best, 1, 1]))
+
+    def map_sd_m(self) -> float:
+        """Standard deviation in metres of a wall in the robot's own frame."""
+        return map_sd_m(self._walls(), self.joint[self.best])
 
     def way(self, odometry: Floats) -> Floats:
         """(k + 1, 3) poses since the last scan, in the frame of the first, by odometry (k, 3) and the best particle."""

@@ -17,7 +17,7 @@ from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation
 from agent.exploration.teammates import Teammates
 from agent.geometry.visibility import all_seen
-from protocol.geometry import Pose
+from protocol.geometry import Pose, compose, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
@@ -285,6 +285,44 @@ def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
     commands = at(opened, robot, range(10, 30), version=4)
     assert not commands[-1].complete
     assert next(event.event for command in commands for event in command.events) == "resumed"
+
+
+@pytest.mark.parametrize("map_sd_m", [0.0, 0.05])
+def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_began_once(map_sd_m):
+    closed, pose = chain([(-2, -2), (4, -2), (4, 2), (-2, 2), (-2, -2)]), np.array((3.0, 1.0, 2.0))
+    robot, commands = explorer(default_state="least-likely", pockets=False), []
+    for tick in range(400):
+        situation = Situation(tick, closed, 1, pose_of(pose), Wireframe(), NOBODY, map_sd_m=lambda: map_sd_m)
+        commands.append(step(robot, situation))
+        ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        if commands[-1].complete:
+            break
+    away = math.hypot(*pose[:2])
+    if map_sd_m:
+        assert away < 0.1
+        assert [command.reason for command in commands].count("home") > 50
+    else:
+        assert len(commands) == 1
+    assert commands[-1].complete
+
+
+@pytest.mark.parametrize("helps", [False, True])
+def test_a_lost_robot_goes_home_before_it_looks_at_an_open_end_and_not_again_where_that_did_not_help(helps):
+    opened, pose = chain([(-2, -2), (4, -2), (4, 2), (0.5, 2)], labels=Label.FRONTIER), np.array((3.0, 1.0, 2.0))
+    robot, reasons = explorer(default_state="least-likely", pockets=False), []
+    for tick in range(200):
+        sd_m = 0.2 if tick < 20 or not helps else 0.01
+        situation = Situation(
+            tick, opened, tick, pose_of(pose), Wireframe(), NOBODY, pose_sd_m=sd_m, map_sd_m=lambda: 1
+        )
+        command = step(robot, situation)
+        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        reasons.append(command.reason)
+    began = reasons.index("frontier")
+    assert set(reasons[:began]) == {"home"}
+    assert set(reasons[began : began + 15]) == {"frontier"}  # in which goals are compared anew
 
 
 @pytest.mark.parametrize("pockets", [False, True])
