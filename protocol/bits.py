@@ -45,24 +45,28 @@ class BitReader:
     """Takes bits, and raises ProtocolError where there are no more."""
 
     def __init__(self, data: bytes) -> None:
-        self._data = data
+        self._digits = format(int.from_bytes(data), f"0{8 * len(data)}b") if data else ""
         self._at = 0
 
     def bits(self, count: int) -> int:
-        """The next `count` bits, at most 64."""
-        first, end = self._at >> 3, self._at + count
-        if end > 8 * len(self._data):
+        """The next `count` bits."""
+        first, end = self._at, self._at + count
+        if end > len(self._digits):
             raise ProtocolError("a message ends in the middle of a number")
-        last = end + 7 >> 3
         self._at = end
-        return int.from_bytes(self._data[first:last]) >> 8 * last - end & ((1 << count) - 1)
+        return int(self._digits[first:end], 2) if count else 0
 
     def number(self, k: int = 0) -> int:
         """A number as `BitWriter.number` writes it."""
-        zeros = next((zeros for zeros in range(MAX_PREFIX + 1) if self.bits(1)), None)
-        if zeros is None:
-            raise ProtocolError("a number in a message is too large")
-        return (1 << zeros + k | self.bits(zeros + k)) - (1 << k)
+        most = self._at + MAX_PREFIX + 1
+        one = self._digits.find("1", self._at, most)
+        if one < 0:
+            ends = most > len(self._digits)
+            raise ProtocolError(
+                "a message ends in the middle of a number" if ends else "a number in a message is too large"
+            )
+        zeros, self._at = one - self._at, one
+        return self.bits(1 + zeros + k) - (1 << k)
 
     def signed(self, k: int = 0) -> int:
         """A number as `BitWriter.signed` writes it."""
@@ -71,6 +75,6 @@ class BitReader:
 
     def finish(self) -> None:
         """Raise ProtocolError unless only the zeros are left that fill the last byte."""
-        left = 8 * len(self._data) - self._at
+        left = len(self._digits) - self._at
         if left >= 8 or self.bits(left):
             raise ProtocolError("a message is followed by bytes that do not belong to it")

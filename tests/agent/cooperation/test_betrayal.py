@@ -63,18 +63,22 @@ def heaviest(told: Wireframe, seen: Wireframe, rng: np.random.Generator) -> Wire
 
 
 class Betrayed(Robot):
-    """A robot that hears one peer, whose frame it is told, so that its map is merged rightly."""
+    """A robot that hears one peer, whose frame it is told, so that its map is merged rightly.
 
-    def __init__(self, *which: Any, kind: str) -> None:
+    Where that peer is honest, its lies are made, too, but not told: they cool the processor's caches for both alike.
+    """
+
+    def __init__(self, *which: Any, kind: str, honest: bool) -> None:
         super().__init__(*which)
-        self.kind, self.rng = kind, np.random.default_rng(0)
+        self.kind, self.honest, self.rng = kind, honest, np.random.default_rng(0)
         self.frame = random_pose(self.rng)
         self.seconds: list[float] = []
         self.most_walls = 0
 
     def step(self, observation: Observation, heard: Any) -> Step:
         tick = observation.tick
-        said = self._said(tick) if len(self.own.edges) else []
+        kinds = (self.kind, "honest") if self.honest else (self.kind,)
+        said = [self._said(tick, kind) if len(self.own.edges) else [] for kind in kinds][-1]
         began = time.thread_time()
         step = super().step(observation, [Heard(tick=tick, sender="x", kind=kind, payload=data) for kind, data in said])
         self.seconds.append(time.thread_time() - began)
@@ -87,11 +91,11 @@ class Betrayed(Robot):
         sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of this peer
         return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))
 
-    def _said(self, tick: int) -> list[tuple[str, bytes]]:
+    def _said(self, tick: int, kind: str) -> list[tuple[str, bytes]]:
         merged = "x" in self.team.merged_ticks
         told = moved(self.own, self.frame)
         said = [("beacon", Beacon(tick, compose(self.frame, self.filter.pose)).encode())] if tick % 5 == 0 else []
-        if merged and self.kind == "deltas" and tick % PERIOD_TICKS:
+        if merged and kind == "deltas" and tick % PERIOD_TICKS:
             known = self.exchange._known["x"]
             base = known.maps[known.newest]
             changed = encode_map(quantise(crowded(base.wireframe(), 150, False, self.rng), 10, base.axis), base).data
@@ -99,45 +103,45 @@ class Betrayed(Robot):
             return said + [("delta", part.encode()) for part in parts[:256]]
         if tick % PERIOD_TICKS:
             return said
-        if merged and self.kind == "rooms":
+        if merged and kind == "rooms":
             told = heaviest(told, self.own, self.rng)
-        elif merged and self.kind != "honest":
+        elif merged and kind != "honest":
             most = STRANGE_WALLS + len(self.own.edges)
-            walls = {"poison": 950, "huge map": 950, "deltas": 5, "below": most - 5 - len(told.edges)}[self.kind]
-            told = crowded(told, walls, self.kind == "huge map", self.rng)
+            walls = {"poison": 950, "huge map": 950, "deltas": 5, "below": most - 5 - len(told.edges)}[kind]
+            told = crowded(told, walls, kind == "huge map", self.rng)
         return said + [
             ("map", part.encode()) for part in in_parts(tick, 0, encode_map(quantise(told, 10, 0)).data, 1200)
         ]
 
 
 @cache
-def beside(kind: str, time: int = 0) -> Betrayed:
-    """The robot after LIMIT_S beside such a peer. It does the same each time."""
+def beside(kind: str, honest: bool = False, time: int = 0) -> Betrayed:
+    """The robot after LIMIT_S beside a peer of that kind, or one that only could be. It does the same each time."""
     run = explore(
         {"world": "apartment", "robots": 1, "seed": 0, "starts": "random", "until": LIMIT_S},
         {},
-        make_mind=partial(Betrayed, kind=kind),
+        make_mind=partial(Betrayed, kind=kind, honest=honest),
     )
     assert not run.episode.dead and "x" in run.robots["r1"].team.merged_ticks
     robot: Betrayed = run.robots["r1"]
     return robot
 
 
-def cpu_ms(kind: str, times: int) -> float:
+def cpu_ms(kind: str, honest: bool, times: int) -> float:
     """CPU time of a step: the mean over the ticks, of each the least of so many times, as noise only adds to it."""
-    return 1e3 * float(np.mean(np.min([beside(kind, time).seconds for time in range(times)], axis=0)))
+    return 1e3 * float(np.mean(np.min([beside(kind, honest, time).seconds for time in range(times)], axis=0)))
 
 
 @pytest.mark.parametrize("kind", ["poison", "huge map", "deltas", "below", "rooms"])
 def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) -> None:
-    honest, before = beside("honest"), psutil.Process().memory_info().rss  # it also loads the kernels
+    honest, before = beside(kind, honest=True), psutil.Process().memory_info().rss  # it also loads the kernels
     hostile = beside(kind)
     assert psutil.Process().memory_info().rss - before < 64e6
     bounds = {"below": STRANGE_WALLS + len(honest.own.edges), "rooms": COMPARED_WALLS + len(honest.own.edges)}
     assert hostile.most_walls <= honest.most_walls + bounds.get(kind, 20)
     assert kind not in bounds or hostile.most_walls > 3 * len(hostile.own.edges)
     for times in range(3, 10):  # more on a busy machine
-        usual_ms, hostile_ms = cpu_ms("honest", times), cpu_ms(kind, times)
+        usual_ms, hostile_ms = cpu_ms(kind, True, times), cpu_ms(kind, False, times)
         print(f"{kind}: {hostile.most_walls} walls, {hostile_ms:.2f} ms a step, else {usual_ms:.2f}")
         if hostile_ms < 2.0 * usual_ms:
             return
