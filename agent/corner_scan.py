@@ -99,9 +99,9 @@ def piece_sd(piece: Record, t: float, noise: float) -> float:
 
 
 @shared_kernel
-def to_map_frame(pieces: Records, pose: Pose) -> Records:
-    """Pieces (k,) moved from the robot's frame into the frame in which its pose is given; bearings stay as they are."""
-    out = pieces.copy()
+def to_map_frame(lines: Records, pose: Pose | Floats) -> Records:
+    """Pieces or segments (k,) moved from the frame of a pose into that in which it is given; bearings stay the same."""
+    out = lines.copy()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(out)):
         p = out[k]

@@ -311,7 +311,7 @@ class WireframeFilter:
     @property
     def place_sd_m(self) -> float:
         """Standard deviation of the place of that pose, metres."""
-        return math.sqrt(float(self.joint[self.best, 0, 0] + self.joint[self.best, 1, 1]))
+        return math.sqrt(float(np.trace(self.covariance[:2, :2])))
 
     def map_sd_m(self) -> float:
         """Standard deviation in metres of a wall in the robot's own frame."""

@@ -90,7 +90,8 @@ class LoopClosing:
         held, measured = np.array(relative(self._frames[a], self._frames[b])), graph.measured[k]
         off = held - measured
         unsure = HEADING_SIGMAS * math.hypot(self._sds[a][2], self._sds[b][2])
-        off[2] = math.copysign(max(abs(wrapped(off[2])) - unsure, 0.0), wrapped(off[2]))
+        turn = wrapped(float(off[2]))
+        off[2] = math.copysign(max(abs(turn) - unsure, 0.0), turn)
         if _is_small(off) or off @ graph.information[k] @ off < TORN_SIGMAS**2:  # along a corridor a loop says nothing
             return False
         if math.hypot(off[0], off[1]) > LOST_SIGMAS * self._known_to_m(a, b):

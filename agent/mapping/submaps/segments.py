@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.geometry.lines import Record, above, along, placed, pool
+from agent.corner_scan import to_map_frame
+from agent.geometry.lines import Record, above, along, pool
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
@@ -64,11 +65,10 @@ def segments_in(layer: Layer) -> Records:
 @kernel
 def moved(segments: Records, pose: Floats) -> Records:
     """Segments (n,) of the frame of a pose (3,), in the frame in which the pose is given."""
-    out = segments.copy()
+    out = to_map_frame(segments, pose)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(out)):
         e = out[k]
-        e.x, e.y, e.ux, e.uy = placed(e.x, e.y, e.ux, e.uy, pose, c, s)
         xx, xy, yy = e.xx, e.xy, e.yy
         e.xx = c * c * xx - 2 * c * s * xy + s * s * yy
         e.yy = s * s * xx + 2 * c * s * xy + c * c * yy
