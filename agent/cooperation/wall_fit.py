@@ -11,7 +11,7 @@ import numpy as np
 
 from agent.geometry.matrix3 import inverse
 from agent.geometry.transform import apart, compose
-from agent.mapping.submaps.matching import SAMPLE_SD_M, refine
+from agent.mapping.submaps.matching import SAMPLE_SD_M, refine, tiles_of
 from agent.mapping.submaps.segments import SEGMENT, every, samples_along
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply
@@ -61,7 +61,7 @@ def fit_on_walls(mine: Wireframe, theirs: Wireframe, start: Floats) -> WallFit:
     # about the middle of the walls, where shift and turn are nearly independent
     prior = np.diag((PRIOR_SD * MATCHED_LESS) ** -2.0)
     samples[:, :2] -= centre[:2]
-    found = refine(samples, _segments(mine), compose(start, centre), prior, GATES_M, ROUNDS)
+    found = refine(samples, tiles_of(_segments(mine)), compose(start, centre), prior, GATES_M, ROUNDS)
     transform = compose(found.pose, -centre)
     if apart(transform, start, centre[:2], MOVED_M, MOVED_RAD):
         return WallFit(start, centre[:2], np.diag(PRIOR_SD**2))

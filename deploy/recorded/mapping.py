@@ -19,6 +19,7 @@ from protocol.files import write_whole
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.text import printable
+from protocol.wireframe import Wireframe
 from world.recorder import map_fields
 
 TELL_EVERY = 50  # scans from one word of progress to the next
@@ -44,24 +45,26 @@ def map_logs(
                 bars.update(tasks[robot], completed=done)
 
         players = play(logs, config, range_m, tell)
+    team = len(players) > 1
+    own = {player.name: player.mind.drawn() for player in players}
     for player in players:
-        _write(out, player, len(players) > 1)
-    if len(players) > 1:
+        _write(out, player, own[player.name], team)
+    if team:
         events = sorted((event for player in players for event in player.events), key=lambda event: event["tick"])
         write_whole(out / "events.jsonl", "".join(json.dumps(event, allow_nan=False) + "\n" for event in events))
     summary: dict[str, Any] = {
-        "robots": {player.name: _figures(player, config, len(players) > 1) for player in players}
+        "robots": {player.name: _figures(player, own[player.name], config, team) for player in players}
     }
-    if len(players) > 1:
+    if team:
         summary["heard"] = "all" if players[0].mind.team.spec.radio_range_m is None else "in range"
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
     manifest.finish(out, ended="complete", exit_status=0)
     return summary
 
 
-def _figures(player: Player, config: AgentConfig, team: bool) -> dict[str, Any]:
-    """Fields of summary.json."""
-    mind, log, own = player.mind, player.log, player.mind.drawn()
+def _figures(player: Player, own: Wireframe, config: AgentConfig, team: bool) -> dict[str, Any]:
+    """Fields of summary.json. own: the map of own scans."""
+    mind, log = player.mind, player.log
     figures = {
         "log": log.source,
         "ended": "complete",
@@ -84,12 +87,12 @@ def _figures(player: Player, config: AgentConfig, team: bool) -> dict[str, Any]:
     return figures
 
 
-def _write(out: Path, player: Player, team: bool) -> None:
+def _write(out: Path, player: Player, own: Wireframe, team: bool) -> None:
     """Write maps/ID.json, in a team maps/ID.own.json, and estimate/ID.tum. Raises UnwritableError."""
     robot, mind = player.name, player.mind
     for folder in ("maps", "estimate"):
         (out / folder).mkdir(exist_ok=True)
-    maps = {robot: mind.wireframe()} | ({f"{robot}.own": mind.drawn()} if team else {})
+    maps = {robot: mind.wireframe(), f"{robot}.own": own} if team else {robot: own}
     for name, wireframe in maps.items():
         write_whole(out / "maps" / f"{name}.json", json.dumps(map_fields(robot, wireframe), indent=1) + "\n")
     write_whole(out / "estimate" / f"{robot}.tum", _tum(player.log, mind.path()))

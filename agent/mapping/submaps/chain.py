@@ -24,6 +24,7 @@ from agent.mapping.submaps.matching import (
     poses_around,
     refine,
     share_beside,
+    tiles_of,
 )
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
@@ -149,9 +150,10 @@ class Submaps:
         place = config.distance_sd**2 * far + config.still_sd_m**2
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
         prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
-        match = refine(samples, walls, guess, prior, GATES_M, ROUNDS)
+        tiles = tiles_of(walls)
+        match = refine(samples, tiles, guess, prior, GATES_M, ROUNDS)
         last_view = Submap(walls, samples, before[None], config.view_m, self._half_view)
-        known, met = due(last_view, samples, match.pose)
+        known, met = due(last_view, tiles, samples, match.pose)
         if met.sum() >= LOST_SHARE * known.sum():
             self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
@@ -159,11 +161,11 @@ class Submaps:
         samples = samples[known]
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)
-        costs = len(samples) / len(few) * costs_around(few, walls, poses, COARSE_GATE_M)
+        costs = len(samples) / len(few) * costs_around(few, tiles, poses, COARSE_GATE_M)
         best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
-        found = [refine(samples, walls, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]
+        found = [refine(samples, tiles, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]
         tried = np.array((match.pose, *found))
-        costs = SAMPLE_WEIGHT * costs_around(samples, walls, tried, GATES_M[-1]) + _against(tried - guess, prior)
+        costs = SAMPLE_WEIGHT * costs_around(samples, tiles, tried, GATES_M[-1]) + _against(tried - guess, prior)
         return np.asarray(tried[np.argmin(costs)])
 
     def close(self) -> bool:
@@ -287,7 +289,7 @@ def _against(off: Floats, prior: Floats) -> Floats:
 @kernel
 def _new_to(walls: Records, others: Records) -> Records:
     """Those of the segments (k,) of others, in the frame of the walls, that lie beside none for half their length."""
-    new = np.zeros(len(others), np.bool_)
+    new, tiles = np.zeros(len(others), np.bool_), tiles_of(walls)
     for k in range(len(others)):
-        new[k] = share_beside(walls, others[k : k + 1], LAID_M) < LAID_SHARE
+        new[k] = share_beside(tiles, others[k : k + 1], LAID_M) < LAID_SHARE
     return others[new]

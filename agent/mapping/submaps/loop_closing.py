@@ -12,6 +12,7 @@ from agent.corner_scan import CornerScan
 from agent.mapping.config import SubmapConfig
 from agent.mapping.submaps.chain import MERGE_AFTER_M, SKIPPED, Submaps, travelled
 from agent.mapping.submaps.loops import RIVAL_SCORE, on_walls
+from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.segments import moved
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, compose, pose_of, relative, wrapped
@@ -99,8 +100,8 @@ class LoopClosing:
         at, samples = self._frames[b], finished[b].samples
         known = np.zeros(len(samples), np.bool_)
         for place, frame in zip(finished[: b - SKIPPED], self._frames, strict=False):
-            known |= on_walls(place, samples, np.array(relative(frame, at)))
-        return bool(known.sum() < RIVAL_SCORE * on_walls(finished[a], samples, measured).sum())
+            known |= on_walls(tiles_of(place.walls), samples, np.array(relative(frame, at)))
+        return bool(known.sum() < RIVAL_SCORE * on_walls(tiles_of(finished[a].walls), samples, measured).sum())
 
     def _known_to_m(self, a: int, b: int) -> float:
         """Standard deviation, in metres, of where the filter has submap b in the frame of submap a."""

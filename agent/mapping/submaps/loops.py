@@ -19,8 +19,10 @@ from agent.mapping.submaps.matching import (
     nearest_wall,
     poses_around,
     refine,
+    tiles_of,
 )
 from agent.mapping.submaps.segments import SAMPLE_M, every
+from agent.mapping.submaps.tiles import Tiles
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import wrapped
 
@@ -61,20 +63,23 @@ class Found(NamedTuple):
 
 
 @kernel
-def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
-    """(k,) which samples (k, 4) at a pose lie on walls of a place."""
+def on_walls(tiles: Tiles, samples: Floats, pose: Floats) -> Bools:
+    """(k,) which samples (k, 4) at a pose lie on walls."""
     out = np.zeros(len(samples), np.bool_)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
         x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
-        out[k] = nearest_wall(place.walls, x, y, ux, uy, ON_WALL_M)[0] >= 0
+        out[k] = nearest_wall(tiles, x, y, ux, uy, ON_WALL_M)[0] >= 0
     return out
 
 
 @kernel
-def due(place: Submap, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
-    """(k,) which samples (k, 4) at a pose some view of a place should show, and (k,) which of them are on walls."""
-    met = on_walls(place, samples, pose)
+def due(place: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
+    """(k,) which samples (k, 4) at a pose some view of a place should show, and (k,) which of them are on walls.
+
+    tiles: of the place's walls.
+    """
+    met = on_walls(tiles, samples, pose)
     out = met.copy()
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in np.flatnonzero(~met):
@@ -116,18 +121,18 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     samples = later.samples
     if not len(samples) or not len(earlier.walls):
         return None
-    poses = start[None]
+    poses, tiles = start[None], tiles_of(earlier.walls)
     if (window >= STEP).any():
         tried = poses_around(start, np.where(window >= STEP, window, 0.0), STEP)
         for count, kept in SIEVES:
             sparse = every(samples, len(samples) // count)
-            costs = costs_around(sparse, earlier.walls, tried, COARSE_GATE_M)
+            costs = costs_around(sparse, tiles, tried, COARSE_GATE_M)
             tried = tried[np.argsort(costs, kind="stable")[:kept]]
         poses = np.vstack((start, tried))
     answers: list[tuple[float, Match, float, float]] = []  # score, match, metres matched, share explained
     for pose in poses:
-        match = refine(samples, earlier.walls, pose, prior, GATES_M, ROUNDS)
-        expected, met = (int(which.sum()) for which in due(earlier, samples, match.pose))
+        match = refine(samples, tiles, pose, prior, GATES_M, ROUNDS)
+        expected, met = (int(which.sum()) for which in due(earlier, tiles, samples, match.pose))
         off = match.pose - start
         off[2] = wrapped(off[2])
         if (np.abs(off) > window + STEP).any():
@@ -145,7 +150,7 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
 
 def look_again(later: Submap, earlier: Submap, start: Floats) -> Match:
     """The pose of an accepted loop measured again, narrowly, about a start (3,) that the graph has settled."""
-    match = refine(later.samples, earlier.walls, start, AGAIN_PRIOR, AGAIN_GATES_M, ROUNDS)
+    match = refine(later.samples, tiles_of(earlier.walls), start, AGAIN_PRIOR, AGAIN_GATES_M, ROUNDS)
     return match._replace(information=match.information - AGAIN_PRIOR)
 
 

@@ -7,8 +7,9 @@ import numpy as np
 
 from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
-from agent.kernels import kernel
+from agent.kernels import kernel, shared_kernel
 from agent.mapping.submaps.segments import samples_along
+from agent.mapping.submaps.tiles import Tiles, tiled
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
@@ -28,12 +29,23 @@ class Match(NamedTuple):
     information: Floats  # (3, 3) of that pose, with the prior's
 
 
+@shared_kernel
+def tiles_of(walls: Records) -> Tiles:
+    """Walls (n,) as all below takes them, with gates of up to `GATES_M[0]`."""
+    return tiled(walls, math.hypot(GATES_M[0], BESIDE_M))
+
+
 @kernel
-def nearest_wall(walls: Records, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
+def nearest_wall(tiles: Tiles, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
     """Wall that a sample lies on, or -1, and its signed distance from that wall's line, metres."""
     best, found, distance = gate, -1, 0.0
-    for k in range(len(walls)):
-        w = walls[k]
+    column, row = (x - tiles.x) * tiles.per_m, (y - tiles.y) * tiles.per_m
+    if not (0.0 <= column < tiles.columns and 0.0 <= row < tiles.rows):
+        return found, distance
+    tile = int(row) * tiles.columns + int(column)
+    for j in range(tiles.listed[tile], tiles.listed[tile + 1]):
+        k = tiles.listed[j]
+        w = tiles.walls[k]
         if w.ux * ux + w.uy * uy < FACING:
             continue
         off = above(w, x, y)
@@ -45,7 +57,7 @@ def nearest_wall(walls: Records, x: float, y: float, ux: float, uy: float, gate:
 
 
 @kernel
-def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates: Floats, rounds: int) -> Match:
+def refine(samples: Floats, tiles: Tiles, start: Floats, prior: Floats, gates: Floats, rounds: int) -> Match:
     """Gauss-Newton on the samples (k, 4) of `samples_along` from a start (3,), with an information (3, 3) about it.
 
     gates: metres, a distance beyond which a sample counts little, one after the other, `rounds` steps each.
@@ -59,11 +71,12 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
             for k in range(len(samples)):
                 rx, ry = c * samples[k, 0] - s * samples[k, 1], s * samples[k, 0] + c * samples[k, 1]
                 ux, uy = c * samples[k, 2] - s * samples[k, 3], s * samples[k, 2] + c * samples[k, 3]
-                e, off = nearest_wall(walls, pose[0] + rx, pose[1] + ry, ux, uy, gate)
+                e, off = nearest_wall(tiles, pose[0] + rx, pose[1] + ry, ux, uy, gate)
                 if e < 0:
                     continue
+                wall = tiles.walls[e]
                 w = 1.0 / (SAMPLE_SD_M * (1.0 + (2.0 * off / gate) ** 2)) ** 2
-                j = (-walls[e].uy, walls[e].ux, walls[e].uy * ry + walls[e].ux * rx)
+                j = (-wall.uy, wall.ux, wall.uy * ry + wall.ux * rx)
                 for row in range(3):
                     g[row] -= w * j[row] * off
                     for column in range(3):
@@ -77,32 +90,32 @@ def refine(samples: Floats, walls: Records, start: Floats, prior: Floats, gates:
 
 
 @kernel
-def share_beside(walls: Records, segments: Records, gate: float) -> float:
+def share_beside(tiles: Tiles, segments: Records, gate: float) -> float:
     """Share of the length of segments (k,) that lies beside walls of their frame, within the gate, metres."""
     samples, on = samples_along(segments), 0
     for k in range(len(samples)):
-        on += nearest_wall(walls, samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], gate)[0] >= 0
+        on += nearest_wall(tiles, samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], gate)[0] >= 0
     return on / max(len(samples), 1)
 
 
 @kernel
-def truncated_cost(samples: Floats, walls: Records, pose: Floats, gate: float) -> float:
+def truncated_cost(samples: Floats, tiles: Tiles, pose: Floats, gate: float) -> float:
     """Sum over the samples of their squared distance from walls over the gate's, at most 1 each."""
     total = 0.0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
         x, y, ux, uy = placed(samples[k, 0], samples[k, 1], samples[k, 2], samples[k, 3], pose, c, s)
-        e, off = nearest_wall(walls, x, y, ux, uy, gate)
+        e, off = nearest_wall(tiles, x, y, ux, uy, gate)
         total += 1.0 if e < 0 else (off / gate) ** 2
     return total
 
 
 @kernel
-def costs_around(samples: Floats, walls: Records, poses: Floats, gate: float) -> Floats:
+def costs_around(samples: Floats, tiles: Tiles, poses: Floats, gate: float) -> Floats:
     """(n,) truncated costs at poses (n, 3)."""
     out = np.empty(len(poses))
     for n in range(len(poses)):
-        out[n] = truncated_cost(samples, walls, poses[n], gate)
+        out[n] = truncated_cost(samples, tiles, poses[n], gate)
     return out
 
 

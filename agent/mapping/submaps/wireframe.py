@@ -10,7 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
-from agent.mapping.submaps.matching import share_beside
+from agent.mapping.submaps.matching import share_beside, tiles_of
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
 from protocol.wireframe import Wireframe
@@ -93,11 +93,13 @@ def _tips(walls: Records) -> Floats:
 @kernel
 def _stand_once(walls: Records) -> Bools:
     """Which walls (n,), longest first, do not lie beside longer ones for the most part."""
-    kept, count, out = np.empty_like(walls), 0, np.zeros(len(walls), np.bool_)
+    kept, out = walls.copy(), np.zeros(len(walls), np.bool_)
+    tiles = tiles_of(kept)
     for k in range(len(walls)):
-        if share_beside(kept[:count], walls[k : k + 1], TWICE_M) < TWICE_SHARE:
-            kept[count] = walls[k]
-            count += 1
+        kept[k].ux = kept[k].uy = 0.0  # so it faces no other one
+    for k in range(len(walls)):
+        if share_beside(tiles, walls[k : k + 1], TWICE_M) < TWICE_SHARE:
+            kept[k] = walls[k]
             out[k] = True
     return out
 

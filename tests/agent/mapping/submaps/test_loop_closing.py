@@ -16,7 +16,7 @@ from agent.mapping.submaps.segments import SEGMENT
 from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
-from protocol.arrays import Bools, Floats
+from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Wireframe
@@ -133,11 +133,12 @@ def test_a_loop_among_like_columns_says_nothing_where_the_filter_has_recognised_
     graph = Edges(np.array([(0, 5)]), np.zeros((1, 3)), 100.0 * np.eye(3)[None], np.ones(1, np.bool_))
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
 
-    def on_walls(place: Submap, samples: Floats, pose: Floats) -> Bools:
-        k = next(k for k in range(len(places)) if places[k] is place)
+    def on_walls(walls: Records, samples: Floats, pose: Floats) -> Bools:
+        k = next(k for k in range(len(places)) if places[k].walls is walls)
         halves = {0: (True, True), **{one: (one == 1, one == 2) for one in shown}}
         return np.repeat(halves.get(k, (False, False)), 5) & (not pose.any())
 
+    monkeypatch.setattr(loop_closing, "tiles_of", lambda walls: walls)
     monkeypatch.setattr(loop_closing, "on_walls", on_walls)
     assert loops._speaks_against(0) is speaks
 
@@ -155,5 +156,5 @@ def test_a_loop_says_nothing_of_the_map_where_the_heading_at_one_moment_was_as_u
     ]
     graph = Edges(np.array([(0, 1)]), np.zeros((1, 3)), 1e4 * np.eye(3)[None], np.ones(1, np.bool_))
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
-    monkeypatch.setattr(loop_closing, "on_walls", lambda place, samples, pose: np.full(len(samples), not pose.any()))
+    monkeypatch.setattr(loop_closing, "on_walls", lambda tiles, samples, pose: np.full(len(samples), not pose.any()))
     assert loops._speaks_against(0) is speaks
