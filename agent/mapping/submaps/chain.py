@@ -28,6 +28,7 @@ from agent.mapping.submaps.matching import (
 )
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
+from agent.mapping.submaps.tiles import Tiles
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
 
@@ -42,6 +43,10 @@ SEARCH, SEARCH_STEP = np.array((0.4, 0.4, math.radians(24.0))), np.array((0.2, 0
 SPARSE = 25  # samples that are enough to tell those poses apart
 TRIED = 4  # of those poses, the best are refined
 SAMPLE_WEIGHT = 0.5  # of a sample in the search, against the odometry: neighbours on one wall err alike
+UNKNOWN = 0.5
+"""Cost of a sample that the last scan could not show from a pose: between those of one on a wall and of one on none.
+With none at all the search is for poses that hide what is seen. Asked of all poses alike, by what odometry's had in
+view, wheels that slipped by 9 degrees were believed: half of the scan lay where nobody had looked."""
 SLIP = 7.0  # what it costs to believe that odometry has slipped, whatever the way: one scan in a thousand
 VIEW_M = 0.4  # of way, or twice this in radians, from one kept view to the next: a dozen a submap
 MERGE_AFTER_M = 0.2  # of way, or twice this in radians: scans from one place show its walls with the same errors
@@ -158,14 +163,14 @@ class Submaps:
             self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
             return match.pose
         self._scale.lose()
-        samples = samples[known]
         poses = poses_around(guess, SEARCH, SEARCH_STEP)
         few = every(samples, len(samples) // SPARSE)
         costs = len(samples) / len(few) * costs_around(few, tiles, poses, COARSE_GATE_M)
         best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
         found = [refine(samples, tiles, pose, prior, GATES_M[-1:], ROUNDS).pose for pose in poses[best]]
         tried = np.array((match.pose, *found))
-        costs = SAMPLE_WEIGHT * costs_around(samples, tiles, tried, GATES_M[-1]) + _against(tried - guess, prior)
+        costs = np.array([_unlikely(last_view, tiles, samples, pose) for pose in tried])
+        costs = SAMPLE_WEIGHT * costs + _against(tried - guess, prior)
         return np.asarray(tried[np.argmin(costs)])
 
     def close(self) -> bool:
@@ -279,6 +284,13 @@ class Submaps:
         for layer in layers:
             walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
         return walls
+
+
+def _unlikely(last_view: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> float:
+    """What speaks against a pose (3,) of samples (k, 4), by those of the walls that the last view should show there."""
+    known, _ = due(last_view, tiles, samples, pose)
+    cost = float(costs_around(samples[known], tiles, pose[None], GATES_M[-1])[0])
+    return cost + UNKNOWN * float(len(samples) - known.sum())
 
 
 def _against(off: Floats, prior: Floats) -> Floats:

@@ -83,7 +83,7 @@ def cluttered(boxes: int) -> Floats:
     return np.array(walls)
 
 
-@pytest.mark.parametrize(("scan", "slip_deg"), [(6, 24.0), (12, -20.0)])
+@pytest.mark.parametrize(("scan", "slip_deg"), [(6, 24.0), (7, -24.0), (12, -20.0)])
 def test_wheels_that_slip_in_a_turn_do_not_bend_the_way(scan: int, slip_deg: float) -> None:
     turns = np.arange(0, 7.5, 0.35)
     way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2))
