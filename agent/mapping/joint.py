@@ -122,6 +122,43 @@ def place_end(joint: Floats, row: int, rows: Ints, slopes: Floats, variance: flo
 
 
 @kernel
+def carry(edges: Records, joint: Floats, shift: Floats, pose: Pose) -> None:
+    """Let errors go along as pose and walls are about to move by shift (m,): joint (m, m) is updated in place.
+
+    How robot and walls together are turned and shifted shows in no scan. Slopes depend on the estimates, so those taken
+    before a move and after it are blind to different turns, and the filter would take itself to learn the frame's. So a
+    turn of the robot swings all about the origin from where it is now, as in the invariant filter of Barrau and
+    Bonnabel ("An EKF-SLAM algorithm with consistency properties", 2015). pose: of the robot, before the move.
+    """
+    for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
+        w, row = edges[e], row_of(e)
+        aside, turn = shift[row], shift[row + 1]
+        if w.alive == FREE or (aside == 0.0 and turn == 0.0):
+            continue
+        angle = math.atan2(w.uy, w.ux) + turn
+        ux, uy = math.cos(angle), math.sin(angle)
+        x, y, dx, dy = w.x - aside * w.uy, w.y + aside * w.ux, ux - w.ux, uy - w.uy
+        swings = ux * x + uy * y - w.ux * w.x - w.uy * w.y - dy * pose[1] - dx * pose[0]
+        _go_along(joint, row, -dy, dx, swings)
+        swings = uy * x - ux * y - w.uy * w.x + w.ux * w.y + dx * pose[1] - dy * pose[0]
+        for end in range(row + 2, row + PER_WALL):
+            if joint[end, end] > 0.0:
+                _go_along(joint, end, dx, dy, swings)
+    _go_along(joint, 0, 0.0, 0.0, -shift[1])
+    _go_along(joint, 1, 0.0, 0.0, shift[0])
+
+
+@kernel
+def _go_along(joint: Floats, row: int, by_x: float, by_y: float, by_heading: float) -> None:
+    """Let the error of a row depend on those of the pose by so much more."""
+    for k in range(len(joint)):
+        joint[row, k] += by_x * joint[0, k] + by_y * joint[1, k] + by_heading * joint[2, k]
+    joint[row, row] += by_x * joint[row, 0] + by_y * joint[row, 1] + by_heading * joint[row, 2]
+    for k in range(len(joint)):
+        joint[k, row] = joint[row, k]
+
+
+@kernel
 def move_walls(edges: Records, shift: Floats) -> None:
     """Move walls and their ends by what a scan has shown of them."""
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):

@@ -22,6 +22,7 @@ from agent.mapping.joint import (
     MAX_JOINT,
     PER_WALL,
     WALLS,
+    carry,
     has_rows,
     know_walls,
     move_walls,
@@ -84,7 +85,7 @@ def update_particles(
             walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
             known = Axis(axes[p], axis.sd if joint[p, AXIS, AXIS] > 0.0 else math.inf)
             correct_pose(edges[p], counts[p], pieces, walls, predicted, joint[p], shift, known, gates)
-            _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
+            _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
         pose = (poses[p, 0], poses[p, 1], poses[p, 2])
         relate(edges[p], counts[p], joint[p], pose)
         pieces = _placed(raw, predicted, shift, grown[p], noise)
@@ -100,7 +101,7 @@ def update_particles(
             fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
             shift = _rows(counts[p], joint[p])
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
-            _move(edges[p], poses[p], constants[p], axes[p : p + 1], shift)
+            _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
     return scores
 
 
@@ -111,8 +112,9 @@ def _rows(count: int, joint: Floats) -> Floats:
 
 
 @kernel
-def _move(edges: Records, pose: Floats, constants: Floats, axis: Floats, shift: Floats) -> None:
-    """Move all that a particle estimates by what was found, (m,)."""
+def _move(edges: Records, pose: Floats, constants: Floats, axis: Floats, joint: Floats, shift: Floats) -> None:
+    """Move all that a particle estimates by what was found, (m,), and its covariance (m, m) along."""
+    carry(edges, joint, shift, (pose[0], pose[1], pose[2]))
     for k in range(3):
         pose[k] += shift[k]
         constants[k] += shift[3 + k]

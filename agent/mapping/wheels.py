@@ -99,8 +99,10 @@ class Wheels:
             step[:3, 3] = -ahead_x, -ahead_y, -turn
             step[:3, 4] = 0.5 * ahead * ahead_y, -0.5 * ahead * ahead_x, -ahead
             step[:3, 5] = -0.5 * turn * ahead_y, 0.5 * turn * ahead_x, turn
-            joint[p, BEGIN : BEGIN + 3] = joint[p, :3]
-            joint[p, :, BEGIN : BEGIN + 3] = joint[p, :, :3]
+            swing = np.eye(3)  # the begin's error in terms of the stamp's frame (`pose_correction.pose_at`)
+            swing[0, 2], swing[1, 2] = -dy, dx
+            joint[p, BEGIN : BEGIN + 3] = swing @ joint[p, :3]
+            joint[p, :, BEGIN : BEGIN + 3] = joint[p, :, :3] @ swing.T
             before = joint[p, :6, :6].copy()
             after = step @ before @ step.T
             after[:2, :2] += spec.distance_sd**2 * abs(ahead) * np.outer(heading, heading)

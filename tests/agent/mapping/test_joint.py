@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agent.mapping.edges import EDGE, TENTATIVE, WALL, line_sd, related
-from agent.mapping.joint import WALLS, know_walls, move_walls, observe, relate, row_of
+from agent.mapping.joint import WALLS, carry, know_walls, move_walls, observe, relate, row_of
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 
@@ -49,6 +49,36 @@ def test_a_wall_is_known_better_from_where_it_was_seen_than_in_the_map() -> None
     elsewhere[:3], elsewhere[:, :3] = 0.0, 0.0  # a robot that knows where it is, but not where that wall is
     relate(edges, 2, elsewhere, POSE)
     assert line_sd(edges[0], 0.0, NOISE) > 0.1
+
+
+def test_how_all_is_turned_and_shifted_together_stays_unknown_as_estimates_move() -> None:
+    edges, joint = mapped()
+    joint[:] = 0.0
+    joint[row_of(0) + 3, row_of(0) + 3] = 1.0  # an end that is known by itself
+    modes = together(edges, POSE)
+    joint += modes @ modes.T
+    shift = np.zeros(len(joint))
+    shift[:3] = 0.2, -0.1, 0.05
+    shift[row_of(0) : row_of(0) + 4] = 0.1, 0.2, 0.0, 0.3
+    shift[row_of(1) : row_of(1) + 2] = -0.3, -0.1
+    carry(edges, joint, shift, POSE)
+    move_walls(edges, shift)
+    x, y, heading = np.array(POSE) + shift[:3]
+    modes = together(edges, (x, y, heading))
+    joint[row_of(0) + 3, row_of(0) + 3] -= 1.0
+    assert joint == pytest.approx(modes @ modes.T, abs=1e-9)
+
+
+def together(edges: Records, pose: Pose) -> Floats:
+    """(m, 3) errors of pose, two walls and the head of the first as all is turned about the origin, or shifted."""
+    modes = np.zeros((row_of(4), 3))
+    modes[:3] = [[-pose[1], 1.0, 0.0], [pose[0], 0.0, 1.0], [1.0, 0.0, 0.0]]
+    for e in range(2):
+        x, y, ux, uy = (float(edges[name][e]) for name in ("x", "y", "ux", "uy"))
+        modes[row_of(e) : row_of(e) + 2] = [[ux * x + uy * y, -uy, ux], [1.0, 0.0, 0.0]]
+        if e == 0:
+            modes[row_of(e) + 3] = uy * x - ux * y, ux, uy
+    return modes
 
 
 def test_a_number_far_from_what_is_known_counts_little() -> None:

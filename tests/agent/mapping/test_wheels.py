@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from agent.mapping.joint import WALLS, observe
+from agent.mapping.joint import BEGIN, WALLS, observe
 from agent.mapping.wheels import Wheels, moves_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, relative
@@ -108,3 +108,12 @@ def test_wheels_as_they_should_be_change_nothing() -> None:
     wheels, told = Wheels(SPEC, 1, RATE_HZ), np.vstack((np.zeros((1, 3)), drive(3)[2] - drive(3)[1][-1]))
     assert np.allclose(wheels.way(moves_of(told), 0), told, atol=1e-12)
     assert joint_of(wheels)[0, :3, :3].sum() == 0.0
+
+
+def test_what_turns_the_begin_of_a_revolution_swings_its_end_as_much() -> None:
+    wheels, poses = Wheels(SPEC, 1, RATE_HZ), np.zeros((1, 3))
+    joint = joint_of(wheels)
+    joint[0, 2, 2] = 0.1**2
+    wheels.move(poses, joint, [(0.3, 0.1, 0.0)])
+    error = joint[0, BEGIN : BEGIN + 3, 2] / joint[0, BEGIN + 2, 2]
+    assert error == pytest.approx((-0.1, 0.3, 1.0), abs=0.01)
