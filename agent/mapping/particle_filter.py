@@ -312,8 +312,13 @@ class WireframeFilter:
 
     @property
     def place_sd_m(self) -> float:
-        """Standard deviation of the place of that pose, metres."""
-        return math.sqrt(float(np.trace(self.covariance[:2, :2])))
+        """Standard deviation of the place of that pose, metres, beside what is due to how the walls' axis is turned.
+
+        A robot whose map is turned as much as it takes no wall for another.
+        """
+        joint = self.joint[self.best]
+        turned = float(joint[:2, AXIS] @ joint[:2, AXIS]) / joint[AXIS, AXIS] if joint[AXIS, AXIS] > 0.0 else 0.0
+        return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
 
     def map_sd_m(self) -> float:
         """Standard deviation in metres of a wall in the robot's own frame."""

@@ -9,7 +9,7 @@ from agent.corner_scan import OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
 from agent.mapping.joint import AXIS, know_walls, relate, row_of
-from agent.mapping.pose_correction import Axis, correct_pose, hold_axis
+from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis
 
 POSE, NOISE = (0.0, 0.0, 0.0), 0.01
 NOT_TENTATIVE = np.zeros(2, np.bool_)
@@ -97,3 +97,18 @@ def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it
     angle = hold_axis(edges, np.array([1]), joint, shift, 0.0, Axis(0.5 * off, math.radians(0.1)))
     assert angle + shift[AXIS] == pytest.approx(0.0, abs=math.radians(0.05))
     assert shift[row_of(1) + 1] == pytest.approx(-off, rel=0.2)
+
+
+@pytest.mark.parametrize(("turned_m", "is_held"), [(1.2, True), (3.0, False)])
+def test_one_turned_post_among_rectilinear_walls_takes_no_axis_away(turned_m: float, is_held: bool) -> None:
+    edges = np.zeros(3, EDGE)
+    walls = ((2.0, 0.0), (3.0, 0.5 * math.pi), (turned_m, 0.25 * math.pi))
+    for wall, (size, angle) in zip(edges, walls, strict=True):
+        wall["alive"], wall["hits"], wall["ux"], wall["uy"] = WALL, 100.0, math.cos(angle), math.sin(angle)
+        wall["xx"], wall["yy"] = 100.0 * wall["ux"] ** 2, 100.0 * wall["uy"] ** 2
+        wall["xy"] = 100.0 * wall["ux"] * wall["uy"]
+        wall["tip"][1] = size * wall["ux"], size * wall["uy"]
+    axis = axis_of(edges, 3, NOISE)
+    assert math.isfinite(axis.sd) == is_held
+    if is_held:
+        assert math.sin(2.0 * axis.angle) == pytest.approx(0.0, abs=1e-6)
