@@ -333,3 +333,41 @@ def beams_on(beams: Beams, expected: Floats, radius: float, margin: float) -> Bo
             if away - room < r < away + room:  # others are off the disc at any bearing
                 out[k] |= math.hypot(r * math.cos(bearing) - x, r * math.sin(bearing) - y) < reach
     return out
+
+
+@kernel
+def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, radius: float) -> Bools:
+    """(n,) which beams end on something narrower than a body that stands free, beside beams on teammates (n,).
+
+    That may be another one behind them, of which too little is seen for a disc. In a crowd such pieces became walls,
+    which kept the crowd together, as all came to look at them. hidden: (n,) beams that are left out already.
+    """
+    n, out, beside = len(hidden), np.zeros(len(hidden), np.bool_), teammates.copy()
+    x, y = beams.distances * np.cos(beams.bearings), beams.distances * np.sin(beams.bearings)
+    far = np.where(np.isnan(beams.ranges), 0.0, beams.distances)
+    seen = np.isfinite(beams.ranges) & ~hidden
+    more = True
+    while more:  # one may peep out behind another that does
+        more = False
+        for first in np.flatnonzero(seen & ~out):
+            if seen[first - 1] and math.hypot(x[first] - x[first - 1], y[first] - y[first - 1]) < radius:
+                continue
+            end = first + 1
+            while end - first < n and seen[end % n]:
+                if math.hypot(x[end % n] - x[(end - 1) % n], y[end % n] - y[(end - 1) % n]) >= radius:
+                    break
+                end += 1
+            if math.hypot(x[(end - 1) % n] - x[first], y[(end - 1) % n] - y[first]) >= 2.0 * radius:
+                continue
+            last, before, after = end - 1, first - 1, end
+            while first - before < n and hidden[before % n] and not beside[before % n]:  # grazing a teammate
+                before -= 1
+            while after - end < n and hidden[after % n] and not beside[after % n]:
+                after += 1
+            one, other = beside[before % n], beside[after % n]
+            # behind something nearer that is no teammate it may go on
+            if (one or far[before % n] > far[first]) and (other or far[after % n] > far[last % n]) and (one or other):
+                more = True
+                for k in range(first, end):
+                    out[k % n] = beside[k % n] = True
+    return out

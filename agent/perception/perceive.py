@@ -14,7 +14,7 @@ from agent.kernels import kernel
 from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
-from agent.perception.discs import beams_on, find_discs, hidden_beams
+from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_beams
 from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
@@ -119,7 +119,9 @@ def perceive(
     expected = expected[_may_be_teammates(expected[:, :2], known, posts, radius)]
     hidden = np.isnan(beams.ranges)
     if company:
-        hidden |= hidden_beams(beams, discs, radius) | beams_on(beams, expected, radius, DISC_MARGIN_M)
+        teammates = beams_on(beams, expected, radius, DISC_MARGIN_M)
+        hidden |= hidden_beams(beams, discs, radius) | teammates
+        hidden |= peeping_beams(beams, hidden, teammates | np.isnan(beams.ranges), radius)
     returned = np.isfinite(beams.ranges)
     used = np.flatnonzero(returned & ~hidden)
     pieces, unexplained = np.zeros(0, PIECE), returned | hidden

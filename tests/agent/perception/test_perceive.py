@@ -104,13 +104,14 @@ def test_split_and_merge_sees_like_the_paper_and_the_piecewise_fit_sees_better()
 def view(
     segments: list[tuple[float, float, float, float]], noise: float = 0.0, reach: float = 3.5, **extra
 ) -> CornerScan:
-    """Corner scan from the origin; extra: discs (m, 3)."""
+    """Corner scan from the origin; extra: discs (m, 3), and those of them that were seen before."""
     spec = LidarSpec(noise_m=noise, range_max_m=reach)
     lidar = Lidar(np.array(segments, np.float64), spec)
     ranges = lidar.cast(np.zeros((1, 3)), extra.get("discs"))
     if noise:
         ranges = lidar.measured(ranges, [np.random.default_rng(4)])
-    return perceive(np.asarray(ranges[0], np.float64), RobotSpec(lidar=spec))
+    expected = extra.get("before", np.zeros((0, 3))) * (1.0, 1.0, 0.0)
+    return perceive(np.asarray(ranges[0], np.float64), RobotSpec(lidar=spec), expected=expected)
 
 
 def test_one_view_gives_all_three_labels() -> None:
@@ -163,6 +164,14 @@ def test_two_teammates_side_by_side_are_two_discs() -> None:
     for centre in ((0.0, 1.2), (0.23, 1.25)):
         assert np.linalg.norm(scan.discs - centre, axis=1).min() < 0.04
     assert all(abs(piece["y"] - 2.5) < 0.02 for piece in scan.pieces)
+
+
+@pytest.mark.parametrize("away", [0.21, 0.5, 1.0])
+def test_a_teammate_that_peeps_out_behind_another_one_is_no_wall(away: float) -> None:
+    for aside in np.linspace(0.0, 0.3, 16):
+        pair = np.array([(away, 0.0, 0.105), (away + 0.25, aside, 0.105)])
+        scan = view([(2.5, -3, 2.5, 3)], noise=0.01, discs=pair, before=pair[:1])
+        assert all(abs(piece["x"] - 2.5) < 0.05 for piece in scan.pieces), aside
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 0.0, 1e9])
