@@ -5,7 +5,6 @@ whose maps it has merged. Each is coded as its offset from where the last step w
 (since, until].
 """
 
-import struct
 from bisect import bisect_right
 from typing import NamedTuple
 
@@ -15,7 +14,7 @@ from protocol.arrays import Floats, Ints
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
-from protocol.talk import angle_of, check_version, first_byte, take_varint, turn_of, varint
+from protocol.talk import FRAME_BYTES, check_version, first_byte, frame_bytes, take_frame, take_varint, varint
 from protocol.wireframe import MAX_COORDINATE_M
 
 VIEWS = "views"  # kind of message, as in radio.csv
@@ -23,7 +22,6 @@ CELL_M = 0.1  # of the grid: a robot keeps 0.13 m from walls, so nearly the same
 MAX_VIEWPOINTS = 4000  # of one message: 2 km of path (ours)
 _ASKS, _PLACES, _HEARD = 1, 2, 4
 """Flags in the lowest bits of the first byte: a question; with the asked robot's frame; with others' viewpoints."""
-_FRAME = struct.Struct("<iiH")
 _COUNT, _FIRST, _STEP = 4, 6, 1
 """Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
 
@@ -39,9 +37,7 @@ class AskViews(NamedTuple):
         """Two to seven bytes, and ten of the frame."""
         if self.frame is None:
             return first_byte(_ASKS) + varint(self.since)
-        x, y, theta = self.frame
-        frame = _FRAME.pack(round(1000 * x), round(1000 * y), turn_of(theta))
-        return first_byte(_ASKS | _PLACES) + varint(self.since) + frame
+        return first_byte(_ASKS | _PLACES) + varint(self.since) + frame_bytes(self.frame)
 
 
 class Views(NamedTuple):
@@ -103,11 +99,8 @@ def decode_views(data: bytes) -> AskViews | Views:
     tick, at = take_varint(data, 1)
     if flags == _ASKS and at == len(data):
         return AskViews(tick)
-    if flags == _ASKS | _PLACES and at + _FRAME.size == len(data):
-        x, y, turn = _FRAME.unpack_from(data, at)
-        if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
-            raise ProtocolError("a frame from out of bounds")
-        return AskViews(tick, (x / 1000, y / 1000, angle_of(turn)))
+    if flags == _ASKS | _PLACES and at + FRAME_BYTES == len(data):
+        return AskViews(tick, take_frame(data, at)[0])
     if flags & ~_HEARD:
         raise ProtocolError("a message about viewpoints that is none")
     back, at = take_varint(data, at)

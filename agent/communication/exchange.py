@@ -13,6 +13,7 @@ from typing import NamedTuple
 from agent.communication.config import TalkConfig
 from agent.communication.receiving import KEPT_MAPS, Known, PeerViews, ReceivedMap
 from protocol.errors import ProtocolError
+from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
 from protocol.map_codec import encode_map
@@ -67,6 +68,8 @@ class News(NamedTuple):
     """All its viewpoints, where new ones came."""
     frame: Pose | None = None
     """Where it says that the robot's own frame lies in its frame, where it has merged the robot's map."""
+    others: Mapping[str, Pose | None] = NOBODY
+    """Where it says that the frames of others lie in its own; None of whom it has taken that back."""
 
 
 @dataclass
@@ -97,6 +100,8 @@ class Told:
     """Tick until which it has all that was seen."""
     asked: bool = False
     """Whether it has asked for viewpoints in this contact, as those do that have merged the robot's map."""
+    frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
+    """Of each other peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
 
     def take_ack(self, ack: Ack) -> None:
         """Note what the peer has, or lacks."""
@@ -165,7 +170,7 @@ class Exchange:
                 news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
-                told.asked = False
+                told.asked, told.frames = False, {}
                 told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
@@ -179,6 +184,8 @@ class Exchange:
                 case AskViews():
                     self._told[peer].asked = True
                     one = one._replace(frame=said.frame or one.frame)
+                case ToldFrames():
+                    one = one._replace(others={**one.others, **said.of})
             news[peer] = one
         for peer, why in refused.items():  # not in each tick, as there is room for so many events only
             if tick - self._refused.get(peer, NEVER) >= self._period_ticks:
@@ -189,7 +196,9 @@ class Exchange:
         self.contacts = {peer: contact for peer, contact in self.contacts.items() if peer not in lost}
         return [news[peer] for peer in self.contacts if peer in news], events
 
-    def _take(self, tick: int, peer: str, message: Heard) -> Beacon | ReceivedMap | PeerViews | AskViews | None:
+    def _take(
+        self, tick: int, peer: str, message: Heard
+    ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | None:
         """What a message tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
@@ -212,6 +221,8 @@ class Exchange:
                 return self._known[peer].take_views(views)
             self._asks[peer] = views.since
             return views
+        if message.kind == FRAMES:
+            return ToldFrames.decode(message.payload)
         raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
 
     def talk(
@@ -229,8 +240,8 @@ class Exchange:
         pose: the robot's own. told_to: the map for a peer. state: a number that changes whenever one of these maps may
         have. looked: where it looked from, for those that ask. ask: the transform of each peer whose viewpoints are
         wanted; they are asked for once a beacon's period, and the question holds the transform until that peer has
-        asked, too. in_sight: a peer whose frame is not known may be in sight, and so see the robot, too; beacons come
-        sooner then.
+        asked, too. Each of them is told the transforms of the others. in_sight: a peer whose frame is not known may be
+        in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -242,7 +253,8 @@ class Exchange:
         for peer in self.contacts:
             kind, parts = self._due(tick, peer, told_to, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        return (sends + self._talk_of_views(tick, state, looked, ask))[:MAX_SENDS]
+        sends += self._talk_of_views(tick, state, looked, ask)
+        return (sends + self._talk_of_frames(tick, ask))[:MAX_SENDS]
 
     def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
@@ -260,6 +272,25 @@ class Exchange:
                 self._known[peer].views_asked = True
                 question = AskViews(self._known[peer].views_until, None if self._told[peer].asked else ask[peer])
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
+        return sends
+
+    def _talk_of_frames(self, tick: int, frames: Mapping[str, Pose]) -> list[Send]:
+        """The frame of each merged peer for the others: at once, and again after 1, 2, 4, ... beacons' periods."""
+        sends: list[Send] = []
+        if tick % self._beacon_ticks:
+            return sends
+        for peer in [peer for peer in self.contacts if peer in frames]:
+            told, due = self._told[peer].frames, dict[str, Pose | None]()
+            for name in sorted((frames.keys() | told.keys()) - {peer}):
+                holds, (held, periods) = name in frames, told.get(name, (False, 0))
+                periods = periods + 1 if held == holds else 1
+                told[name] = holds, periods
+                if periods & (periods - 1) == 0:
+                    due[name] = frames.get(name)
+            sends += [
+                Send(tick=tick, to=peer, kind=FRAMES, payload=some.encode())
+                for some in in_messages(due, self.mtu_bytes)
+            ]
         return sends
 
     def _due(self, tick: int, peer: str, told_to: Callable[[str], Wireframe], state: int) -> tuple[str, list[Part]]:

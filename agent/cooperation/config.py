@@ -12,6 +12,8 @@ class VerificationConfig(Config):
     """Count whether the teammate's disc is seen where the transform puts the teammate."""
     heard: bool = True
     """Count messages that, under the transform, came from beyond the radio's range."""
+    thirds: bool = True
+    """Count what merged peers say of the frame of another one that they have merged, too."""
     later_maps: bool = True
     """Count alignments of later maps: they must give the same transform."""
 

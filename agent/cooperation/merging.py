@@ -16,6 +16,7 @@ from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Laid, Merged, Proposed
+from agent.cooperation.proposing import contradict
 from agent.cooperation.wall_fit import fit_on_walls
 from agent.geometry.transform import apart
 from agent.mapping.layers import layer_of
@@ -85,7 +86,7 @@ def update(
     fit = fit_on_walls(own, newest.wireframe, _refined(peer.transform, mine, theirs, config.min_inliers))
     agreed, conflict = agreement(mine.walls, theirs.walls, fit.transform)
     figures = {"agreement": round(agreed, 2), "conflict": round(conflict, 2)}
-    if conflict > config.max_conflict * agreed or agreed < AGREED_SHARE * peer.agreed_m:
+    if contradict(agreed, conflict, config) or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
     laid = _laid(newest, fit.transform, peer.walls)

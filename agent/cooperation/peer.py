@@ -22,6 +22,8 @@ from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
+MOST_FRAMES = 256
+"""Others of whose frames one peer may tell (ours): more than there are robots in any run."""
 ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
 
@@ -68,11 +70,28 @@ class PeerLog:
     claim_reason: str = ""
     """Why the last claim was not proposed."""
 
+    frames: dict[str, Floats] = field(default_factory=dict)
+    """(3,) the frames of others that it has merged, in its own, by its word."""
+    thirds_tried: tuple[int, int] = (0, -1)
+    """How many thirds agreed, and the peer's map, when their word was last held against the walls."""
+    thirds_on_trial: int = 0
+    """How many of them agreed on the last transform of theirs that was on trial: another one must have more."""
+    circles_open: int = 0
+    """Circles by way of thirds that did not close, beyond those that did, when its transform was last on trial."""
+
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
         claim = inverse(np.array(mine_in_theirs))
         if self.tried_claim is None or apart(claim, self.tried_claim, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
             self.claim = claim
+
+    def take_frames(self, others: Mapping[str, Pose | None]) -> None:
+        """Keep where the peer says that the frames of others lie, and forget what it takes back."""
+        for name, frame in others.items():
+            if frame is None:
+                self.frames.pop(name, None)
+            elif name in self.frames or len(self.frames) < MOST_FRAMES:
+                self.frames[name] = np.array(frame)
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick, and what was seen when it said so.

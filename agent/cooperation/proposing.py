@@ -144,22 +144,30 @@ class Aligner:
         pass waits for the peer's next word, as maps grow.
         """
         claim, log.claim = log.claim, None
-        maps = None if claim is None or log.map is None else self.both(log, own)
-        if claim is None or maps is None:
-            return None
-        mine, theirs = maps
-        near = Consensus(claim, 0, 0, theirs.corners.centre, 0.0)
-        said = self._in_reach(log, align_by_sight(mine, theirs, near, self.config, LEAST_CORNERS))
-        if said.transform is not None:
+        said = None if claim is None or log.map is None else self.align_near(log, own, claim)
+        if said is not None and said.transform is not None:
             log.tried_claim = claim
         return said
 
-    def walls_agree(self, log: PeerLog, own: Wireframe, transform: Floats) -> bool:
-        """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail."""
+    def align_near(self, log: PeerLog, own: Wireframe, transform: Floats) -> Alignment | None:
+        """The alignment near a transform (3,) that others say; None where a map is too large or too small."""
+        maps = self.both(log, own)
+        if maps is None:
+            return None
+        near = Consensus(transform, 0, 0, maps[1].corners.centre, 0.0)
+        return self._in_reach(log, align_by_sight(*maps, near, self.config, LEAST_CORNERS))
+
+    def walls_agree(self, log: PeerLog, own: Wireframe, transform: Floats, must_overlap: bool) -> bool:
+        """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail.
+
+        must_overlap: whether they must have corners in common; else it suffices that they do not contradict each other.
+        """
         maps = self.both(log, own)
         if maps is None:
             return False
         mine, theirs = maps
+        if not must_overlap:
+            return not contradict(*agreement(mine.walls, theirs.walls, transform), self.config)
         refined = refine(transform[None], mine.corners, theirs.corners)
         if not len(refined.transforms) or refined.inliers[0] < LEAST_CORNERS:
             return False
@@ -171,6 +179,11 @@ class Aligner:
             return False
         agreed, conflict = agreement(mine.walls, theirs.walls, exact)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
+
+
+def contradict(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
+    """Whether metres of wall in conflict are too many for those that agree; robots that share work have few."""
+    return conflict_m > config.max_conflict * max(agreed_m, config.min_score_m)
 
 
 def off_its_map(log: PeerLog) -> bool:

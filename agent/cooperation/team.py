@@ -14,13 +14,14 @@ from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
 from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
+from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
 from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradiction, hide_seen_through, merge, update
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
-from agent.cooperation.verification import Trial
+from agent.cooperation.verification import THIRD_NATS, Trial
 from agent.corner_scan import CornerScan
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
@@ -168,6 +169,7 @@ class Team:
                         self._watch(peer, sighting)
             if news.frame is not None:
                 log.take_frame(news.frame)
+            log.take_frames(news.others)
             log.waiting = news.map or log.waiting
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
@@ -177,12 +179,20 @@ class Team:
             others = [other.map.wireframe for other in self.merged if other is not peer]
             if peer.log.take_map(tick, [own, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
-        if self.config.verification.ground and tick % self._ticks(LOOK_S) == 0:
-            for peer in self.peers.values():
+        if tick % self._ticks(LOOK_S) == 0:
+            for proposed in self.proposed:
+                self._ask_thirds(proposed)
+            for peer in self.peers.values() if self.config.verification.ground else ():
                 self._look(peer, here, scan)
 
     def _weigh(self, trial: Trial, sighting: Sighting) -> None:
         trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)
+
+    def _ask_thirds(self, peer: Proposed) -> None:
+        peer.trial.ask_thirds(self._balance(peer))
+
+    def _balance(self, peer: Proposed | Merged) -> int:
+        return thirds.balance(thirds.claims(peer, self.merged), peer.transform, peer.map.wireframe)
 
     def _watch(self, peer: Merged, sighting: Sighting) -> None:
         """Undo a merge whose teammate is not where it must be: the walls of a building may agree after a half turn."""
@@ -229,7 +239,7 @@ class Team:
             if new.refused >= REFUSED_MAPS:
                 self.undo(new, "its later maps contradict it", figures)
             return True
-        if isinstance(peer, Unaligned) and log.contact is not None and self._align_as_told(peer, own):
+        if isinstance(peer, Unaligned) and log.contact is not None and self._align_by_word(peer, own):
             return True
         growth = log.growth if isinstance(peer, Unaligned) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
@@ -255,6 +265,10 @@ class Team:
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
 
+    def _align_by_word(self, peer: Unaligned, own: Wireframe) -> bool:
+        """Propose what the peer itself says, or thirds; true where walls were compared."""
+        return self._align_as_told(peer, own) or self._align_by_thirds(peer, own)
+
     def _align_as_told(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what a peer that has merged the robot's map says itself, if the walls agree; true if compared."""
         said = self.aligner.align_as_told(peer.log, own)
@@ -265,6 +279,23 @@ class Team:
         elif said.reason != peer.log.claim_reason:
             self._say("attempt", peer.log, f"told, {said.reason}", said.best, said.figures())
         peer.log.claim_reason = said.reason
+        return True
+
+    def _align_by_thirds(self, peer: Unaligned, own: Wireframe) -> bool:
+        """Propose the frame on which most merged peers agree, if their word suffices or the walls agree."""
+        log = peer.log
+        assert log.map is not None
+        found = thirds.best(thirds.claims(peer, self.merged), log.map.wireframe)
+        if found is None or found.agree <= log.thirds_on_trial or log.thirds_tried == (found.agree, log.map.tick):
+            return False
+        log.thirds_tried = found.agree, log.map.tick
+        said = self.aligner.align_near(log, own, found.transform)
+        if said is None:
+            return False
+        if said.transform is not None or THIRD_NATS * (found.agree - 1) >= self.config.verification.accept:
+            log.thirds_on_trial = found.agree
+            transform = said.transform or pose_of(found.transform)
+            self.propose(peer, transform, own, {**said.figures(), "thirds": found.agree}, said, how="told by thirds")
         return True
 
     def _align_by_sight(self, peer: Unaligned, own: Wireframe) -> bool:
@@ -290,7 +321,8 @@ class Team:
         """Z = Z + proposal: put a transform of a peer whose map is known on trial.
 
         Earlier sightings count as evidence. Two of them give the transform in an alignment by sight, and may have given
-        it to the peer that told it: these do not count. how: what the event says of it, `aligned`, `sighted` or `told`.
+        it to the peer that told it: these do not count. how: what the event says of it, `aligned`, `sighted`, `told` or
+        `told by thirds`, or `on trial again`.
         """
         log, t, walls = peer.log, np.array(transform), WallEvidence()
         assert log.map is not None
@@ -299,6 +331,7 @@ class Team:
         for sighting in log.sightings:
             self._weigh(trial, sighting)
         proposed = self.peers[log.name] = Proposed(log, log.map, trial, transform_sd_m(alignment))
+        self._ask_thirds(proposed)
         self.queue.append(proposed)
         self._say("proposed", log, how, transform, figures)
         return proposed
@@ -313,6 +346,8 @@ class Team:
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         self._decide(tick, own)
+        if tick % self._ticks(LOOK_S) == 0 and self.config.verification.thirds:
+            self._close_circles(own)
         for peer in self.proposed:
             if peer.waits_since is not None and peer.waits_since is not peer.log.contact:
                 peer.waits_since = None
@@ -324,13 +359,28 @@ class Team:
         """Accept and reject the proposals whose evidence suffices."""
         for peer in self.proposed:
             verdict = peer.trial.verdict
-            if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform):
+            if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, not peer.trial.thirds_suffice):
                 self._reject(peer, "its walls do not fit")
             elif verdict:
                 self._say("accepted", peer.log, "the evidence decides", peer.transform, peer.trial.figures())
                 self.merge(peer, tick, own)
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
+
+    def _close_circles(self, own: Wireframe) -> None:
+        """Put the weakest link on trial again where circles of three do not close: each link once, till more are open.
+
+        The weakest is the one in most of them, and of these the one with the least wall in common.
+        """
+        opened = [(self._balance(peer), peer.agreed_m, peer) for peer in self.merged]
+        opened = [link for link in opened if link[0] < -link[2].log.circles_open]
+        if not opened:
+            return
+        balance, _, peer = min(opened, key=lambda link: link[:2])
+        figures = {"circles_open": -balance}
+        self.undo(peer, "a circle by way of others does not close", figures)
+        peer.log.circles_open = -balance
+        self.propose(Unaligned(peer.log), pose_of(peer.transform), own, figures, how="on trial again")
 
     def _set_goal(self, tick: int, peer: Proposed, pose: Pose, arrived: bool | None) -> None:
         """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""

@@ -17,7 +17,7 @@ from agent.mapping.views import view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
-KINDS = ("ground", "discs", "heard", "later_maps")
+KINDS = ("ground", "discs", "heard", "thirds", "later_maps")
 """Kinds of evidence, as the switches of VerificationConfig and the figures of events name them."""
 
 GROUND_NATS_PER_M = 0.6
@@ -40,6 +40,10 @@ WALLS_MOST_NATS = 3.0
 after a half turn, and then its walls agree for good. So one of the two must have seen the other."""
 HEARD_AGAINST_NATS = 10.0
 """Loss for a message from beyond the radio's range: decides."""
+
+THIRD_NATS = 2.5
+"""Gain for each merged peer but the first that says the same, and loss for each that says another one: that of a
+sighting, as each of them has had one. The first one counts for nothing, so that no liar alone decides."""
 
 FRESH_LOOKS = 2
 """Scans that must say the same of a piece of wall before it counts."""
@@ -107,7 +111,8 @@ class Trial:
         """Log-odds of right against wrong, by the kinds of evidence that count."""
         nats = {kind: self.nats[kind] if getattr(self.config, kind) else 0.0 for kind in KINDS}
         walls = nats["ground"] + nats["later_maps"]
-        return (min(walls, WALLS_MOST_NATS) if self.config.discs else walls) + nats["discs"] + nats["heard"]
+        walls = min(walls, WALLS_MOST_NATS) if self.config.discs else walls
+        return walls + nats["discs"] + nats["heard"] + nats["thirds"]
 
     @property
     def verdict(self) -> bool | None:
@@ -121,6 +126,11 @@ class Trial:
         """Whether walls have said all that they can, so that only seeing the peer where it must be may decide."""
         nats = (self.nats[kind] for kind in ("ground", "later_maps") if getattr(self.config, kind))
         return self.config.discs and sum(nats) >= WALLS_MOST_NATS
+
+    @property
+    def thirds_suffice(self) -> bool:
+        """Whether merged peers alone decide: maps of robots that share their work need not have walls in common."""
+        return self.config.thirds and self.nats["thirds"] >= self.config.accept
 
     def look_at_walls(self, pose: Pose, scan: CornerScan) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""
@@ -153,6 +163,10 @@ class Trial:
         self.discs_missed += there is False
         gain = DISC_NATS * max(self.discs_seen - self.used, 0)
         self.nats["discs"] = gain - DISC_AGAINST_NATS * self.discs_missed
+
+    def ask_thirds(self, balance: int) -> None:
+        """By how many more merged peers say this transform of the peer than say another one."""
+        self.nats["thirds"] = THIRD_NATS * (balance - (balance > 0))
 
     def align_again(self, same: bool) -> None:
         """Later maps were aligned, and gave the same transform or another one."""

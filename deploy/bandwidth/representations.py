@@ -24,6 +24,7 @@ from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
 from protocol.document import MAX_RESULT_BYTES, check_is_file, read_text
 from protocol.files import write_whole
+from protocol.frames import FRAMES
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
@@ -66,6 +67,7 @@ class Measurement:
     sent: list[tuple[float, str, int]]  # simulated seconds, robot and bytes of each message that is part of `delta`
     beacon_bytes: int
     viewpoint_bytes: int  # questions and answers of where robots have looked from
+    frame_bytes: int  # where the frames of others lie
     explored_m2: dict[str, float]  # free area that each robot's grid has at its end
 
     def totals(self) -> dict[str, int]:
@@ -78,6 +80,7 @@ class Measurement:
         return {
             "beacon_bytes": self.beacon_bytes,
             "viewpoint_bytes": self.viewpoint_bytes,
+            "frame_bytes": self.frame_bytes,
             "updates": len(self.updates),
             "explored_m2": {robot: round(area, 2) for robot, area in self.explored_m2.items()},
             "representations": self.totals(),
@@ -99,7 +102,9 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     ours = [row for row in passages if row["kind"] in OURS]
     sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
     offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
-    beacons, views = (sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS))
+    beacons, views, frames = (
+        sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS, FRAMES)
+    )
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
     def charged(robot: str) -> tuple[list[Update], float]:
@@ -114,7 +119,7 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     updates = [update for own, _ in found.values() for update in own]
     explored = {robot: found[robot][1] if robot in found else 0.0 for robot in seen}
     updates.sort(key=lambda update: update.t)
-    return Measurement(updates, sent, beacons, views, explored)
+    return Measurement(updates, sent, beacons, views, frames, explored)
 
 
 def write(run: Path, measurement: Measurement) -> None:

@@ -92,5 +92,6 @@ def _representations(figures: dict[str, Any]) -> Table:
         per_area = f"{size / area:,.2f}" if area else "-"
         add_row(table, name, f"{size:,}", each, per_area, "-" if ratio is None else f"{ratio:.5f}", meaning)
     add_row(table, "viewpoints", f"{figures['viewpoint_bytes']:,}", "", "", "", "where robots looked from: no map")
+    add_row(table, "frames", f"{figures['frame_bytes']:,}", "", "", "", "where those of merged peers lie: no map")
     add_row(table, "beacons", f"{figures['beacon_bytes']:,}", "", "", "", "on the air, the same for every form")
     return table

@@ -83,8 +83,9 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
         rows = list(csv.DictReader(file))
     news = {(row["tick"], row["sender"], row["receiver"]) for row in rows if row["kind"] in ("map", "delta")}
     assert len(news) == len(measured.updates) == sum(len(line["told"]) for line in lines) > 4
-    assert totals["delta"] == sum(int(row["bytes"]) for row in rows if row["kind"] not in ("beacon", "views"))
+    assert totals["delta"] == sum(int(row["bytes"]) for row in rows if row["kind"] not in ("beacon", "views", "frames"))
     assert measured.viewpoint_bytes == sum(int(row["bytes"]) for row in rows if row["kind"] == "views") > 0
+    assert measured.frame_bytes == sum(int(row["bytes"]) for row in rows if row["kind"] == "frames") > 0
     said = [len(json.dumps(line["map"], separators=(",", ":"))) for line in lines for _ in line["told"]]
     assert totals["json"] == sum(said)
     ticks: dict[tuple[str, str], int] = {}
@@ -201,4 +202,4 @@ def test_the_plots_of_thirty_robots_have_room(tmp_path: Path) -> None:
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib's, of axes that collapsed
-        draw(tmp_path, Measurement([], sent, 0, 0, {}))
+        draw(tmp_path, Measurement([], sent, 0, 0, 0, {}))

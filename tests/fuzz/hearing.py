@@ -11,6 +11,7 @@ from agent.cooperation.peer import Unaligned
 from agent.robot import Robot
 from deploy.bench.alignment.pairs import moved
 from protocol.errors import ProtocolError
+from protocol.frames import FRAMES, ToldFrames
 from protocol.geometry import relative
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import encode_map
@@ -25,7 +26,7 @@ FRAME = (2.0, -1.0, 0.7)
 """The frame of both peers in the robot's own."""
 BEGUN, STEPS = 24, 6
 """Steps before the first word, and at most after it."""
-KINDS = (BEACON, MAP, DELTA, ACK, VIEWS, "unknown")
+KINDS = (BEACON, MAP, DELTA, ACK, VIEWS, FRAMES, "unknown")
 MOST = 400  # messages of a conversation
 
 
@@ -74,6 +75,9 @@ def _message(
         case 3:  # what it has of the robot's map, or lacks
             missing = (frozenset(), frozenset({one % 64}), None)[two % 3]
             return [(ACK, Ack(max(told.maps, default=one), missing).encode(64))]
+        case 4 if what & 16:
+            other = PEERS[peer == PEERS[0]]
+            return [(FRAMES, ToldFrames({other: ((two - 128) / 16, one / 16, two / 40), "r9": None}).encode())]
         case 4 if what & 8:
             return [(VIEWS, AskViews(one, ((two - 128) / 16, one / 16, two / 40)).encode())]
         case 4:

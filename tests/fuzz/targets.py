@@ -30,6 +30,7 @@ from protocol.codec import decode, encode
 from protocol.configuration import ConfigError
 from protocol.document import parse_document
 from protocol.errors import InputError, ProtocolError
+from protocol.frames import ToldFrames
 from protocol.map_codec import encode_map
 from protocol.messages import Message
 from protocol.secrets import read_secrets
@@ -92,7 +93,7 @@ def _messages() -> list[bytes]:
 
 def a_part(data: bytes) -> None:
     """Each of the small messages between robots, by the first byte."""
-    kind = data[0] % 4 if data else 0
+    kind = data[0] % 5 if data else 0
     try:
         match kind:
             case 0:
@@ -102,6 +103,9 @@ def a_part(data: bytes) -> None:
                 assert Part.decode(part.encode()) == part
             case 2:
                 Ack.decode(data[1:])
+            case 3:
+                frames = ToldFrames.decode(data[1:])
+                assert ToldFrames.decode(frames.encode()).of.keys() == frames.of.keys()
             case _:
                 told = decode_views(data[1:])
                 assert decode_views(told.encode()) == told if isinstance(told, AskViews) else told.points.size
@@ -118,8 +122,9 @@ def _parts() -> list[bytes]:
         b"\2" + Ack(9).encode(),
         b"\2" + Ack(9, frozenset({1, 5})).encode(9),
         b"\2" + Ack(9, None).encode(),
-        b"\3" + AskViews(7).encode(),
-        b"\3" + views.encode(),
+        b"\3" + ToldFrames({"r3": (1.0, 2.0, 3.0), "r4": None}).encode(),
+        b"\4" + AskViews(7).encode(),
+        b"\4" + views.encode(),
     ]
 
 

@@ -20,6 +20,7 @@ import zenoh
 from deploy.revision import ROOT
 from protocol import keys
 from protocol.codec import encode
+from protocol.frames import FRAMES, ToldFrames
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import (
@@ -182,6 +183,7 @@ def _talk(robot: str, tick: int) -> Iterator[tuple[str, str, bytes]]:
             yield "r2", VIEWS, Views(0, 3, np.array([[0, 0], [1, 0], [2, 0]])).encode()
         case "r2", 4:
             yield "r1", ACK, Ack(3, frozenset({1})).encode(2)
+            yield "r1", FRAMES, ToldFrames({"r3": (1.5, -2.0, 0.5), "r4": None}).encode()
 
 
 def _changed(whole: GridMap) -> bytes:

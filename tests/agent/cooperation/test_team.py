@@ -38,7 +38,7 @@ def test_robots_that_meet_merge_rightly_and_say_why(met) -> None:
         metres, degrees = errors(data["transform"], frames[robot], frames[peer], run.robots[peer].own.points.mean(0))
         assert metres < 0.1 and degrees < 2.0
         assert data["weight"] >= AgentConfig().cooperation.verification.accept
-        assert set(data["evidence"]) == {"ground", "discs", "heard", "later_maps"}
+        assert set(data["evidence"]) == {"ground", "discs", "heard", "thirds", "later_maps"}
         proposed = [d for r, event, d in events if (r, event) == (robot, "proposed") and d["peer"] == peer]
         assert proposed and {"candidates", "inliers", "residual", "margin", "agreement", "conflict"} <= set(proposed[0])
         mind = run.robots[robot]

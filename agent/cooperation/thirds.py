@@ -1,0 +1,63 @@
+"""What merged peers say of the frame of another one: thirds to the pair of it and the robot (ours).
+
+A third that has merged a peer tells where that peer's frame lies in its own, and so where it lies in the robot's. Where
+that is not where the robot has it, the circle of the three does not close, and one of its links is wrong.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
+from agent.cooperation.peer import Merged, Peer
+from agent.geometry.transform import compose
+from protocol.arrays import Bools, Floats
+from protocol.geometry import wrapped
+from protocol.wireframe import Wireframe
+
+
+class Claim(NamedTuple):
+    """The transform of a peer that most thirds agree on."""
+
+    transform: Floats
+    """(3,) the peer's frame in the robot's own."""
+    agree: int
+    """Thirds that say so."""
+
+
+def claims(peer: Peer, merged: Sequence[Merged]) -> Floats:
+    """(k, 3) transforms of a peer by the word of each of these others that has merged it, too."""
+    name = peer.log.name
+    said = [(third.transform, third.log.frames[name]) for third in merged if name in third.log.frames]
+    pairs = np.array(said, np.float64).reshape(-1, 2, 3)
+    return compose(pairs[:, 0], pairs[:, 1])
+
+
+def balance(said: Floats, transform: Floats, wireframe: Wireframe) -> int:
+    """By how many more claims (k, 3) are a transform (3,) of the peer's map than contradict it."""
+    middle = _middle_of(wireframe)
+    return int(np.where(_alike(compose(said, middle), compose(transform, middle)), 1, -1).sum())
+
+
+def best(said: Floats, wireframe: Wireframe) -> Claim | None:
+    """The claim of (k, 3) that most others are like, of these the median; None without any."""
+    if not len(said):
+        return None
+    middle = _middle_of(wireframe)
+    placed = compose(said, middle)  # claims lie together at the middle of the map, which may be far from its frame
+    like = max((_alike(placed, one) for one in placed), key=np.count_nonzero)
+    first = placed[like][0]
+    turn = first[2] + np.median(wrapped(placed[like, 2] - first[2]))
+    return Claim(compose(np.array([*np.median(placed[like, :2], axis=0), turn]), -middle), int(like.sum()))
+
+
+def _middle_of(wireframe: Wireframe) -> Floats:
+    """(3,) the middle of a map's vertices as a pose."""
+    return np.append(wireframe.points.mean(0) if len(wireframe.points) else np.zeros(2), 0.0)
+
+
+def _alike(placed: Floats, one: Floats) -> Bools:
+    """(k,) which poses of the map's middle (k, 3) do not contradict one (3,)."""
+    gaps = np.hypot(placed[:, 0] - one[0], placed[:, 1] - one[1])
+    return np.asarray((gaps <= DISTINCT_M) & (np.abs(wrapped(placed[:, 2] - one[2])) <= DISTINCT_RAD))

@@ -1,0 +1,129 @@
+"""What others say of a peer's frame: two of them are worth a sighting, one alone nothing, and circles must close."""
+
+import numpy as np
+import pytest
+
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.encounter import Encounter
+from agent.communication.receiving import ReceivedMap
+from agent.cooperation import thirds
+from agent.cooperation.config import CooperationConfig
+from agent.cooperation.evidence import WallEvidence
+from agent.cooperation.peer import MOST_FRAMES, Laid, Merged, PeerLog, Proposed, Unaligned
+from agent.cooperation.team import LOOK_S, Team
+from agent.cooperation.verification import THIRD_NATS
+from agent.mapping.layers import layer_of
+from deploy.bench.alignment.pairs import moved
+from protocol.arrays import Floats
+from protocol.geometry import pose_of, relative
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe
+from world.worldfile import load
+
+TRUE = {name: np.array(pose) for name, pose in {"a": (3, 1, 0.4), "b": (-2, 5, 2), "c": (7, -1, -2)}.items()}
+"""Frames of three peers in the robot's own."""
+PEER = np.array((4.0, 4.0, -1.0))
+"""That of the peer whose frame they tell."""
+WRONG = np.array((4.0, 6.5, -1.0))
+SPEC = RobotSpec(radio_range_m=30.0)
+WALLS = load("apartment").segments
+
+
+def room() -> Wireframe:
+    """A flat, in the robot's own frame."""
+    count = len(WALLS)
+    return Wireframe(
+        WALLS.reshape(-1, 2),
+        np.zeros(2 * count, np.uint8),
+        np.arange(2 * count, dtype=np.int32).reshape(-1, 2),
+        np.ones(count, np.float32),
+        np.ones(count, np.bool_),
+    )
+
+
+def merged(name: str, transform: Floats, agreed_m: float = 0.0) -> Merged:
+    """A merged peer that has mapped the flat, too."""
+    received = ReceivedMap(moved(room(), pose_of(transform)), 0)
+    layer = layer_of(received.wireframe, transform, np.zeros(len(WALLS), np.bool_), 3.0)
+    laid = Laid(np.zeros(len(WALLS), np.bool_), layer, layer)
+    log = PeerLog(name, map=received, contact=Encounter((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    return Merged(log, received, transform, 0.02, WallEvidence(), laid, 0, 0, agreed_m)
+
+
+def team_of(said: dict[str, Floats]) -> Team:
+    """A team that has merged these peers, each of which says where it has the frame of p, in the robot's own."""
+    team = Team(CooperationConfig(), AlignmentConfig(), SPEC, np.random.default_rng(0))
+    for name, frame in said.items():
+        team.peers[name] = peer = merged(name, TRUE[name])
+        peer.log.take_frames({"p": relative(pose_of(TRUE[name]), pose_of(frame))})
+    return team
+
+
+def met(team: Team) -> Unaligned:
+    """The peer p, heard, with its map."""
+    peer = merged("p", PEER)
+    team.peers["p"] = met = Unaligned(peer.log)
+    return met
+
+
+def test_the_word_of_most_is_taken() -> None:
+    peer = merged("p", PEER)
+    said = thirds.claims(peer, team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))}).merged)
+    assert np.allclose(said[:2], [PEER, WRONG], atol=0.01)
+    claim = thirds.best(said, peer.map.wireframe)
+    assert claim is not None and claim.agree == 2
+    assert np.allclose(claim.transform, PEER + np.array((0.025, 0.0, 0.0)), atol=0.01)
+    assert thirds.balance(said, PEER, peer.map.wireframe) == 1
+    assert thirds.best(said[:0], peer.map.wireframe) is None
+
+
+@pytest.mark.parametrize(
+    ("said", "nats"),
+    [
+        ({}, 0.0),
+        ({"a": PEER}, 0.0),
+        ({"a": PEER, "b": PEER}, THIRD_NATS),
+        ({"a": PEER, "b": PEER, "c": WRONG}, 0.0),
+        ({"a": PEER, "c": WRONG}, 0.0),
+        ({"c": WRONG}, -THIRD_NATS),
+    ],
+)
+def test_one_alone_gives_no_weight_and_another_word_takes_some(said: dict[str, Floats], nats: float) -> None:
+    team = team_of(said)
+    assert team.propose(met(team), pose_of(PEER), room(), {}).trial.weight == pytest.approx(nats)
+
+
+def test_three_that_agree_suffice_without_a_drive_even_where_the_peer_has_seen_other_rooms() -> None:
+    team = team_of(dict.fromkeys("abc", PEER))
+    met(team)
+    half = room()
+    half.own[: len(WALLS) // 2] = False
+    team.align_maps(1, half)
+    team.judge(1, half, (0.0, 0.0, 0.0), None)
+    peer = team.peers["p"]
+    assert isinstance(peer, Merged) and np.allclose(peer.transform, PEER, atol=0.02)
+    assert team.errand is None
+
+
+def test_the_open_circle_s_weakest_link_goes_on_trial_again_and_then_the_next() -> None:
+    team = team_of({"a": PEER})
+    team.peers["p"] = merged("p", WRONG, agreed_m=3.0)
+    team.peers["p"].log.take_frames({"a": relative(pose_of(PEER), pose_of(TRUE["a"]))})
+    team.peers["a"] = merged("a", TRUE["a"], agreed_m=9.0)
+    team.peers["a"].log.take_frames({"p": relative(pose_of(TRUE["a"]), pose_of(PEER))})
+    look = round(LOOK_S * SPEC.lidar.rate_hz)
+    team.judge(look, room(), (0.0, 0.0, 0.0), None)
+    peer = team.peers["p"]
+    assert isinstance(peer, Proposed) and peer.trial.weight == -THIRD_NATS
+    assert isinstance(team.peers["a"], Merged)
+    team.merge(peer, look, room())  # its trial was passed once more, so it is the other link's turn
+    team.judge(2 * look, room(), (0.0, 0.0, 0.0), None)
+    assert isinstance(team.peers["p"], Merged) and isinstance(team.peers["a"], Proposed)
+
+
+def test_a_peer_tells_of_so_many_and_no_more() -> None:
+    log = PeerLog("x")
+    log.take_frames({f"r{k}": (0.0, 0.0, 0.0) for k in range(2 * MOST_FRAMES)})
+    assert len(log.frames) == MOST_FRAMES
+    log.take_frames({"r1": None, "never told": None})
+    assert len(log.frames) == MOST_FRAMES - 1
