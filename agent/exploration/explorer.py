@@ -447,6 +447,8 @@ class Explorer:
         self._back_off = scene.tick + self._ticks(BACK_OFF_S), scene.here
         if gives_up:
             self._give_up("stuck on the way")
+        elif target.stuck > 1:  # another one may have parked there
+            self._park(scene, None)
 
     def _drive_back(self, scene: Scene) -> Motion:
         """Towards the most room within a short drive."""

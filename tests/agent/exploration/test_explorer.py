@@ -482,6 +482,23 @@ def test_a_post_taken_for_a_teammate_in_a_wall_is_not_driven_into():
     assert math.hypot(*(pose[:2] - (0.5, 0.0))) > 0.5
 
 
+def test_where_another_one_has_parked_a_robot_parks_elsewhere():
+    room, mate = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), np.array([4.0, 0.0])
+    robot, pose, stuck, moved = explorer(default_state="least-likely", pockets=False), np.array([0.5, 0.0, 0.0]), 0, []
+    robot.complete = True
+    robot.target = Target(Task("park", mate, mate), np.array([[0.5, 0], [4.0, 0]]), 0.13, 10**6, 10**6)
+    for tick in range(600):
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        disc = (mate - pose[:2]) @ np.array([[c, -s], [s, c]])
+        command = step(robot, Situation(tick, room, 1, tuple(pose), Wireframe(), disc[None]))
+        pose[:2] += 0.2 * command.speed_mps * np.array((c, s))
+        pose[2] += 0.2 * command.turn_rps
+        stuck += sum(event.event == "stuck" for event in command.events)
+        moved.append(command.speed_mps != 0 or command.turn_rps != 0)
+    assert stuck <= 2
+    assert not any(moved[300:])
+
+
 def test_configurations_are_checked():
     with pytest.raises(ValueError, match="default_state"):
         ExplorationConfig(default_state="sleep")
