@@ -58,13 +58,10 @@ class BitReader:
 
     def number(self, k: int = 0) -> int:
         """A number as `BitWriter.number` writes it."""
-        most = self._at + MAX_PREFIX + 1
-        one = self._digits.find("1", self._at, most)
+        one = self._digits.find("1", self._at, self._at + MAX_PREFIX + 1)
         if one < 0:
-            ends = most > len(self._digits)
-            raise ProtocolError(
-                "a message ends in the middle of a number" if ends else "a number in a message is too large"
-            )
+            self.bits(MAX_PREFIX + 1)  # raises where the message ends
+            raise ProtocolError("a number in a message is too large")
         zeros, self._at = one - self._at, one
         return self.bits(1 + zeros + k) - (1 << k)
 

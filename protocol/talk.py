@@ -19,9 +19,9 @@ MAX_SENDS = 256  # messages of one robot in one tick (ours). A map has 64 parts 
 MAX_PARTS = 64  # parts of one map (ours): room for 75 kB, and for 3 kB where a message has 64 bytes
 MAX_BODY = 65_536  # bytes of one map in all its parts (ours)
 
-_BEACON = struct.Struct("<BIiiH")
-_FRAME = struct.Struct("<iiH")
-FRAME_BYTES = _FRAME.size
+_HEAD = struct.Struct("<BI")  # of a beacon
+_POSE = struct.Struct("<iiH")
+POSE_BYTES = _POSE.size
 _TURN = 65_536
 _SINGLE, _PARTIAL, _UNKNOWN = 1, 1, 2
 """Flags in the lowest bits of the first byte: _SINGLE of a part that is all; the others of an acknowledgement, for
@@ -36,19 +36,16 @@ class Beacon(NamedTuple):
 
     def encode(self) -> bytes:
         """15 bytes."""
-        x, y, theta = self.pose
-        return _BEACON.pack(VERSION << 4, self.tick, round(1000 * x), round(1000 * y), turn_of(theta))
+        return _HEAD.pack(VERSION << 4, self.tick) + pose_bytes(self.pose)
 
     @classmethod
     def decode(cls, data: bytes) -> "Beacon":
         """Raises ProtocolError on anything else than a beacon."""
         check_version(data)
-        if len(data) != _BEACON.size:
-            raise ProtocolError(f"a beacon of {len(data)} bytes instead of {_BEACON.size}")
-        _, tick, x, y, turn = _BEACON.unpack(data)
-        if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
-            raise ProtocolError("a beacon from out of bounds")
-        return cls(tick, (x / 1000, y / 1000, angle_of(turn)))
+        if len(data) != _HEAD.size + POSE_BYTES:
+            raise ProtocolError(f"a beacon of {len(data)} bytes instead of {_HEAD.size + POSE_BYTES}")
+        _, tick = _HEAD.unpack_from(data)
+        return cls(tick, take_pose(data, _HEAD.size)[0])
 
 
 class Part(NamedTuple):
@@ -124,20 +121,20 @@ def in_parts(version: int, base: int, body: bytes, mtu: int) -> list[Part]:
     return [Part(version, base, index, len(pieces), piece) for index, piece in enumerate(pieces)]
 
 
-def frame_bytes(frame: Pose) -> bytes:
-    """A robot's frame in another: to 1 mm and 0.006 degrees."""
-    x, y, theta = frame
-    return _FRAME.pack(round(1000 * x), round(1000 * y), turn_of(theta))
+def pose_bytes(pose: Pose) -> bytes:
+    """A pose to 1 mm and 0.006 degrees."""
+    x, y, theta = pose
+    return _POSE.pack(round(1000 * x), round(1000 * y), turn_of(theta))
 
 
-def take_frame(data: bytes, at: int) -> tuple[Pose, int]:
-    """A frame at a place, and the place after it; raises ProtocolError where there is none."""
-    if at + FRAME_BYTES > len(data):
-        raise ProtocolError("a message ends in the middle of a frame")
-    x, y, turn = _FRAME.unpack_from(data, at)
+def take_pose(data: bytes, at: int) -> tuple[Pose, int]:
+    """A pose at a place in a message, and the place after it; raises ProtocolError where there is none."""
+    if at + POSE_BYTES > len(data):
+        raise ProtocolError("a message ends in the middle of a pose")
+    x, y, turn = _POSE.unpack_from(data, at)
     if max(abs(x), abs(y)) > 1000 * MAX_COORDINATE_M:
-        raise ProtocolError("a frame from out of bounds")
-    return (x / 1000, y / 1000, angle_of(turn)), at + FRAME_BYTES
+        raise ProtocolError("a pose from out of bounds")
+    return (x / 1000, y / 1000, angle_of(turn)), at + POSE_BYTES
 
 
 def turn_of(theta: float) -> int:

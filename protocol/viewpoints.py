@@ -14,7 +14,7 @@ from protocol.arrays import Floats, Ints
 from protocol.bits import BitReader, BitWriter
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
-from protocol.talk import FRAME_BYTES, check_version, first_byte, frame_bytes, take_frame, take_varint, varint
+from protocol.talk import POSE_BYTES, check_version, first_byte, pose_bytes, take_pose, take_varint, varint
 from protocol.wireframe import MAX_COORDINATE_M
 
 VIEWS = "views"  # kind of message, as in radio.csv
@@ -37,7 +37,7 @@ class AskViews(NamedTuple):
         """Two to seven bytes, and ten of the frame."""
         if self.frame is None:
             return first_byte(_ASKS) + varint(self.since)
-        return first_byte(_ASKS | _PLACES) + varint(self.since) + frame_bytes(self.frame)
+        return first_byte(_ASKS | _PLACES) + varint(self.since) + pose_bytes(self.frame)
 
 
 class Views(NamedTuple):
@@ -99,8 +99,8 @@ def decode_views(data: bytes) -> AskViews | Views:
     tick, at = take_varint(data, 1)
     if flags == _ASKS and at == len(data):
         return AskViews(tick)
-    if flags == _ASKS | _PLACES and at + FRAME_BYTES == len(data):
-        return AskViews(tick, take_frame(data, at)[0])
+    if flags == _ASKS | _PLACES and at + POSE_BYTES == len(data):
+        return AskViews(tick, take_pose(data, at)[0])
     if flags & ~_HEARD:
         raise ProtocolError("a message about viewpoints that is none")
     back, at = take_varint(data, at)

@@ -21,7 +21,7 @@ from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradicti
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
-from agent.cooperation.verification import THIRD_NATS, Trial
+from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.corner_scan import CornerScan
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
@@ -189,10 +189,7 @@ class Team:
         trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)
 
     def _ask_thirds(self, peer: Proposed) -> None:
-        peer.trial.ask_thirds(self._balance(peer))
-
-    def _balance(self, peer: Proposed | Merged) -> int:
-        return thirds.balance(thirds.claims(peer, self.merged), peer.transform, peer.map.wireframe)
+        peer.trial.ask_thirds(thirds.balance(peer, self.merged))
 
     def _watch(self, peer: Merged, sighting: Sighting) -> None:
         """Undo a merge whose teammate is not where it must be: the walls of a building may agree after a half turn."""
@@ -267,7 +264,8 @@ class Team:
 
     def _align_by_word(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what the peer itself says, or thirds; true where walls were compared."""
-        return self._align_as_told(peer, own) or self._align_by_thirds(peer, own)
+        told = self._align_as_told(peer, own)
+        return told or (self.config.verification.thirds and self._align_by_thirds(peer, own))
 
     def _align_as_told(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what a peer that has merged the robot's map says itself, if the walls agree; true if compared."""
@@ -292,7 +290,7 @@ class Team:
         said = self.aligner.align_near(log, own, found.transform)
         if said is None:
             return False
-        if said.transform is not None or THIRD_NATS * (found.agree - 1) >= self.config.verification.accept:
+        if said.transform is not None or nats_of_thirds(found.agree) >= self.config.verification.accept:
             log.thirds_on_trial = found.agree
             transform = said.transform or pose_of(found.transform)
             self.propose(peer, transform, own, {**said.figures(), "thirds": found.agree}, said, how="told by thirds")
@@ -372,7 +370,8 @@ class Team:
 
         The weakest is the one in most of them, and of these the one with the least wall in common.
         """
-        opened = [(self._balance(peer), peer.agreed_m, peer) for peer in self.merged]
+        merged = self.merged
+        opened = [(thirds.balance(peer, merged), peer.agreed_m, peer) for peer in merged]
         opened = [link for link in opened if link[0] < -link[2].log.circles_open]
         if not opened:
             return

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD
-from agent.cooperation.peer import Merged, Peer
+from agent.cooperation.peer import Merged, Peer, Proposed
 from agent.geometry.transform import compose
 from protocol.arrays import Bools, Floats
 from protocol.geometry import wrapped
@@ -27,17 +27,18 @@ class Claim(NamedTuple):
 
 
 def claims(peer: Peer, merged: Sequence[Merged]) -> Floats:
-    """(k, 3) transforms of a peer by the word of each of these others that has merged it, too."""
+    """(k, 3) transforms of a peer by the word of each of these that has merged it, too; its own word is none."""
     name = peer.log.name
-    said = [(third.transform, third.log.frames[name]) for third in merged if name in third.log.frames]
+    thirds = [third for third in merged if third is not peer and name in third.log.frames]
+    said = [(third.transform, third.log.frames[name]) for third in thirds]
     pairs = np.array(said, np.float64).reshape(-1, 2, 3)
     return compose(pairs[:, 0], pairs[:, 1])
 
 
-def balance(said: Floats, transform: Floats, wireframe: Wireframe) -> int:
-    """By how many more claims (k, 3) are a transform (3,) of the peer's map than contradict it."""
-    middle = _middle_of(wireframe)
-    return int(np.where(_alike(compose(said, middle), compose(transform, middle)), 1, -1).sum())
+def balance(peer: Proposed | Merged, merged: Sequence[Merged]) -> int:
+    """How many more of these others say the transform of a peer than say another one."""
+    said, middle = claims(peer, merged), _middle_of(peer.map.wireframe)
+    return int(np.where(_alike(compose(said, middle), compose(peer.transform, middle)), 1, -1).sum())
 
 
 def best(said: Floats, wireframe: Wireframe) -> Claim | None:
@@ -46,7 +47,8 @@ def best(said: Floats, wireframe: Wireframe) -> Claim | None:
         return None
     middle = _middle_of(wireframe)
     placed = compose(said, middle)  # claims lie together at the middle of the map, which may be far from its frame
-    like = max((_alike(placed, one) for one in placed), key=np.count_nonzero)
+    alike = _alike(placed[None], placed[:, None])
+    like = alike[alike.sum(1).argmax()]
     first = placed[like][0]
     turn = first[2] + np.median(wrapped(placed[like, 2] - first[2]))
     return Claim(compose(np.array([*np.median(placed[like, :2], axis=0), turn]), -middle), int(like.sum()))
@@ -57,7 +59,9 @@ def _middle_of(wireframe: Wireframe) -> Floats:
     return np.append(wireframe.points.mean(0) if len(wireframe.points) else np.zeros(2), 0.0)
 
 
-def _alike(placed: Floats, one: Floats) -> Bools:
-    """(k,) which poses of the map's middle (k, 3) do not contradict one (3,)."""
-    gaps = np.hypot(placed[:, 0] - one[0], placed[:, 1] - one[1])
-    return np.asarray((gaps <= DISTINCT_M) & (np.abs(wrapped(placed[:, 2] - one[2])) <= DISTINCT_RAD))
+def _alike(placed: Floats, others: Floats) -> Bools:
+    """(...) which poses of the map's middle (..., 3) do not contradict others (..., 3)."""
+    off = placed - others
+    return np.asarray(
+        (np.hypot(off[..., 0], off[..., 1]) <= DISTINCT_M) & (np.abs(wrapped(off[..., 2])) <= DISTINCT_RAD)
+    )

@@ -56,6 +56,11 @@ DISC_MOVED_M = 0.3
 """Looks at a teammate are independent once it or the robot has moved this far."""
 
 
+def nats_of_thirds(balance: int) -> float:
+    """What it weighs that so many more merged peers say a transform than say another one."""
+    return THIRD_NATS * (balance - (balance > 0))
+
+
 @dataclass
 class Watch:
     """Whether a teammate is where a transform puts it."""
@@ -166,7 +171,7 @@ class Trial:
 
     def ask_thirds(self, balance: int) -> None:
         """By how many more merged peers say this transform of the peer than say another one."""
-        self.nats["thirds"] = THIRD_NATS * (balance - (balance > 0))
+        self.nats["thirds"] = nats_of_thirds(balance)
 
     def align_again(self, same: bool) -> None:
         """Later maps were aligned, and gave the same transform or another one."""

@@ -343,6 +343,8 @@ def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, radius: float) 
     which kept the crowd together, as all came to look at them. hidden: (n,) beams that are left out already.
     """
     n, out, beside = len(hidden), np.zeros(len(hidden), np.bool_), teammates.copy()
+    if not teammates.any():
+        return out
     x, y = beams.distances * np.cos(beams.bearings), beams.distances * np.sin(beams.bearings)
     far = np.where(np.isnan(beams.ranges), 0.0, beams.distances)
     seen = np.isfinite(beams.ranges) & ~hidden

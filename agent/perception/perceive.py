@@ -117,11 +117,11 @@ def perceive(
     discs = NOBODY if alone else find_discs(beams, noise, radius)
     discs = discs[_may_be_teammates(discs, known, posts, radius)]
     expected = expected[_may_be_teammates(expected[:, :2], known, posts, radius)]
-    hidden = np.isnan(beams.ranges)
+    hidden = unmeasured = np.isnan(beams.ranges)
     if company:
         teammates = beams_on(beams, expected, radius, DISC_MARGIN_M)
-        hidden |= hidden_beams(beams, discs, radius) | teammates
-        hidden |= peeping_beams(beams, hidden, teammates | np.isnan(beams.ranges), radius)
+        hidden = unmeasured | hidden_beams(beams, discs, radius) | teammates
+        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, radius)
     returned = np.isfinite(beams.ranges)
     used = np.flatnonzero(returned & ~hidden)
     pieces, unexplained = np.zeros(0, PIECE), returned | hidden

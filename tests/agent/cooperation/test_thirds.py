@@ -73,8 +73,14 @@ def test_the_word_of_most_is_taken() -> None:
     claim = thirds.best(said, peer.map.wireframe)
     assert claim is not None and claim.agree == 2
     assert np.allclose(claim.transform, PEER + np.array((0.025, 0.0, 0.0)), atol=0.01)
-    assert thirds.balance(said, PEER, peer.map.wireframe) == 1
     assert thirds.best(said[:0], peer.map.wireframe) is None
+
+
+def test_two_that_agree_outweigh_one_that_does_not() -> None:
+    peer = merged("p", PEER)
+    peer.log.take_frames({"p": (0.0, 0.0, 0.0)})  # of itself, which is nobody's word
+    team = team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))})
+    assert thirds.balance(peer, [*team.merged, peer]) == 1
 
 
 @pytest.mark.parametrize(
