@@ -13,7 +13,10 @@ DRIFT = OdometrySpec(noisy=True, distance_sd=0.03, heading_sd_deg=1.5, turn_sd=0
 """As the logs in /work/shared/logs were made."""
 
 
-def outline(*points: Point) -> list[tuple[float, float, float, float]]:
+Wall = tuple[float, float, float, float]
+
+
+def outline(*points: Point) -> list[Wall]:
     """Walls of a closed outline; free space on the left."""
     return [(*a, *b) for a, b in zip(points, (*points[1:], points[0]), strict=True)]
 

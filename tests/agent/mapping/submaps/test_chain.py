@@ -1,6 +1,7 @@
 """The chain of submaps: loops close, the error is spread, no wall stands twice, and what is alike is no loop."""
 
 import math
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -14,9 +15,9 @@ from agent.mapping.submaps.wireframe import wireframe_of
 from agent.passenger import Passenger
 from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
-from protocol.geometry import apply, compose, relative
-from protocol.messages import RobotSpec
-from tests.carried import DRIFT, HALF_TURN, observations, outline, path_error, ring_corridor
+from protocol.geometry import apply, compose, relative, wrapped
+from protocol.messages import Observation, RobotSpec
+from tests.carried import DRIFT, HALF_TURN, Wall, observations, outline, path_error, ring_corridor
 
 SIDE, WIDTH = 18.0, 2.2
 
@@ -71,29 +72,61 @@ def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
     assert mind.submaps.loops == 0
 
 
-def cluttered(boxes: int) -> Floats:
-    """(n, 4) walls of a hall of 10 m, and of boxes in it that keep clear of a circle of 2.5 m about its middle."""
-    rng, walls = np.random.default_rng(1), outline((0, 0), (10, 0), (10, 10), (0, 10))
-    while len(walls) < 4 + 4 * boxes:
+HALL = outline((0, 0), (10, 0), (10, 10), (0, 10))
+
+
+def filled(walls: list[Wall], boxes: int, seed: int, clear: Callable[[float, float], bool]) -> Floats:
+    """(n, 4) walls in a hall of 10 m, and those of boxes in it whose middles are clear of a way."""
+    rng, walls, empty = np.random.default_rng(seed), list(walls), len(walls)
+    while len(walls) < empty + 4 * boxes:
         x, y = rng.uniform(1, 9, 2).tolist()
         turn, half = rng.uniform(0, 2 * math.pi), rng.uniform(0.2, 0.5)
         corners = turn - 0.5 * math.pi * np.arange(4)
-        if not 1.8 < math.hypot(x - 5, y - 5) < 3.2:
+        if clear(x, y):
             walls += outline(*((x + half * math.cos(a), y + half * math.sin(a)) for a in corners.tolist()))
     return np.array(walls)
+
+
+def cluttered(boxes: int) -> Floats:
+    """(n, 4) walls of a hall of 10 m, and of boxes in it that keep clear of a circle of 2.5 m about its middle."""
+    return filled(HALL, boxes, 1, lambda x, y: not 1.8 < math.hypot(x - 5, y - 5) < 3.2)
+
+
+def two_rooms(seed: int) -> Floats:
+    """(n, 4) walls of a hall of 10 m with a doorway in the wall across its middle, and boxes beside a way through."""
+    south, north = ((4.95, 0), (4.95, 4.4), (5.05, 4.4), (5.05, 0)), ((4.95, 5.6), (4.95, 10), (5.05, 10), (5.05, 5.6))
+    walls = HALL + outline(*south) + outline(*north)
+    return filled(walls, 10, seed, lambda x, y: abs(y - 5) > 1.2 and abs(x - 5) > 0.8)
+
+
+def mapped(seen: Sequence[Observation], scan: int, slip_deg: float) -> Floats:
+    """(n, 3) path by observations, where wheels slip before one of the scans."""
+    mind, at = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), seen[scan].odometry
+    slipped = compose(at, (0.0, 0.0, math.radians(slip_deg)))
+    for k, observation in enumerate(seen):
+        odometry = observation.odometry if k < scan else compose(slipped, relative(at, observation.odometry))
+        mind.step(observation.model_copy(update={"odometry": odometry}))
+    return mind.path()
 
 
 @pytest.mark.parametrize(("scan", "slip_deg"), [(6, 24.0), (7, -24.0), (12, -20.0)])
 def test_wheels_that_slip_in_a_turn_do_not_bend_the_way(scan: int, slip_deg: float) -> None:
     turns = np.arange(0, 7.5, 0.35)
     way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2))
-    seen = observations(cluttered(12), way, HALF_TURN, DRIFT, 2)
-    mind, at = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), seen[scan].odometry
-    slipped = compose(at, (0.0, 0.0, math.radians(slip_deg)))
-    for k, observation in enumerate(seen):
-        odometry = observation.odometry if k < scan else compose(slipped, relative(at, observation.odometry))
-        mind.step(observation.model_copy(update={"odometry": odometry}))
-    assert path_error(mind.path(), way) < 0.02
+    assert path_error(mapped(observations(cluttered(12), way, HALF_TURN, DRIFT, 2), scan, slip_deg), way) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("seed", "looks_aside_deg", "scan", "slip_deg"),
+    [(3, 80.0, 2, 20.0), (4, 75.0, 3, -24.0), (4, 80.0, 8, 24.0), (5, 75.0, 4, 24.0), (7, 75.0, 4, 24.0)],
+)
+def test_a_slip_where_few_samples_lie_on_known_walls_turns_nothing(
+    seed: int, looks_aside_deg: float, scan: int, slip_deg: float
+) -> None:
+    xs = np.arange(1.5, 8.6, 0.7)
+    way = np.column_stack((xs, np.full(len(xs), 5.0), np.radians(looks_aside_deg) * (-1.0) ** np.arange(len(xs))))
+    path = mapped(observations(two_rooms(seed), way, HALF_TURN, DRIFT, seed), scan, slip_deg)
+    assert np.abs(wrapped(path[:, 2] - (way[:, 2] - way[0, 2]))).max() < math.radians(1.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
