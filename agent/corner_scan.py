@@ -27,6 +27,8 @@ TELLING_HITS = 1.0
 """Pieces with fewer hits than this, as PIECE counts them, tell of no ends. Every sixth end of such a piece is none, and
 the others are off by the distance of two beams."""
 
+STANDS = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
+
 PIECE = np.dtype(
     [
         ("hits", "f8"),  # beams on the piece; one that is noisier than a near one counts less, by its variance
@@ -36,6 +38,7 @@ PIECE = np.dtype(
         ("uy", "f8"),
         ("spread", "f8"),  # m2, sum of squared distances of the hits from the centroid along the line
         ("residual", "f8"),  # m2, the same across it: how well the hits fit the line
+        ("bend", "f8", (2,)),  # m3, m4: of the parabola through the hits; by how much it bends back is their ratio, 1/m
         ("end", "f8", (2,)),  # m along the line from the centroid: tail (< 0) and head (> 0)
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
         ("face", "f8", (2,)),  # m by which it may lie farther in, where the last hits may be on a small face beyond it
@@ -70,6 +73,8 @@ class CornerScan:
     sight: Sight  # open and blind sectors
     discs: Floats  # (d, 2) m, centres of teammates
     touching: bool = False  # whether something is so near that the body may touch it: its wheels may have slipped
+    stood: int = 0
+    """Where a robot whose wheels err has not moved yet: of how many scans, from its start, this one is the median."""
 
     def wireframe(self) -> Wireframe:
         """The scan as a wireframe in the robot's frame; pieces that share a corner share a vertex."""
@@ -90,6 +95,11 @@ def range_noise(spec: LidarSpec) -> float:
 def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
     """The same of ranges (n,) in metres, as it grows with them."""
     return np.maximum(range_noise(spec), spec.noise_share * ranges)
+
+
+def stands(odometry: Floats) -> bool:
+    """Whether a robot is where its frame begins, by odometry (3,) since then."""
+    return all(abs(part) < STANDS for part in odometry)
 
 
 @kernel

@@ -29,6 +29,7 @@ EDGE = np.dtype(
         ("xx", "f8"),  # m2, scatter of the hits about the centroid
         ("xy", "f8"),
         ("yy", "f8"),
+        ("bend", "f8", (2,)),  # of the hits, as in PIECE, summed over all pieces
         ("ux", "f8"),  # unit direction from tail to head: free space on the left
         ("uy", "f8"),
         ("tip", "f8", (2, 2)),  # m, how far the wall was seen: tail and head
@@ -138,6 +139,8 @@ def is_published(e: Record) -> bool:
 @kernel
 def take_hits(e: Record, p: Record) -> None:
     """Take the hits of a piece on the line of e; it stays where it is where the joint estimate holds it."""
+    for k in range(2):
+        e.bend[k] += p.bend[k]
     if related(e):
         count_hits(e, p.hits, along(e, p.x, p.y), p.spread)
     else:

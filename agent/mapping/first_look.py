@@ -9,15 +9,9 @@ from agent.corner_scan import FRONTIER
 from agent.kernels import kernel
 from agent.mapping.edges import TENTATIVE, WALL, set_end
 from agent.mapping.tentative import is_steady
-from protocol.arrays import Floats, Ints, Records
+from protocol.arrays import Ints, Records
 
 LEAST_SCANS = 10.0  # scans that must have hit a wall of the first look: mixed readings at edges show in one or two
-STANDS = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
-
-
-def stands(odometry: Floats) -> bool:
-    """Whether a robot is where its frame begins, by odometry (3,) since then."""
-    return all(abs(part) < STANDS for part in odometry)
 
 
 @kernel

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, range_noise, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, range_noise, stands, to_map_frame
 from agent.geometry.chains import chained
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
@@ -15,7 +15,7 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, is_published
 from agent.mapping.exactness import map_sd_m
-from agent.mapping.first_look import keep_first_look, stands
+from agent.mapping.first_look import keep_first_look
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
@@ -180,6 +180,8 @@ class WireframeFilter:
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
+        if scan.stood and self._noisy:
+            self._begin_anew()
         grown = self.move(odometry, slips=scan.touching)
         scores = update_particles(
             *self._particles(),
@@ -191,6 +193,13 @@ class WireframeFilter:
             self._patience,
         )
         self._weigh(scores)
+        if scan.stood and self._noisy:
+            self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
+
+    def _begin_anew(self) -> None:
+        """Forget all scans: the next one shows all that they did, and better."""
+        self.counts[:], self.poses[:], self._axes[:], self.joint[:] = 0, 0.0, 0.0, 0.0
+        self.joint[:, :6, :6] = self.wheels.first
 
     def move(self, odometry: Floats | Pose, *, slips: bool = False) -> Floats:
         """Move every particle by odometry alone, as in `update`.

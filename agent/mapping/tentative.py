@@ -36,6 +36,10 @@ SMEAR_M = 0.3  # no smear over the faces of a post or over a step is longer: twi
 STRAIGHT_SIGMAS = 1.2
 """Root mean square distance of the hits of a short wall from its line, in standard deviations, at most. Walls show 0.6
 (three beams a scan) to 1.0 (many), smears over two faces of a post of 0.1 m, from 1.5 m away, 1.3 to 1.8."""
+BEND_SIGMAS, BEND_M = 2.0, 0.03
+"""A wall is a smear whose hits lie on a parabola that is significant and so deep, metres: over a corner that stands out
+into the room, both ends lie behind the middle. Of 20 that were turned by more than 10 degrees 16 were found so, and of
+196 right ones 4, themselves 11 to 28 mm off."""
 WALL_HITS = 12.0
 """Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
 step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
@@ -96,6 +100,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         n.alive, n.own, n.probation = TENTATIVE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
         n.xx, n.xy, n.yy = scatter(p)
+        n.bend[0], n.bend[1] = p.bend[0], p.bend[1]
         n.seen, n.due, n.misses, n.through, n.twin = 0.0, 0.0, 0.0, 0.0, 0
         n.relative[0], n.relative[1], n.relative[2] = 0.0, 0.0, 0.0
         for side in range(2):
@@ -118,11 +123,19 @@ def _count_beside(c: Record, p: Record) -> None:
 def is_steady(c: Record, noise: float) -> bool:
     """Whether a tentative wall is known to go some way, and is no smear.
 
-    The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall.
+    The hits of a smear lie beside its line by more than noise, and it comes and goes as the beams fall. From afar noise
+    hides that in each scan, and all scans of a first look together show it.
     """
-    if is_bent(length(c), c.hits, squares_beside(c), noise) or c.seen < STEADY * c.due:
+    if is_bent(length(c), c.hits, squares_beside(c), noise) or _bends_back(c, noise) or c.seen < STEADY * c.due:
         return False
     return bool(noise / math.sqrt(spread(c)) <= MAX_DIRECTION_SD)
+
+
+@kernel
+def _bends_back(c: Record, noise: float) -> bool:
+    """Whether the hits of all pieces lie on a parabola that bends away from the robot, and on no line."""
+    significant = c.bend[0] > BEND_SIGMAS * noise * math.sqrt(c.bend[1])
+    return bool(significant and 0.25 * c.bend[0] * length(c) ** 2 > BEND_M * c.bend[1])
 
 
 @kernel

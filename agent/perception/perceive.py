@@ -18,6 +18,7 @@ from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_b
 from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
+from agent.perception.standing import Standing, noise_of
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply, compose, seen_from
 from protocol.messages import Observation, RobotSpec
@@ -44,6 +45,7 @@ class Perception:
         """alone: no other robot is about, so that nothing round is a teammate."""
         self._method, self._spec, self._alone = config.method, spec, alone
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
+        self._standing = Standing(spec.lidar)
         self._tick = -1  # of the last observation
         self._discs = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
         self._map = Wireframe()
@@ -66,9 +68,12 @@ class Perception:
         self._tick = observation.tick
         if heard:
             self._posts.hear(observation.tick, predicted)
-        company = self._posts.company(observation.tick)
+        company, ranges = self._posts.company(observation.tick), observation.scan()
+        if self._spec.odometry.noisy:
+            self._standing.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
+        stood = self._standing.number
         scan = perceive(
-            observation.scan(),
+            self._standing.median() if stood else ranges,
             self._spec,
             self._method,
             way=unrolled,
@@ -77,6 +82,7 @@ class Perception:
             posts=self._posts.seen_from(predicted),
             alone=self._alone,
             company=company,
+            stood=stood,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
         self._discs = scan.discs
@@ -98,6 +104,7 @@ def perceive(
     posts: Floats = NOBODY,
     alone: bool = False,
     company: bool = True,
+    stood: int = 0,
 ) -> CornerScan:
     """Corner scan of a revolution of the lidar, in the robot's frame at its stamp.
 
@@ -105,6 +112,7 @@ def perceive(
     or more than 1 m beyond the lidar's range, counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
     start of the revolution to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing
     round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
+    stood: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
     the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
 
@@ -114,6 +122,7 @@ def perceive(
     good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
     beams = ring_of(np.where(good, ranges, np.inf), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
+    noise = noise_of(noise, stood) if stood else noise
     discs = NOBODY if alone else find_discs(beams, noise, radius)
     discs = discs[_may_be_teammates(discs, known, posts, radius)]
     expected = expected[_may_be_teammates(expected[:, :2], known, posts, radius)]
@@ -136,7 +145,7 @@ def perceive(
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(free, _sectors(unexplained, beams, 1), reach, 0.5 * beams.step, beams.shift)
-    return CornerScan(pieces, sight, discs, _touching(ranges, spec))
+    return CornerScan(pieces, sight, discs, _touching(ranges, spec), stood)
 
 
 def _touching(ranges: Floats, spec: RobotSpec) -> bool:

@@ -207,6 +207,7 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
     norm = math.hypot(a, b)
     piece.ux, piece.uy = -b / norm, a / norm
     hits, sum_t, sum_tt, residual, moment = 0.0, 0.0, 0.0, 0.0, 0.0
+    powers, offs = np.zeros(5), np.zeros(3)  # sums of t to the power of 0 to 4, and of those to 2 times the offset
     for j in range(cut[0], cut[1]):
         k = scan.used[j % m]
         angle, r = beams.bearings[k], beams.distances[k]
@@ -220,7 +221,13 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
         sum_tt += weight * t * t
         residual += weight * off * off
         moment += weight * beams.moments[k]
+        for power in range(5):
+            powers[power] += weight * t**power
+        for power in range(3):
+            offs[power] += weight * off * t**power
     t = sum_t / hits
+    if scan.corner_sigmas > 0.0:
+        piece.bend[0], piece.bend[1] = _bend(powers, offs)
     piece.hits, piece.spread, piece.residual = hits, max(sum_tt - hits * t * t, 1e-9), residual
     piece.moment = moment / hits
     piece.x, piece.y = a / norm**2 + t * piece.ux, b / norm**2 + t * piece.uy
@@ -230,6 +237,19 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
         piece.end[side] = _on_ray(piece, beams, ends[side])
         piece.label[side], piece.link[side], piece.slack[side] = FRONTIER, -1, 0.0
         piece.gap[side], piece.face[side] = 0.0, 0.0
+
+
+@kernel
+def _bend(powers: Floats, offs: Floats) -> tuple[float, float]:
+    """What hits tell of a parabola beside any line: the sum of their offsets times q, and that of q squared.
+
+    q is the square of t less the line that fits it best. powers: (5,) sums of t to the power of 0 to 4; offs: (3,) of t
+    to the power of 0 to 2, times the offset.
+    """
+    n, a, b, c, d = powers[0], powers[1], powers[2], powers[3], powers[4]
+    det = n * b - a * a
+    slope, level = (n * c - a * b) / det, (b * b - a * c) / det
+    return offs[2] - slope * offs[1] - level * offs[0], max(d - slope * c - level * b, 0.0)
 
 
 @kernel

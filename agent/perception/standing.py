@@ -1,0 +1,59 @@
+"""What a robot sees while it stands where its frame begins: all scans as one, the median of each beam (ours).
+
+Far faces show a few beams, and noise hides which of them met the next face. Of scans one by one, every second fits one
+line over two faces of a column, turned by 30 degrees, and all err alike. The median of fifty shows both faces. How the
+map lies in its frame is known from these walls alone.
+"""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import NOISE_FLOOR_M, noise_at, stands
+from protocol.arrays import Floats
+from protocol.messages import LidarSpec
+
+MOST_SCANS = 64  # that are kept; a robot looks for 50
+MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
+CUT_SIGMAS = 2.0  # deviations from the lidar's range at which it cuts off so many ranges that their median is too near
+
+
+class Standing:
+    """The scans of a robot that has not moved yet."""
+
+    def __init__(self, lidar: LidarSpec) -> None:
+        """Begin without any."""
+        self._lidar, self._scans, self._moved = lidar, list[Floats](), False
+
+    @property
+    def number(self) -> int:
+        """How many scans there are; 0 once the robot has moved."""
+        return len(self._scans)
+
+    def add(self, ranges: Floats, odometry: Floats, touching: bool) -> None:
+        """Take a scan's ranges (beams,), metres, as long as the robot stands. odometry: (3,) its pose by that.
+
+        A robot that touches something may be pushed, of which odometry tells nothing.
+        """
+        self._moved |= touching or not stands(odometry)
+        if self._moved:
+            self._scans.clear()
+        elif len(self._scans) < MOST_SCANS:
+            self._scans.append(ranges)
+
+    def median(self) -> Floats:
+        """Ranges (beams,) as in a scan: of each beam what most scans have, not measured, nothing, or a range."""
+        scans, spec = np.array(self._scans, np.float64), self._lidar
+        measured, back = ~np.isnan(scans), np.isfinite(scans)
+        known = 2 * measured.sum(0) > len(scans)
+        told = known & (2 * back.sum(0) > measured.sum(0))
+        out = np.where(known, np.inf, np.nan)
+        out[told] = np.nanmedian(np.where(back, scans, np.nan)[:, told], 0)
+        cut = spec.range_max_m - CUT_SIGMAS * noise_at(spec, np.array(spec.range_max_m))
+        out[np.isfinite(out) & (out > cut)] = np.nan
+        return out
+
+
+def noise_of(one: Floats, number: int) -> Floats:
+    """Standard deviation of medians of so many ranges, of which one has that of (n,), metres."""
+    return np.maximum(one / math.sqrt(max(MEDIAN_WORTH * number, 1.0)), NOISE_FLOOR_M)
