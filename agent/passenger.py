@@ -25,6 +25,10 @@ from protocol.messages import Event, Heard, Observation, RobotSpec, Send
 from protocol.wireframe import Wireframe
 
 ODOMETRY_SCALE_SD = 0.03  # of a metre that odometry tells: by 2 % in the logs, 5 % was seen
+BRIDGE_M = 2.0
+"""Between neighbouring hits of one line, up to which there is wall. A log's lidar of few beams meets walls far ahead
+that sparsely, and without those hits little tells its heading in a corridor. A robot that drives comes near enough to
+see whether there is wall, and must not take an open door for one."""
 LOOKS_M = 1.0  # m of way (`travelled`) after which peers are told a newer map, and it is held against theirs
 IN_LIVED_ROOMS = {"conflict_weight": 1.0, "max_conflict": 0.6, "min_score_m": 10.0, "max_beside": 1.0}
 """Settings of alignment for recorded logs. What stands in a building moves between visits, people walk, and maps told
@@ -37,7 +41,7 @@ class Passenger:
 
     def __init__(self, spec: RobotSpec, config: AgentConfig) -> None:
         """The pose at the first observation is the origin of its frame."""
-        self.perception = Perception(config.perception, spec, alone=True)
+        self.perception = Perception(config.perception, spec, alone=True, bridge_m=BRIDGE_M)
         self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         alignment = _in_lived_rooms(config.alignment)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.corner_scan import NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
+from agent.corner_scan import BRIDGE_M, NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
 from agent.geometry.clearance import distances_to_walls
 from agent.kernels import kernel
 from agent.perception.beams import Beams, ring_of, width_of
@@ -41,9 +41,11 @@ NOTHING, NOBODY = np.zeros((0, 4)), np.zeros((0, 2))
 class Perception:
     """Turns observations into corner scans, and remembers posts, and teammates of the last scans."""
 
-    def __init__(self, config: PerceptionConfig, spec: RobotSpec, *, alone: bool = False) -> None:
-        """alone: no other robot is about, so that nothing round is a teammate."""
-        self._method, self._spec, self._alone = config.method, spec, alone
+    def __init__(
+        self, config: PerceptionConfig, spec: RobotSpec, *, alone: bool = False, bridge_m: float = BRIDGE_M
+    ) -> None:
+        """alone: no other robot is about, so that nothing round is a teammate. bridge_m: as in `perceive`."""
+        self._method, self._spec, self._alone, self._bridge = config.method, spec, alone, bridge_m
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._standing = Standing(spec.lidar)
         self._tick = -1  # of the last observation
@@ -83,6 +85,7 @@ class Perception:
             alone=self._alone,
             company=company,
             stood=stood,
+            bridge_m=self._bridge,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
         self._discs = scan.discs
@@ -105,6 +108,7 @@ def perceive(
     alone: bool = False,
     company: bool = True,
     stood: int = 0,
+    bridge_m: float = BRIDGE_M,
 ) -> CornerScan:
     """Corner scan of a revolution of the lidar, in the robot's frame at its stamp.
 
@@ -113,6 +117,7 @@ def perceive(
     start of the revolution to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing
     round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
     stood: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
+    bridge_m: up to so far apart, two neighbouring hits of a sure line show that there is wall between them.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
     the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
 
@@ -139,7 +144,8 @@ def perceive(
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
         edge, corner = (EDGE_OF_RANGE_SIGMAS, 0.0) if lidar.noise_share == 0 else (GROWN_EDGE_SIGMAS, CORNER_SIGMAS)
-        range_scan = RangeScan(beams, noise, hidden, used, lidar.range_max_m, silence, range_noise(lidar), edge, corner)
+        unit, farthest = range_noise(lidar), lidar.range_max_m
+        range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, edge, corner, bridge_m)
         pieces, explained = pieces_of(range_scan, cuts, sums)
         unexplained &= ~explained
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)

@@ -12,6 +12,9 @@ from agent.perception.beams import Beams, width_of
 from agent.perception.segmentation import LINE_COST, MIN_HITS, fit_line
 from protocol.arrays import Bools, Floats, Ints, Records
 
+SURE_HITS = 5
+"""Hits that tell a line for sure, however far apart they are. Three hits of clutter often fit one: with 3 and gaps of
+1 m, the share of csail's map that scans support fell from .91 to .88."""
 LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
 MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
@@ -42,6 +45,7 @@ class RangeScan(NamedTuple):
     unit: float  # m, the standard deviation of a range that counts as one hit
     edge_sigmas: float  # standard deviations from the lidar's range at which a wall may give no return
     corner_sigmas: float  # standard deviations between two faces up to which it is doubtful which a beam met
+    bridge_m: float  # between neighbouring hits of a sure line, up to which the wall goes on there
 
 
 @kernel
@@ -135,14 +139,17 @@ def _beam(scan: RangeScan, j: int) -> int:
 def _split_at_gaps(scan: RangeScan, cuts: Ints) -> Ints:
     """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them.
 
+    Sparse beams meet a wall far ahead a metre apart, and it is those hits that tell its direction best.
+
     Those that are seen from behind are left out: the lidar passed a wall's line on the way to the stamp.
     """
     m, count = len(scan.used), 0
     out = np.empty((m + 1, 2), np.int64)
     for k in range(len(cuts)):
         begin = cuts[k, 0]
+        bridge = scan.bridge_m if cuts[k, 1] - begin >= SURE_HITS else BRIDGE_M
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
-            if j < cuts[k, 1] and _apart(scan.beams, scan.used[j % m], scan.used[(j - 1) % m]) <= BRIDGE_M:
+            if j < cuts[k, 1] and _apart(scan.beams, scan.used[j % m], scan.used[(j - 1) % m]) <= bridge:
                 continue
             seen_in_front = width_of(scan.beams, _beam(scan, begin), _beam(scan, j - 1)) > 0.0
             if j - begin >= MIN_HITS and seen_in_front:

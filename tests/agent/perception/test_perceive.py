@@ -257,3 +257,12 @@ def test_beams_on_the_tip_of_a_wall_do_not_move_its_long_side() -> None:
                 weight += piece["hits"]
                 moment += piece["hits"] * piece["y"]
     assert abs(moment / weight) < 0.003
+
+
+@pytest.mark.parametrize(("hits", "bridge_m", "pieces"), [(5, 2.0, 1), (5, 0.25, 0), (4, 2.0, 0)])
+def test_sparse_hits_of_a_sure_line_are_one_wall_where_it_is_bridged(hits: int, bridge_m: float, pieces: int) -> None:
+    lidar = LidarSpec(beams=90, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=20.0, turning=False)
+    ranges, angles = np.full(90, np.inf), np.radians(-90.0 + 2.0 * np.arange(90))
+    ahead = np.arange(56, 56 + hits)  # at 22 degrees and more off the heading, half a metre and more apart on the wall
+    ranges[ahead] = 3.0 / np.sin(angles[ahead])
+    assert len(perceive(ranges, RobotSpec(lidar=lidar), alone=True, bridge_m=bridge_m).pieces) == pieces

@@ -53,6 +53,16 @@ def test_no_wall_stands_twice(seed: int) -> None:
     assert 0.9 * true < found < 1.02 * true
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_sparse_beams_along_a_corridor_hold_the_heading(seed: int) -> None:
+    way, lidar = laps(SIDE, WIDTH, 1.5, step=1.0), HALF_TURN.model_copy(update={"beams": 60})
+    mind = Passenger(RobotSpec(lidar=lidar), AgentConfig())
+    for observation in observations(ring_corridor(SIDE, WIDTH), way, lidar, DRIFT, seed):
+        mind.step(observation)
+    mind.finish()
+    assert path_error(mind.path(), way) < 0.09
+
+
 def test_a_lap_that_tracking_bent_by_25_degrees_is_closed() -> None:
     way = laps(SIDE, WIDTH, 1.5)
     mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
