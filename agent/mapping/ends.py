@@ -16,6 +16,10 @@ END_MARGIN_M = 0.04  # views of one end agree within this: the distance of two b
 PATIENCE = 3.0  # views against an end before it changes: 6 % of labels are wrong, seldom three of one end
 PATIENCE_GROWTH = 0.3  # further views that are needed for each view that confirmed the end, up to CONFIRMATIONS views
 CLOSE_CORNER_M = 0.06  # two open ends this near to where their walls meet form that corner
+ELSEWHERE_M = 1.0
+"""Metres before a known end from which an end that is seen is another one. A few views in a hundred end by mistake, and
+they were held against the corner of a wall 45 m away until that was cut down to what was in sight. Where the rest of a
+wall is missing, scans see through it."""
 PROLONGED_M = 0.1
 """A corner is a guess where its wall had no hit nearer to it than this: beams are 6 cm apart at the lidar's range, and
 slots between furniture and wall are wider."""
@@ -44,6 +48,8 @@ def see_end(
     reach = known + (e.slack[side] if was == OCCLUSION else 0.0)
     too_long = was != FRONTIER and seen > reach + END_MARGIN_M
     too_short = label != FRONTIER and seen + slack + END_MARGIN_M < known
+    if too_short and seen + slack + ELSEWHERE_M < known:
+        return
     if too_long or too_short:
         if outlasted(e, side, patience):
             part(edges, k, side)

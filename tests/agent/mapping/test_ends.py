@@ -1,0 +1,19 @@
+"""Ends of walls: what is seen against one must lie near to it."""
+
+import numpy as np
+import pytest
+
+from agent.corner_scan import OCCLUSION
+from agent.mapping.edges import EDGE, WALL, set_tip, tip_at
+from agent.mapping.ends import see_end
+
+
+@pytest.mark.parametrize(("seen_m", "end_m"), [(5.0, 45.0), (44.0, 44.0)])
+def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(seen_m: float, end_m: float) -> None:
+    """In a ring of 60 m views that ended by mistake added up, and walls of 45 m were cut down to what was in sight."""
+    edges = np.zeros(1, EDGE)
+    edges["alive"], edges["ux"], edges["link"], edges["label"] = WALL, 1.0, -1, OCCLUSION
+    set_tip(edges[0], 1, 45.0)
+    for _ in range(6):
+        see_end(edges, 0, 1, OCCLUSION, seen_m, 0.0, 0.0, 1.0)
+    assert tip_at(edges[0], 1) == pytest.approx(end_m)
