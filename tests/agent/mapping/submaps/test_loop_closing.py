@@ -158,3 +158,21 @@ def test_a_loop_says_nothing_of_the_map_where_the_heading_at_one_moment_was_as_u
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
     monkeypatch.setattr(loop_closing, "on_walls", lambda tiles, samples, pose: np.full(len(samples), not pose.any()))
     assert loops._speaks_against(0) is speaks
+
+
+@pytest.mark.parametrize(("known_m", "speaks"), [(0.3, False), (0.06, True)])
+def test_a_loop_says_nothing_where_the_filter_knows_how_far_off_it_may_be(
+    monkeypatch: pytest.MonkeyPatch, known_m: float, speaks: bool
+) -> None:
+    """The loop lies in a corridor: it has the place 0.4 m aside, and knows nothing along it."""
+    loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
+    loops._frames = [(0.0, 0.0, 0.0), (0.1, 0.4, 0.0)]
+    loops._sds = [np.array((known_m, 0.0, 0.0)), np.zeros(3)]
+    loops.submaps.finished = [
+        Submap(np.zeros(0, SEGMENT), np.zeros((10, 4)), np.zeros((1, 3)), 4.0, math.pi) for _ in loops._frames
+    ]
+    information = np.diag((1e-3, 1.0 / 0.05**2, 1e4))
+    graph = Edges(np.array([(0, 1)]), np.zeros((1, 3)), information[None], np.ones(1, np.bool_))
+    monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
+    monkeypatch.setattr(loop_closing, "on_walls", lambda tiles, samples, pose: np.full(len(samples), not pose.any()))
+    assert loops._speaks_against(0) is speaks
