@@ -150,6 +150,18 @@ def test_walls_that_a_turn_brings_into_view_are_not_put_onto_known_ones(seed: in
     assert path_error(mind.path(), way) < 0.006
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_what_was_put_before_a_wall_since_hardly_pulls_at_the_pose(seed: int) -> None:
+    xs = np.arange(2.0, 6.0, 0.3)
+    way = np.column_stack((xs, np.full(len(xs), 4.0), np.zeros(len(xs))))
+    shelf = outline((9.85, 2), (9.85, 6), (9.99, 6), (9.99, 2))
+    empty, furnished = (observations(np.array(w), way, HALF_TURN, DRIFT, seed) for w in (HALL, HALL + shelf))
+    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    for observation in empty[:7] + furnished[7:8]:
+        mind.step(observation)
+    assert abs(mind.path()[7, 0] - (xs[7] - xs[0])) < 0.02
+
+
 def test_the_same_scans_make_the_same_bytes() -> None:
     way = laps(SIDE, WIDTH, 1.25, step=0.5)
     paths = []
