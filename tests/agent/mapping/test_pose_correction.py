@@ -62,8 +62,8 @@ def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:
     assert moved_by(1, -1.0) == 0.0
 
 
-def test_a_piece_of_unsure_direction_may_be_of_two_faces_and_tells_little_of_the_place() -> None:
-    known_m = []
+def test_a_piece_of_unsure_direction_tells_little_of_the_place_and_nothing_of_the_heading() -> None:
+    known_m, turned = [], []
     for spread in (1.0, 0.005):  # m2: the direction is known to 0.6 and to 8 degrees
         edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
         wall = edges[0]
@@ -71,18 +71,20 @@ def test_a_piece_of_unsure_direction_may_be_of_two_faces_and_tells_little_of_the
         wall["tip"], wall["link"] = [(-1.0, -2.0), (1.0, -2.0)], -1
         joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
         know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
-        joint[1, 1] = 0.1**2
+        joint[1, 1], joint[2, 2] = 0.1**2, 0.02**2
         relate(edges, 1, joint, POSE)
         pieces = np.zeros(1, PIECE)
         piece = pieces[0]
-        piece["hits"], piece["y"], piece["ux"], piece["spread"], piece["moment"] = 1.0, -2.0, 1.0, spread, 1.0
-        piece["end"], piece["label"] = (-0.5, 0.5), -1
+        piece["hits"], piece["y"], piece["spread"], piece["moment"] = 1.0, -2.0, spread, 1.0
+        piece["ux"], piece["uy"], piece["end"], piece["label"] = math.cos(0.02), math.sin(0.02), (-0.5, 0.5), -1
         shift = np.zeros(len(joint))
         gates = Gates(NOISE, OFFSET_GATE_M)
         correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
         known_m.append(math.sqrt(joint[1, 1]))
+        turned.append(shift[2])
     assert known_m[0] == pytest.approx(0.0104, rel=0.02)
     assert known_m[1] == pytest.approx(0.0303, rel=0.02)
+    assert turned[0] < -0.01 and turned[1] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it() -> None:
