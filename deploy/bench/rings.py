@@ -58,6 +58,7 @@ def measure_ring(side_m: float, laps_driven: float, niches: bool, worse: float, 
         mapper.step(observation)
         begun += [true] * (len(submaps.poses) - len(begun))
         off_m = math.dist(mapper.filter.pose[:2], relative(pose_of(way[0]), true)[:2])
+    submaps.compare_all()
     settled, places = submaps.poses[:, :2], np.array(begun)[:, :2]
     frame = fit_on_points(settled, places, len(places))
     off = np.hypot(*(apply(frame, settled) - places).T)

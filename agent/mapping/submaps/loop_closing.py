@@ -42,6 +42,7 @@ class LoopClosing:
         self._frames: list[Pose] = []  # of the submaps, by the filter
         self._sds: list[Floats] = []  # (3,) how well it knew each: m, m, rad
         self._against: list[Pose] = []  # motions of the filter's frame that loops against it ask for
+        self._judged = 0  # loops of the submaps
         self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
 
     def take(self, scan: CornerScan, by: Pose, pose: Pose, covariance: Floats) -> bool:
@@ -55,12 +56,15 @@ class LoopClosing:
         self._by = compose(self._by, by)
         if travelled(self._by) < MERGE_AFTER_M:
             return False
-        submaps, loops = len(self.submaps.poses), self.submaps.loops
+        submaps = len(self.submaps.poses)
         self.submaps.take(scan, self._by)
         self._by = (0.0, 0.0, 0.0)
         if len(self.submaps.poses) > submaps:
             self._begin(pose, covariance)
-        return self._torn(loops)
+        if self.submaps.is_comparing:  # loops found so far are not in the poses yet
+            return False
+        known, self._judged = self._judged, self.submaps.loops
+        return self._torn(known)
 
     def _begin(self, pose: Pose, covariance: Floats) -> None:
         """A submap begins where the filter has the robot, with that pose's covariance (3, 3)."""

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.mapping.submaps.loops import Submap, find
+from agent.mapping.submaps import chain
+from agent.mapping.submaps.loops import Found, Submap, find
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, moved, samples_along, united
 from agent.mapping.submaps.wireframe import wireframe_of
@@ -75,6 +77,22 @@ def test_a_lap_that_tracking_bent_by_25_degrees_is_closed() -> None:
         begun = len(submaps.poses)
     mind.finish()
     assert path_error(mind.path(), way) < 0.08
+
+
+def test_no_scan_waits_for_more_than_one_comparison_of_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared, mind, most = [0], Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), 0
+
+    def counted(*given: Any) -> Found | None:
+        compared[0] += 1
+        return find(*given)
+
+    monkeypatch.setattr(chain, "find", counted)
+    for observation in observations(ring_corridor(SIDE, WIDTH), laps(SIDE, WIDTH, 2.0), HALF_TURN, DRIFT, 0):
+        before = compared[0]
+        mind.step(observation)
+        most = max(most, compared[0] - before)
+    assert compared[0] > 10 and most == 1
+    assert mind.submaps.loops >= 5
 
 
 def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
