@@ -43,6 +43,7 @@ PIECE = np.dtype(
         ("slack", "f8", (2,)),  # m by which an occlusion end may lie farther out
         ("face", "f8", (2,)),  # m by which it may lie farther in, where the last hits may be on a small face beyond it
         ("gap", "f8", (2,)),  # m from the last hit to a nominal end: the line is prolonged so far to its corner
+        ("apart", "f8", (2,)),  # m between two beams there, if a slot before the corner would show by its gap; else 0
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
         ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the revolution, 1 at the stamp

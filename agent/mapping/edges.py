@@ -8,9 +8,10 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import FRONTIER, NOMINAL
+from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
 from agent.geometry.lines import Record, along, meet, pool
 from agent.kernels import kernel
+from agent.mapping.slots import forget_bare, slot_before
 from agent.state import LARGEST
 from protocol.arrays import Records
 
@@ -38,6 +39,7 @@ EDGE = np.dtype(
         ("link", "i8", (2,)),  # the wall that shares the corner at tail and head, or -1
         ("strength", "f4", (2,)),  # how often the link was confirmed
         ("conflict", "f4", (2,)),  # views that spoke against the end as it is
+        ("bare", "f4", (2, 5)),  # what views tell of a slot before the corner (`slots`)
         ("seen", "f4"),  # scans that hit the wall
         ("due", "f4"),  # scans that should have
         ("misses", "f4"),  # scans in a row that should have, while on probation
@@ -75,6 +77,12 @@ def check_records(edges: Records) -> None:
 def tip_at(e: Record, side: int) -> float:
     """Coordinate of an end along the wall."""
     return along(e, e.tip[side, 0], e.tip[side, 1])
+
+
+@kernel
+def has_slot(edges: Records, e: int, f: int) -> bool:
+    """Whether a slot is beside the corner that the head of e seems to share with the tail of f."""
+    return slot_before(edges[e], 1) > 0.0 or slot_before(edges[f], 0) > 0.0
 
 
 @kernel
@@ -175,6 +183,8 @@ def set_end(e: Record, side: int, label: int, slack: float, strength: float) -> 
 def join(edges: Records, e: int, f: int, strength: float) -> None:
     """Let the head of e and the tail of f share a corner."""
     edges[e].link[1], edges[f].link[0] = f, e
+    forget_bare(edges[e], 1)
+    forget_bare(edges[f], 0)
     set_end(edges[e], 1, NOMINAL, 0.0, strength)
     set_end(edges[f], 0, NOMINAL, 0.0, strength)
     settle_corner(edges, e)
@@ -192,12 +202,14 @@ def settle_corner(edges: Records, e: int) -> None:
 
 @kernel
 def part(edges: Records, e: int, side: int) -> None:
-    """Undo a link; both ends are frontiers again, and both walls on probation."""
+    """Undo a link; both ends are frontiers again, and both walls on probation. A wall ends before a slot, if one is."""
     f = edges[e].link[side]
     if f < 0:
         return
     for k, s in ((e, side), (f, 1 - side)):
-        set_end(edges[k], s, FRONTIER, 0.0, 0.0)
+        slot = slot_before(edges[k], s)
+        set_tip(edges[k], s, tip_at(edges[k], s) - (slot if s == 1 else -slot))
+        set_end(edges[k], s, OCCLUSION if slot > 0.0 else FRONTIER, 0.0, 0.0)
         edges[k].link[s], edges[k].probation = -1, 1
 
 

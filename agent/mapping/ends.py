@@ -9,7 +9,19 @@ import math
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
-from agent.mapping.edges import CONFIRMATIONS, WALL, doubt, join, part, set_end, set_tip, settle_corner, tip_at
+from agent.mapping.edges import (
+    CONFIRMATIONS,
+    WALL,
+    doubt,
+    has_slot,
+    join,
+    part,
+    set_end,
+    set_tip,
+    settle_corner,
+    tip_at,
+)
+from agent.mapping.slots import see_bare
 from protocol.arrays import Records
 
 END_MARGIN_M = 0.04  # views of one end agree within this: the distance of two beams at 2.3 m, or 4 sd of a range
@@ -75,21 +87,28 @@ def see_end(
 
 
 @kernel
-def see_corner(edges: Records, e: int, f: int, gap_e: float, gap_f: float, patience: float) -> None:
-    """Fuse one view of the head of e meeting the tail of f; gaps: metres before the corner without a hit.
+def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: float) -> None:
+    """Fuse one view of the head of e meeting the tail of f, which pieces p and q show.
 
     A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
-    confirms a corner nor speaks against an end that lies in the gap.
+    confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
     """
     sine, at_e = meet(edges[e], edges[f])
     if e == f or abs(sine) < MIN_CORNER_SINE:
         return
+    gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
-    if edges[e].link[1] == f and edges[f].link[0] == e:
+    linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)
+    if sine > 0.0 and (linked or slot):  # behind a corner that stands out into the room no wall goes on
+        see_bare(edges[e], 1, gap_e, p.apart[1], p.bearing[1])
+        see_bare(edges[f], 0, gap_f, q.apart[0], q.bearing[0])
+    if linked:
         if not guess:
             for k, side in ((e, 1), (f, 0)):
                 set_end(edges[k], side, NOMINAL, 0.0, edges[k].strength[side] + 1.0)
         settle_corner(edges, e)
+        return
+    if slot:
         return
     free = True
     for k, side, at, gap in ((e, 1, at_e, gap_e), (f, 0, meet(edges[f], edges[e])[1], gap_f)):
@@ -139,7 +158,7 @@ def close_open_corners(edges: Records, count: int) -> None:
             if f == e or edges[f].alive != WALL or edges[f].link[0] >= 0:
                 continue
             off = _ends_off_corner(edges[e], edges[f])
-            if off < best:
+            if off < best and not has_slot(edges, e, f):
                 best, winner = off, f
         if winner >= 0:
             join(edges, e, winner, 0.0)

@@ -13,7 +13,7 @@ from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, is_published
+from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
 from agent.mapping.exactness import map_sd_m
 from agent.mapping.first_look import keep_first_look
 from agent.mapping.joint import (
@@ -368,7 +368,7 @@ class WireframeFilter:
 
 @kernel
 def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
-    """The arrays of that wireframe, in the order of its fields: short walls square, small faces between walls closed.
+    """The arrays of that wireframe, in the order of its fields: slots open, short walls square, small faces closed.
 
     noise: m, standard deviation of a range.
     """
@@ -378,6 +378,9 @@ def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np
             place[k] = m
             m += 1
     edges = edges.copy()
+    for k in range(len(edges)):
+        if place[k] >= 0 and edges[k].link[1] >= 0 and has_slot(edges, k, edges[k].link[1]):
+            part(edges, k, 1)
     square_short_walls(edges, place, noise)
     joined = close_small_faces(edges, place)
     total = m + int((joined >= 0).sum())

@@ -88,7 +88,7 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
             label, slack = OCCLUSION, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)
     if p.label[1] == NOMINAL and _is_wall(edges, walls[p.link[1]]):
-        see_corner(edges, e, walls[p.link[1]], p.gap[1], pieces[p.link[1]].gap[0], patience)
+        see_corner(edges, e, walls[p.link[1]], p, pieces[p.link[1]], patience)
 
 
 @kernel

@@ -30,6 +30,8 @@ Near a corner a beam counts for the face that noise puts it nearer to. A face th
 from behind so: a column of 0.4 m seemed 1 mm too far away from 0.5 m and 5 mm from 2.7 m, and a robot that came nearer
 took itself to have come 0.2 % farther than it had."""
 DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0, so that short pieces keep a line
+TELLING_NOISE = 1.5  # standard deviations of a near range up to which a beam tells which wall of a corner it met
+TELLING_APART_M = 0.1  # distance of two beams on a wall up to which they tell of a slot before its corner
 MAX_SLACK_M = 0.1  # a corner lies at most so far off its walls' hits, however unsure the directions of few hits are
 
 
@@ -243,7 +245,7 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
     for side in range(2):
         piece.end[side] = _on_ray(piece, beams, ends[side])
         piece.label[side], piece.link[side], piece.slack[side] = FRONTIER, -1, 0.0
-        piece.gap[side], piece.face[side] = 0.0, 0.0
+        piece.gap[side], piece.face[side], piece.apart[side] = 0.0, 0.0, 0.0
 
 
 @kernel
@@ -304,7 +306,18 @@ def _link_corner(pieces: Records, k: int, scan: RangeScan, ends: Ints) -> None:
         p.label[1], q.label[0] = NOMINAL, NOMINAL
         p.link[1], q.link[0] = after, k
         p.gap[1], q.gap[0] = max(along_p - p.end[1], 0.0), max(q.end[0] - along_q, 0.0)
+        if begins - last == 1:
+            p.apart[1] = _telling_apart(p, scan, last, last - 1)
+            q.apart[0] = _telling_apart(q, scan, begins, begins + 1)
         p.end[1], q.end[0] = along_p, along_q
+
+
+@kernel
+def _telling_apart(piece: Record, scan: RangeScan, beam: int, before: int) -> float:
+    """Distance of two hits of a piece, the last one and that before it, metres; 0 where they tell of no slot."""
+    apart = abs(_on_ray(piece, scan.beams, beam) - _on_ray(piece, scan.beams, before))
+    telling = apart < TELLING_APART_M and scan.noise[beam % len(scan.noise)] < TELLING_NOISE * scan.unit
+    return apart if telling else 0.0
 
 
 @kernel

@@ -8,6 +8,7 @@ import pytest
 from agent.corner_scan import FRONTIER
 from agent.mapping.edges import EDGE, WALL, join
 from agent.mapping.squares import square_short_walls
+from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label
 from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round_tour
@@ -15,6 +16,7 @@ from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round
 NOISE_M = 0.01
 OUTSIDE = ring((0, 0), (5, 0), (5, 4), (0, 4))
 TOUR = round_tour((0.7, 0.7), (4.3, 0.7), (4.3, 3.3), (0.7, 3.3))
+FAR_TOURS = 4 * round_tour((0.7, 1.2), (4.3, 1.2), (4.3, 3.3), (0.7, 3.3), step=0.05)
 
 
 def plate(x: float, y: float, length: float, thickness: float) -> list[tuple[float, float, float, float]]:
@@ -22,9 +24,9 @@ def plate(x: float, y: float, length: float, thickness: float) -> list[tuple[flo
     return ring((x, y), (x, y + thickness), (x + length, y + thickness), (x + length, y))
 
 
-def seen(walls: list[tuple[float, float, float, float]], seed: int = 0):
+def seen(walls: list[tuple[float, float, float, float]], seed: int = 0, tour: list[Pose] = TOUR):
     walk = Walk(walls, LidarSpec(), seed=seed)
-    for pose in TOUR:
+    for pose in tour:
         walk.see(pose)
     found = walk.filter.wireframe()
     found.check()
@@ -91,3 +93,22 @@ def test_a_short_wall_that_turns_little_from_its_neighbour_is_not_laid_along_it(
     before = edges.copy()
     square_short_walls(edges, np.zeros(2, np.int64), NOISE_M)
     assert np.abs(edges["tip"] - before["tip"]).max() < 0.01
+
+
+@pytest.mark.parametrize("slot", [0.04, 0.06])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_slot_narrower_than_beams_are_apart_is_not_closed_on_the_wall_behind(slot: float, seed: int) -> None:
+    found = seen(OUTSIDE + plate(1.8, slot, 1.3, 0.4), seed, FAR_TOURS)
+    segments, labels = found.segments(), found.labels[found.edges]
+    sides = (np.abs(segments[:, 0] - segments[:, 2]) < 0.05) & (np.abs(segments[:, 0] - 2.45) < 0.8)
+    low = np.minimum(segments[sides, 1], segments[sides, 3])
+    assert (np.abs(low - slot) < 0.03).all()
+    assert (labels[sides] != Label.NOMINAL).any(axis=1).all()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_cabinet_that_stands_at_the_wall_has_no_slot_behind_it(seed: int) -> None:
+    walls = ring((0, 0), (1.8, 0), (1.8, 0.4), (3.1, 0.4), (3.1, 0), (5, 0), (5, 4), (0, 4))
+    found = seen(walls, seed, FAR_TOURS)
+    assert (found.labels == Label.NOMINAL).all()
+    assert farthest(found, walls) < 0.02
