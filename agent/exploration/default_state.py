@@ -12,7 +12,7 @@ from agent.exploration.goals import GoalMemory
 from agent.exploration.path import length_of
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import Scene
-from agent.exploration.sweep import Sweep
+from agent.exploration.sweep import Sweep, Viewpoints
 from agent.geometry.chains import chains_of
 from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
@@ -34,14 +34,14 @@ class DefaultStates:
         self._lap: Floats | None = None
         self._vertices, self._vertex_version = 0, -1
 
-    def next(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
-        """The next task, None at the state's end; eyes: (k, 2) places from where the robot or teammates looked."""
+    def next(self, scene: Scene, roads: Roads, viewpoints: Viewpoints) -> Task | None:
+        """The next task, None at the state's end."""
         state = self.config.default_state
         if state == "perimeter":
             return self._perimeter(scene.wireframe, roads)
         if state == "random-vertex":
             return self._random_vertex(scene, roads)
-        task = None if state == "least-likely" else self._sweep(scene, roads, eyes)
+        task = None if state == "least-likely" else self._sweep(scene, roads, viewpoints)
         return task if task or state == "interior-sweep" else self._least_likely(scene.wireframe, roads)
 
     def ended(self) -> str:
@@ -63,16 +63,16 @@ class DefaultStates:
         elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[1:]
 
-    def pockets(self, scene: Scene, roads: Roads, eyes: Floats, begun: Task | None) -> list[Task]:
+    def pockets(self, scene: Scene, roads: Roads, viewpoints: Viewpoints, begun: Task | None) -> list[Task]:
         """Sweeps, while there are frontiers, of what was seen from too far; begun: the task under way."""
         if not self.config.pockets or self.config.default_state not in ("ours", "interior-sweep"):
             return []
-        samples = self.sweep.passed_by(scene.wireframe, eyes, scene.here, POCKET_REACH_M)
+        samples = self.sweep.passed_by(scene.wireframe, viewpoints, scene.here, POCKET_REACH_M)
         return self.sweep.tasks(samples, roads, begun.stand if begun is not None and begun.kind == "sweep" else None)
 
-    def _sweep(self, scene: Scene, roads: Roads, eyes: Floats) -> Task | None:
+    def _sweep(self, scene: Scene, roads: Roads, viewpoints: Viewpoints) -> Task | None:
         """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
-        tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, eyes), roads)
+        tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, viewpoints), roads)
         tasks = not_nearer_to(scene.partners, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 

@@ -310,7 +310,7 @@ class Explorer:
     def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
         mine = not_nearer_to(scene.partners, tasks, roads)
-        pockets = self.states.pockets(scene, roads, self.viewpoints.all(), begun)
+        pockets = self.states.pockets(scene, roads, self.viewpoints, begun)
         mine += not_nearer_to(scene.partners, pockets, roads)
         detour_m = self.config.team_detour_m if len(scene.partners) else self.config.pocket_detour_m
         # where teammates are nearer to all open ends, a robot sweeps rather than follow them
@@ -323,7 +323,7 @@ class Explorer:
         for roads in self.surroundings.ways(scene):
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 return self._pursue(scene, old.task, roads, old)
-            task = self.states.next(scene, roads, self.viewpoints.all()) or self._way_home(scene, roads)
+            task = self.states.next(scene, roads, self.viewpoints) or self._way_home(scene, roads)
             if task is not None:
                 return self._pursue(scene, task, roads, None)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
@@ -376,8 +376,8 @@ class Explorer:
         """Whether there would be something to do if no teammate stood in the way."""
         if len(self.goals.again()):
             return True
-        eyes = self.viewpoints.all()
-        return any(self.states.next(scene, roads, eyes) for roads in self.surroundings.ways(scene, teammates=False))
+        ways = self.surroundings.ways(scene, teammates=False)
+        return any(self.states.next(scene, roads, self.viewpoints) for roads in ways)
 
     def _wait(self, scene: Scene) -> Target:
         """Stand until the teammates that bar all there is may have moved on."""

@@ -1,6 +1,7 @@
 """Paths around known walls."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +13,16 @@ from agent.exploration.config import DrivingConfig
 from agent.exploration.frontiers import open_ends
 from agent.exploration.path import still_clear
 from agent.exploration.planning import Roads, hurdles_of
-from agent.exploration.sweep import LEAST_SAMPLES, Sweep, free_face
+from agent.exploration.sweep import LEAST_SAMPLES, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
+from protocol.arrays import Floats
+from protocol.geometry import apply
 from protocol.messages import LidarSpec, RobotSpec
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
 
 ROOMY_M = RobotSpec().radius_m + DrivingConfig().path_air_m
+NOWHERE = np.zeros((0, 2))
 TIGHT_M = RobotSpec().radius_m + DrivingConfig().tight_path_air_m
 
 
@@ -152,6 +156,26 @@ def test_no_walls_no_obstacles():
     assert go(Roads(empty, np.zeros(2), 0.2), 3.0, 4.0)[0] == pytest.approx(5.0)
 
 
+def looked_from(own: Floats, teammates: Floats = NOWHERE) -> Viewpoints:
+    """Viewpoints at these places (k, 2)."""
+    viewpoints = Viewpoints()
+    viewpoints.own, viewpoints.teammates = own.tolist(), teammates
+    return viewpoints
+
+
+@pytest.mark.parametrize("turn", np.linspace(0.1, 1.5, 8))
+def test_what_a_teammate_has_swept_on_its_lattice_is_swept_on_any(turn: float) -> None:
+    sweep = Sweep(0.1, LidarSpec())
+    wireframe = chain(room(9, 8))
+    looked = np.array([[4.0, 4.0]])
+    while tasks := sweep.tasks(sweep.unseen(wireframe, looked_from(looked)), Roads(wireframe, looked[0], ROOMY_M)):
+        looked = np.vstack((looked, tasks[0].stand))
+    frame = (0.33, 0.21, turn)
+    other = replace(wireframe, points=apply(frame, wireframe.points))
+    there = apply(frame, looked)
+    assert not sweep.tasks(sweep.unseen(other, looked_from(NOWHERE, there)), Roads(other, there[0], ROOMY_M))
+
+
 def test_the_free_face_leaves_out_what_is_solid():
     pillar = [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)]
     face = free_face(chain(room(4, 4), pillar), np.array([[0.5, 0.5]]), 3.0)
@@ -165,7 +189,7 @@ def test_around_walls_that_hold_no_robot_free_area_goes_on():
     here = np.array([[0.5, 0.5]])
     assert free_face(column, here, 3.0).area > 36.0
     sweep = Sweep(0.1, LidarSpec())
-    unseen = sweep.unseen(column, here)
+    unseen = sweep.unseen(column, looked_from(here))
     assert len(sweep.tasks(unseen, Roads(column, here[0], ROOMY_M))) > 0  # else it would be complete
 
 
@@ -175,7 +199,7 @@ def test_what_poses_see_within_the_radius_is_no_longer_unseen():
     wall = [(2.0, 0.0), (2.0, 2.0), (2.02, 2.0), (2.02, 0.0)]  # a screen that hides a part from the pose
     wireframe = chain([(0, 0), *wall, (4, 0), (4, 4), (0, 4), (0, 0)])
     pose = np.array([[1.0, 1.0]])
-    unseen = sweep.unseen(wireframe, pose)
+    unseen = sweep.unseen(wireframe, looked_from(pose))
     assert len(unseen) > 0
     far = np.hypot(*(unseen - pose[0]).T) > sweep.radius
     hidden = unseen[:, 0] > 2.0
