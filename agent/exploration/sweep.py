@@ -215,10 +215,12 @@ class Sweep:
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
         if begun is not None:
             points = np.vstack((begun, points))
-        points = points[roads.reached(points)]
+        views = np.asarray(_views(unseen, points, roads.walls, self.radius))
+        shows = views.sum(1) >= LEAST_SAMPLES
+        shows[shows] = roads.reached(points[shows])
+        points, views = points[shows], views[shows]
         if not len(points):
             return []
-        views = np.asarray(_views(unseen, points, roads.walls, self.radius))
         kept = begun is not None and bool((points[0] == begun).all())
         return [
             Task("sweep", points[k], points[k], samples=unseen[views[k]], begun=kept and k == 0)
