@@ -15,7 +15,7 @@ from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_beams
-from agent.perception.pieces import CORNER_SIGMAS, EDGE_OF_RANGE_SIGMAS, GROWN_EDGE_SIGMAS, RangeScan, pieces_of
+from agent.perception.pieces import CORNER_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from agent.perception.standing import Standing, noise_of
@@ -143,9 +143,9 @@ def perceive(
         cut = piecewise if method == "piecewise" else split_and_merge
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
-        edge, corner = (EDGE_OF_RANGE_SIGMAS, 0.0) if lidar.noise_share == 0 else (GROWN_EDGE_SIGMAS, CORNER_SIGMAS)
+        corner = 0.0 if lidar.noise_share == 0 else CORNER_SIGMAS
         unit, farthest = range_noise(lidar), lidar.range_max_m
-        range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, edge, corner, bridge_m)
+        range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, corner, bridge_m)
         pieces, explained = pieces_of(range_scan, cuts, sums)
         unexplained &= ~explained
     free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)

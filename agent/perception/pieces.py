@@ -18,9 +18,10 @@ SURE_HITS = 5
 LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
 MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
-EDGE_OF_RANGE_SIGMAS = 1.5  # a wall within so many standard deviations of the lidar's range may give no return
-GROWN_EDGE_SIGMAS = 3.5
-"""The same where noise grows with range. With less, one far end in ten was taken for a corner in `symmetric`."""
+EDGE_OF_RANGE_SIGMAS = 3.5
+"""A wall within so many standard deviations of the lidar's range may give no return. With 1.5, three views in a hundred
+told of a corner where the range ends: a robot that stood for a minute cut the wall there, and all its peers drove to
+look. Where noise grows with range, it was one end in ten in `symmetric`."""
 UNSEEN_FACE_SIGMAS = 3.0
 """Standard deviations behind a wall's line up to which hits on the small face beyond its end pass for hits on the wall:
 two of them cost the fit as much as two strays."""
@@ -45,7 +46,6 @@ class RangeScan(NamedTuple):
     range_max: float  # m, beyond which nothing comes back
     silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
     unit: float  # m, the standard deviation of a range that counts as one hit
-    edge_sigmas: float  # standard deviations from the lidar's range at which a wall may give no return
     corner_sigmas: float  # standard deviations between two faces up to which it is doubtful which a beam met
     bridge_m: float  # between neighbouring hits of a sure line, up to which the wall goes on there
 
@@ -343,7 +343,7 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
         sd = math.hypot(noise, spread)
         r = beams.ranges[k]
         if not math.isfinite(r):
-            if predicted > scan.range_max - scan.edge_sigmas * sd:
+            if predicted > scan.range_max - EDGE_OF_RANGE_SIGMAS * sd:
                 return FRONTIER, k
             silent += 1
             if silent == scan.silence:

@@ -143,6 +143,15 @@ def test_a_wall_cut_by_range_is_a_frontier() -> None:
     assert len(scan.sight.open) == 1
 
 
+@pytest.mark.parametrize("off", [0.5, 2.0, 3.0, 3.3])
+def test_who_stands_for_long_takes_the_end_of_the_range_for_no_corner(off: float) -> None:
+    lidar = Lidar(np.array([[-10.0, off, 10.0, off]]), LidarSpec(noise_m=0.01))
+    ranges, rng = lidar.cast(np.zeros((1, 3))), np.random.default_rng(0)
+    scans = (perceive(np.asarray(lidar.measured(ranges, [rng])[0], np.float64), RobotSpec()) for _ in range(300))
+    labels = np.concatenate([scan.pieces["label"].ravel() for scan in scans])
+    assert len(labels) >= 600 and (labels == Label.OCCLUSION).sum() <= 1
+
+
 def test_a_teammate_is_a_disc_and_no_wall() -> None:
     wall = [(-3, 1.5, 3, 1.5)]
     for x, y in ((0.3, 0.8), (1.0, 0.0), (-1.2, 1.2), (0.0, -2.5)):
