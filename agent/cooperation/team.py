@@ -21,7 +21,7 @@ from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradicti
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
-from agent.cooperation.verification import Trial, nats_of_thirds
+from agent.cooperation.verification import DISC_GATE_M, Trial, nats_of_thirds
 from agent.corner_scan import CornerScan
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
@@ -128,6 +128,15 @@ class Team:
             )
         return known
 
+    def places(self, tick: int) -> Floats:
+        """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
+        found = []
+        for peer in self.merged:
+            if self._is_heard(tick, peer):
+                x, y, drive_m = self._last_place(tick, peer)
+                found.append((x, y, DISC_GATE_M + drive_m))
+        return np.array(found, np.float64).reshape(-1, 3)
+
     def strangers(self, tick: int, present: Iterable[str]) -> bool:
         """Whether a peer in contact has a frame that is not known, or not for long."""
         lately = tick - STRANGER_S * self.spec.lidar.rate_hz
@@ -138,11 +147,15 @@ class Team:
         """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it."""
         found = []
         for peer in self.shares_work_with:
-            silent_s = (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
-            if silent_s <= PLACE_KNOWN_S:
-                x, y, _ = compose(pose_of(peer.transform), peer.log.pose)
-                found.append((x, y, NEARER_M + 0.5 * self.spec.max_speed_mps * silent_s))
+            if tick - peer.log.pose_tick <= self._ticks(PLACE_KNOWN_S):
+                x, y, drive_m = self._last_place(tick, peer)
+                found.append((x, y, NEARER_M + 0.5 * drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
+
+    def _last_place(self, tick: int, peer: Merged) -> tuple[float, float, float]:
+        """Where a peer said that it is, own frame, and how far it may have driven since; metres."""
+        x, y, _ = compose(pose_of(peer.transform), peer.log.pose)
+        return x, y, self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
 
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))

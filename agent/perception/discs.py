@@ -336,14 +336,22 @@ def beams_on(beams: Beams, expected: Floats, radius: float, margin: float) -> Bo
 
 
 @kernel
-def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, radius: float) -> Bools:
-    """(n,) which beams end on something narrower than a body that stands free, beside beams on teammates (n,).
+def _may_stand_at(x: float, y: float, places: Floats, radius: float) -> bool:
+    """Whether a point may be on the front of a teammate at one of places (k, 3), centre and slack."""
+    return bool((np.hypot(places[:, 0] - x, places[:, 1] - y) <= radius + places[:, 2]).any())
 
-    That may be another one behind them, of which too little is seen for a disc. In a crowd such pieces became walls,
-    which kept the crowd together, as all came to look at them. hidden: (n,) beams that are left out already.
+
+@kernel
+def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, places: Floats, radius: float) -> Bools:
+    """(n,) which beams end on something narrower than a body, where a teammate may be.
+
+    Of a teammate that is far off, or behind another one or a corner, too little is seen for a disc. In a crowd such
+    pieces became walls, which kept the crowd together, as all came to look at them. So what stands free beside beams on
+    teammates (n,) is none, nor what is where one may be that is not seen itself: places (k, 3) centre and slack,
+    metres. hidden: (n,) beams that are left out already.
     """
     n, out, beside = len(hidden), np.zeros(len(hidden), np.bool_), teammates.copy()
-    if not teammates.any():
+    if not teammates.any() and not len(places):
         return out
     x, y = beams.distances * np.cos(beams.bearings), beams.distances * np.sin(beams.bearings)
     far = np.where(np.isnan(beams.ranges), 0.0, beams.distances)
@@ -368,7 +376,9 @@ def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, radius: float) 
                 after += 1
             one, other = beside[before % n], beside[after % n]
             # behind something nearer that is no teammate it may go on
-            if (one or far[before % n] > far[first]) and (other or far[after % n] > far[last % n]) and (one or other):
+            free = (one or far[before % n] > far[first]) and (other or far[after % n] > far[last % n])
+            middle = (first + last) // 2 % n
+            if (free and (one or other)) or _may_stand_at(x[middle], y[middle], places, radius):
                 more = True
                 for k in range(first, end):
                     out[k % n] = beside[k % n] = True

@@ -54,12 +54,19 @@ class Perception:
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
     def see(
-        self, observation: Observation, way: Floats, start: Pose, known: Wireframe, heard: bool = False
+        self,
+        observation: Observation,
+        way: Floats,
+        start: Pose,
+        known: Wireframe,
+        heard: bool = False,
+        teammates: Floats = NOTHING[:, :3],
     ) -> CornerScan:
         """Corner scan of an observation. Its discs are teammates: nobody after perception judges that again.
 
         way: (k + 1, 3) poses from the last observation to this one, in the frame of the first; that one is `start` in
-        the frame of the map. known: the robot's map. heard: whether any message came in this tick.
+        the frame of the map. known: the robot's map. heard: whether any message came in this tick. teammates: (k, 3)
+        where merged ones say that they are, in the frame of the map, and by how much each may be off; metres.
         """
         if known is not self._map:
             walls = known.segments()
@@ -82,6 +89,7 @@ class Perception:
             expected=self._seen_discs.expected(observation.odometry),
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
+            places=np.column_stack((seen_from(predicted, teammates[:, :2]), teammates[:, 2])),
             alone=self._alone,
             company=company,
             stood=stood,
@@ -105,6 +113,7 @@ def perceive(
     expected: Floats = NOTHING[:, :3],
     known: Floats = NOTHING,
     posts: Floats = NOBODY,
+    places: Floats = NOTHING[:, :3],
     alone: bool = False,
     company: bool = True,
     stood: int = 0,
@@ -119,7 +128,8 @@ def perceive(
     stood: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
     bridge_m: up to so far apart, two neighbouring hits of a sure line show that there is wall between them.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
-    the map, in which no teammate stands. posts: (p, 2) what is round and no teammate.
+    the map, in which no teammate stands. posts: (p, 2) what is round and no teammate. places: (t, 3) where teammates
+    say that they are, and by how much each may be off.
 
     The scan's discs are those that may be teammates, whether there is company or not.
     """
@@ -135,7 +145,8 @@ def perceive(
     if company:
         teammates = beams_on(beams, expected, radius, DISC_MARGIN_M)
         hidden = unmeasured | hidden_beams(beams, discs, radius) | teammates
-        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, radius)
+        unseen = places[~_near(places, discs)]
+        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, unseen, radius)
     returned = np.isfinite(beams.ranges)
     used = np.flatnonzero(returned & ~hidden)
     pieces, unexplained = np.zeros(0, PIECE), returned | hidden
@@ -152,6 +163,12 @@ def perceive(
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(free, _sectors(unexplained, beams, 1), reach, 0.5 * beams.step, beams.shift)
     return CornerScan(pieces, sight, discs, _touching(ranges, spec), stood)
+
+
+def _near(places: Floats, discs: Floats) -> Bools:
+    """(t,) at which of places (t, 3), centre and slack, one of discs (d, 2) is."""
+    away = np.hypot(*(places[:, None, :2] - discs).transpose(2, 0, 1))
+    return np.asarray((away <= places[:, 2:]).any(1))
 
 
 def _touching(ranges: Floats, spec: RobotSpec) -> bool:

@@ -183,6 +183,30 @@ def test_a_teammate_that_peeps_out_behind_another_one_is_no_wall(away: float) ->
         assert all(abs(piece["x"] - 2.5) < 0.05 for piece in scan.pieces), aside
 
 
+def test_a_far_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_says_that_it_is() -> None:
+    spec, rng = LidarSpec(noise_m=0.01), np.random.default_rng(0)
+    lidar, taken = Lidar(np.array([(3.4, -3.0, 3.4, 3.0)]), spec), 0
+    for away in np.linspace(2.2, 3.0, 160):
+        ranges = lidar.measured(lidar.cast(np.zeros((1, 3)), np.array([(away, 0.0, 0.105)])), [rng])[0]
+        seen, told = (
+            perceive(np.asarray(ranges, np.float64), RobotSpec(lidar=spec), places=places)
+            for places in (np.zeros((0, 3)), np.array([(2.5, 0.2, 0.5)]))
+        )
+        taken += bool((seen.pieces["x"] < 3.2).any())
+        assert (told.pieces["x"] > 3.2).all()
+    assert taken > 5
+
+
+def test_a_post_is_a_wall_beside_a_teammate_that_is_seen() -> None:
+    disc, post = np.array([(1.5, 0.0, 0.105)]), (1.5, 0.55, 1.5, 0.65)
+    scan = perceive(
+        Lidar(np.array([post, (3.0, -3.0, 3.0, 3.0)]), LidarSpec()).cast(np.zeros((1, 3)), disc)[0].astype(np.float64),
+        RobotSpec(),
+        places=np.array([(1.5, 0.1, 0.8)]),
+    )
+    assert len(scan.discs) == 1 and (np.abs(scan.pieces["x"] - 1.5) < 0.02).any()
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 0.0, 1e9])
 def test_nonsense_ranges_are_silence(value: float) -> None:
     scan = perceive(np.full(360, value), RobotSpec())
