@@ -99,8 +99,8 @@ class Robot:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started, tick = time.perf_counter(), observation.tick
         way = self.filter.way(observation.poses())
-        teammates = self.team.places(tick)
-        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, len(heard) > 0, teammates)
+        places = self.team.places(tick)
+        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, len(heard) > 0, places)
         if tick % self._merge_ticks == 0:
             self.filter.update(scan, observation.poses())
         else:

@@ -114,14 +114,14 @@ class Team:
         for name, peer in sorted(self.peers.items()):
             if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
                 continue
-            drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
-            # since then it may have driven straight on, at three deviations, and turned by a radian in half a metre
+            pose, drive_m = self._last_pose(tick, peer)
+            # it may have driven straight on, at three deviations, and turned by a radian in half a metre
             spread, turn = math.hypot(0.01 + peer.transform_sd_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
             known.append(
                 TeammatePose(
                     robot=name,
                     tick=peer.log.pose_tick,
-                    pose=compose(pose_of(peer.transform), peer.log.pose),
+                    pose=pose,
                     covariance=(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, turn**2),
                     status="merged" if isinstance(peer, Merged) else "proposed",
                 )
@@ -133,7 +133,7 @@ class Team:
         found = []
         for peer in self.merged:
             if self._is_heard(tick, peer):
-                x, y, drive_m = self._last_place(tick, peer)
+                (x, y, _), drive_m = self._last_pose(tick, peer)
                 found.append((x, y, DISC_GATE_M + drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
 
@@ -148,14 +148,14 @@ class Team:
         found = []
         for peer in self.shares_work_with:
             if tick - peer.log.pose_tick <= self._ticks(PLACE_KNOWN_S):
-                x, y, drive_m = self._last_place(tick, peer)
+                (x, y, _), drive_m = self._last_pose(tick, peer)
                 found.append((x, y, NEARER_M + 0.5 * drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
 
-    def _last_place(self, tick: int, peer: Merged) -> tuple[float, float, float]:
-        """Where a peer said that it is, own frame, and how far it may have driven since; metres."""
-        x, y, _ = compose(pose_of(peer.transform), peer.log.pose)
-        return x, y, self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
+    def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
+        """Where a peer said that it is, own frame, and how many metres it may have driven since."""
+        drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
+        return compose(pose_of(peer.transform), peer.log.pose), drive_m
 
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))

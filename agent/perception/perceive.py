@@ -60,13 +60,13 @@ class Perception:
         start: Pose,
         known: Wireframe,
         heard: bool = False,
-        teammates: Floats = NOTHING[:, :3],
+        places: Floats = NOTHING[:, :3],
     ) -> CornerScan:
         """Corner scan of an observation. Its discs are teammates: nobody after perception judges that again.
 
         way: (k + 1, 3) poses from the last observation to this one, in the frame of the first; that one is `start` in
-        the frame of the map. known: the robot's map. heard: whether any message came in this tick. teammates: (k, 3)
-        where merged ones say that they are, in the frame of the map, and by how much each may be off; metres.
+        the frame of the map. known: the robot's map. heard: whether any message came in this tick. places: (t, 3)
+        where merged teammates say that they are, in the frame of the map, and by how much each may be off; metres.
         """
         if known is not self._map:
             walls = known.segments()
@@ -78,7 +78,7 @@ class Perception:
         if heard:
             self._posts.hear(observation.tick, predicted)
         company, ranges = self._posts.company(observation.tick), observation.scan()
-        if self._spec.odometry.noisy:
+        if self._spec.odometry.noisy and not self._standing.moved:
             self._standing.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
         stood = self._standing.number
         scan = perceive(
@@ -89,7 +89,7 @@ class Perception:
             expected=self._seen_discs.expected(observation.odometry),
             known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
-            places=np.column_stack((seen_from(predicted, teammates[:, :2]), teammates[:, 2])),
+            places=np.column_stack((seen_from(predicted, places[:, :2]), places[:, 2])),
             alone=self._alone,
             company=company,
             stood=stood,

@@ -230,6 +230,8 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
         sum_tt += weight * t * t
         residual += weight * off * off
         moment += weight * beams.moments[k]
+        if scan.corner_sigmas == 0.0:
+            continue
         for power in range(5):
             powers[power] += weight * t**power
         for power in range(3):

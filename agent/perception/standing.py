@@ -23,7 +23,9 @@ class Standing:
 
     def __init__(self, lidar: LidarSpec) -> None:
         """Begin without any."""
-        self._lidar, self._scans, self._moved = lidar, list[Floats](), False
+        self._lidar, self._scans = lidar, list[Floats]()
+        self.moved = False
+        """Whether the robot has left: from then on no scan is taken."""
 
     @property
     def number(self) -> int:
@@ -35,8 +37,8 @@ class Standing:
 
         A robot that touches something may be pushed, of which odometry tells nothing.
         """
-        self._moved |= touching or not stands(odometry)
-        if self._moved:
+        self.moved |= touching or not stands(odometry)
+        if self.moved:
             self._scans.clear()
         elif len(self._scans) < MOST_SCANS:
             self._scans.append(ranges)
