@@ -8,6 +8,7 @@ import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -116,15 +117,16 @@ class GridMap:
             total = zlib.crc32(getattr(self, name).astype("<i4").tobytes(), total)
         return total & 0xFFFF
 
-    def key(self, chain: int) -> bytes:
-        """Everything that makes a chain, to find an equal one in another map of the same grid."""
-        part = slice(*self.bounds(chain))
-        arrays = (*(getattr(self, name)[part] for name in VERTEX_ARRAYS), self.rings[chain])
-        return b"".join(np.asarray(array, "<i4").tobytes() for array in arrays)
+    @cached_property
+    def keys(self) -> list[bytes]:
+        """Of each chain everything that makes it, to find an equal one in another map of the same grid."""
+        vertices = np.column_stack([getattr(self, name) for name in VERTEX_ARRAYS]).astype("<i4")
+        parts = [vertices[slice(*self.bounds(chain))].tobytes() for chain in range(len(self.rings))]
+        return [part + ring.tobytes() for part, ring in zip(parts, self.rings, strict=True)]
 
     def alike(self, other: "GridMap") -> bool:
         """Whether both hold the same chains on the same grid, in whatever order."""
-        mine, theirs = (sorted(map(held.key, range(len(held.rings)))) for held in (self, other))
+        mine, theirs = sorted(self.keys), sorted(other.keys)
         return (self.cell_mm, self.axis, mine) == (other.cell_mm, other.axis, theirs)
 
 

@@ -46,7 +46,7 @@ class Changes(NamedTuple):
 
 def changes(new: GridMap, base: GridMap) -> Changes:
     """What turns `base` into `new`; both are on the same grid."""
-    new_keys, base_keys = ([held.key(chain) for chain in range(len(held.rings))] for held in (new, base))
+    new_keys, base_keys = new.keys, base.keys
     built, left = _unmatched(new_keys, base_keys), _unmatched(base_keys, new_keys)
     kept = set(new_keys)
     runs = _runs(new, base, built, [chain for chain in left if base_keys[chain] not in kept])

@@ -13,9 +13,10 @@ from agent.alignment.agreement import agreement
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, like_walls, likeness
 from agent.alignment.prepared import PreparedMap
-from agent.geometry.transform import apart, fit_on_points, move
+from agent.geometry.transform import fit_on_points, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
+from protocol.geometry import wrapped
 
 MAX_PAIRS = 4000  # pairs of corners whose transform is looked at, best first: the iteration budget
 MAX_CANDIDATES = 80  # distinct transforms refined on all corners (measured: the right one is among the first 50)
@@ -115,7 +116,7 @@ def _transforms(
     """Distinct transforms (k, 3) of pairs in order, and (k,) the likelihoods of all pairs that give each."""
     a, b = mine.points, theirs.points
     found, votes = np.empty((pairs.shape[0], 3)), np.zeros(pairs.shape[0])
-    count = 0
+    places, count = np.empty((pairs.shape[0], 3)), 0
     t = np.empty(3)
     for k in range(pairs.shape[0]):
         i, j = pairs[k]
@@ -123,21 +124,30 @@ def _transforms(
         c, s = math.cos(t[2]), math.sin(t[2])
         t[0] = a[i, 0] - c * b[j, 0] + s * b[j, 1]
         t[1] = a[i, 1] - s * b[j, 0] - c * b[j, 1]
-        same = _first_like(t, found[:count], centre)
+        place = _place(t, centre)
+        same = _first_like(place, places[:count])
         if same == count:
-            found[same] = t
+            found[same], places[same] = t, place
             count += 1
         votes[same] += likelihoods[k]
     return found[:count], votes[:count]
 
 
 @kernel
-def _first_like(t: Floats, found: Floats, centre: Floats) -> int:
-    """Row of the first of the transforms found (n, 3) that t is like; n where it is like none."""
-    for n in range(len(found)):
-        if not apart(found[n], t, centre, LIKE_M, LIKE_RAD):
+def _place(t: Floats, centre: Floats) -> tuple[float, float, float]:
+    """Where a transform (3,) lays the map's centre (2,), and by how much it turns it: metres and radians."""
+    x, y = move(t, centre[0], centre[1])
+    return x, y, t[2]
+
+
+@kernel
+def _first_like(place: tuple[float, float, float], places: Floats) -> int:
+    """Row of the first of places (n, 3), as `_place` gives them, that one is like; n where it is like none."""
+    for n in range(len(places)):
+        dx, dy = places[n, 0] - place[0], places[n, 1] - place[1]
+        if dx * dx + dy * dy <= LIKE_M**2 and abs(wrapped(places[n, 2] - place[2])) <= LIKE_RAD:
             return n
-    return len(found)
+    return len(places)
 
 
 @kernel
@@ -195,10 +205,10 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
 @kernel
 def _distinct(transforms: Floats, centre: Floats) -> Ints:
     """Indices of transforms that are like none before them."""
-    kept, found = np.empty(transforms.shape[0], np.int64), np.empty(transforms.shape)
-    count = 0
+    kept, places, count = np.empty(transforms.shape[0], np.int64), np.empty(transforms.shape), 0
     for k in range(transforms.shape[0]):
-        if _first_like(transforms[k], found[:count], centre) == count:
-            kept[count], found[count] = k, transforms[k]
+        place = _place(transforms[k], centre)
+        if _first_like(place, places[:count]) == count:
+            kept[count], places[count] = k, place
             count += 1
     return kept[:count]

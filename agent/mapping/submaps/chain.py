@@ -26,8 +26,9 @@ from agent.mapping.submaps.matching import (
     share_beside,
     tiles_of,
 )
+from agent.mapping.submaps.merging import merge, united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.submaps.segments import SEGMENT, every, merge, moved, samples_along, segments_in, segments_of, united
+from agent.mapping.submaps.segments import SEGMENT, every, moved, samples_along, segments_in, segments_of
 from agent.mapping.submaps.tiles import Tiles
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative

@@ -1,25 +1,19 @@
-"""Walls of a submap as straight segments with the moments of their hits, and how pieces of scans are merged into them.
+"""Walls of a submap as straight segments with the moments of their hits.
 
 A segment is less than a wall of the wireframe: it has no labels, links or evidence, and is only matched and merged.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from agent.corner_scan import to_map_frame
-from agent.geometry.lines import Record, above, along, pool
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
 
 SAMPLE_M = 0.2  # distance of the samples of a piece: points, not beams, so that density does not count
-MERGE_M = 0.08  # a piece this near to a segment's line is of that segment: a cupboard's face keeps apart from its wall
-MERGE_COSINE = math.cos(math.radians(8.0))  # and turned against it by no more
-MERGE_GAP_M = 0.25  # two on one line are one across such a gap, as in a scan (`corner_scan.BRIDGE_M`)
 SURE = 100.0  # scans that a received wall's likelihood stands for, at most
-PASSES = 4  # as merged segments grow, they meet others; after four passes 1 in 100 still does
 
 SEGMENT = np.dtype(
     [
@@ -96,62 +90,3 @@ def samples_along(segments: Records) -> Floats:
 def every(samples: Floats, step: int) -> Floats:
     """Each step-th of samples (k, 4), all where the step is 0; in one piece, as kernels have one form for that."""
     return np.ascontiguousarray(samples[:: max(1, step)])
-
-
-def united(parts: Sequence[Records]) -> Records:
-    """All segments of several maps in one frame as one map: (n,), longest first."""
-    walls = np.concatenate((np.zeros(0, SEGMENT), *parts))
-    for _ in range(PASSES):
-        walls = walls[np.argsort(-walls["hits"], kind="stable")]
-        merged = np.zeros(len(walls), SEGMENT)
-        count = merge(merged, 0, walls)
-        if count == len(walls):
-            break
-        walls = merged[:count]
-    return walls
-
-
-@kernel
-def merge(walls: Records, count: int, new: Records) -> int:
-    """Merge segments `new` (k,) into the first `count` of `walls` in place, both in one frame; returns the new count.
-
-    Each goes to the segment beside whose line it lies nearest; one that fits none is added, while there is room.
-    """
-    for k in range(len(new)):
-        p = new[k]
-        best, e = MERGE_M, -1
-        for f in range(count):
-            off = _apart(walls[f], p)
-            if off < best:
-                best, e = off, f
-        if e >= 0:
-            _fuse(walls[e], p)
-        elif count < len(walls):
-            walls[count] = p
-            count += 1
-    return count
-
-
-@kernel
-def _apart(e: Record, p: Record) -> float:
-    """How far p lies beside segment e, at most, metres; inf where they are turned or a gap is between them."""
-    if e.ux * p.ux + e.uy * p.uy < MERGE_COSINE:
-        return math.inf
-    t = along(e, p.x, p.y)
-    if t + p.low > e.high + MERGE_GAP_M or t + p.high < e.low - MERGE_GAP_M:
-        return math.inf
-    # at both ends of what they share, or of the gap: lines of short pieces swing far out beyond
-    a, b = max(t + p.low, e.low), min(t + p.high, e.high)
-    off = abs(above(p, e.x + a * e.ux, e.y + a * e.uy))
-    return max(off, abs(above(p, e.x + b * e.ux, e.y + b * e.uy)))
-
-
-@kernel
-def _fuse(e: Record, p: Record) -> None:
-    """Fuse segment p into e on the same line."""
-    ends = (e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy)
-    pool(e, p.hits, p.x, p.y, (p.xx, p.xy, p.yy))
-    e.seen += p.seen
-    t = along(e, p.x, p.y)
-    e.low = min(along(e, ends[0], ends[1]), t + p.low)
-    e.high = max(along(e, ends[2], ends[3]), t + p.high)

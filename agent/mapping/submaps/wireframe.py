@@ -112,7 +112,10 @@ def _followers(tips: Floats) -> Ints:
     rows, columns, apart, count = np.empty(16 * n, np.int64), np.empty(16 * n, np.int64), np.empty(16 * n), 0
     for a in range(n):
         for b in range(n):
-            d = math.hypot(tips[a, 1, 0] - tips[b, 0, 0], tips[a, 1, 1] - tips[b, 0, 1])
+            dx = tips[a, 1, 0] - tips[b, 0, 0]
+            if abs(dx) >= CORNER_M:
+                continue
+            d = math.hypot(dx, tips[a, 1, 1] - tips[b, 0, 1])
             if a != b and d < CORNER_M and count < len(rows):
                 rows[count], columns[count], apart[count] = a, b, d
                 count += 1

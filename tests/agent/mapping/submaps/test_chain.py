@@ -11,8 +11,9 @@ import pytest
 from agent.config import AgentConfig
 from agent.mapping.submaps import chain
 from agent.mapping.submaps.loops import Found, Submap, find
+from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.submaps.segments import SEGMENT, moved, samples_along, united
+from agent.mapping.submaps.segments import SEGMENT, moved, samples_along
 from agent.mapping.submaps.wireframe import wireframe_of
 from agent.passenger import Passenger
 from deploy.bench.rings import laps
