@@ -66,11 +66,17 @@ def agent_process(
     make_mind: MakeMind | None,
     checkpoints: Path | None = None,
 ) -> None:
-    """Run one robot; tells ENDED how, or FAILED why."""
+    """Run one robot; tells ENDED how, or FAILED why.
+
+    It looks for the world as long as the world waits for it: with 100 robots on two busy cores that takes over 10 s.
+    """
     speak_into(log)
+    from agent.config import JoinConfig
     from agent.shell.process import AgentInbox, run_agent
 
     inbox = AgentInbox()
+    join_timeout_s = max(config.join_timeout_s, config.server.join_timeout_s)
+    patience = JoinConfig(join_timeout_s=join_timeout_s, reconnect_s=config.reconnect_s)
     _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends before, and tells the robots
     with _last_words(launcher) as ended:
         how = run_agent(
@@ -78,7 +84,7 @@ def agent_process(
             endpoint,
             config.agent,
             credentials=None if secret is None else Secrets({robot: secret}),
-            patience=config,
+            patience=patience,
             make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
             inbox=inbox,
             checkpoints=checkpoints,

@@ -122,6 +122,11 @@ def test_dead_robots_are_noticed_within_a_second_and_the_others_finish(running: 
     assert run.gone_within(5)
 
 
+def test_robots_look_for_a_slow_world_as_long_as_it_waits_for_them(running: Any) -> None:
+    run = running(until=5.0, join_timeout_s=1e-3)
+    assert run.result() == {"status": 0, "ended": "time", "errors": []}
+
+
 def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     run = running(until=7000.0)
     agents = run.agents()
