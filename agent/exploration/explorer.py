@@ -33,8 +33,10 @@ STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
+NOWHERE = np.zeros((0, 2))
 HOME = np.zeros(2)  # where the robot began, in its own frame
 HOME_S = 3.0  # that it looks from there
+AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
@@ -181,10 +183,16 @@ class Explorer:
             self.target = None
 
     def _take_viewpoints(self, scene: Scene, viewpoints: Floats) -> None:
-        """What teammates saw need not be swept; what is taken back with a merge must."""
+        """What teammates saw need not be swept; what is taken back with a merge must.
+
+        A sweep goes on while they have not seen what it is for: a crowd tells of new viewpoints at all times.
+        """
         more, self.viewpoints.teammates = len(viewpoints) - len(self.viewpoints.teammates), viewpoints
         if more and self.target is not None and self.target.task.samples is not None:
-            self.target = None
+            left, swept = self.sweep.left(self.target.task.samples, NOWHERE, viewpoints, scene.walls)
+            self.target.task = self.target.task._replace(samples=left)
+            if swept or more < 0:
+                self.target = None
         if more < 0 and self.complete:
             self._resume(scene.here, "what a teammate saw was taken back")
 
@@ -217,7 +225,7 @@ class Explorer:
                 return
             target.task = task
         elif target.task.samples is not None:
-            left, swept = self.sweep.left(target.task.samples, scene.here, scene.walls)
+            left, swept = self.sweep.left(target.task.samples, scene.here[None], NOWHERE, scene.walls)
             if swept:
                 self.viewpoints.keep(scene.tick, scene.here, 0.0)
                 self.target = None
@@ -361,12 +369,18 @@ class Explorer:
         return self.target
 
     def _park(self, scene: Scene, old: Target | None) -> Target:
-        """Go to an own former place that leaves room for others to pass."""
-        places = np.vstack((scene.here[None], self.viewpoints.own_places()))
+        """Go home, or else to an own former place, where others have room to pass.
+
+        A crowd is complete together, around the last corner. Stragglers found nobody there who would have told them
+        all; at home robots stand apart, or wait where all of them began.
+        """
+        own = self.viewpoints.own_places()
+        places = np.vstack((scene.here[None], own))
         if old is not None and old.task.kind == "park":
             places = np.vstack((old.task.stand, places))
         *_, roads = self.surroundings.ways(scene)
-        route = standing.out_of_the_way(places, roads)
+        route = None if old is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
+        route = route or standing.out_of_the_way(places, roads)
         path = scene.here[None] if route is None else route.path
         self.target = Target(Task("park", path[-1], path[-1]), path, roads.clearance)
         self.headway.restart(scene.tick)

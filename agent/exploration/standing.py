@@ -32,6 +32,8 @@ def away_from(teammate: tuple[float, float], places: Floats, walls: Floats, road
 
 def out_of_the_way(places: Floats, roads: Roads) -> Route | None:
     """The way to that of places (k, 2) where others can pass: near, but rather roomy than in a doorway."""
+    if not len(places):
+        return None
     room = distances_to_walls(places, roads.walls)
     roomy = room >= min(_PASSING_M, float(room.max()))
     places, room = places[roomy], np.minimum(room[roomy], _PARK_ROOM_M)

@@ -193,9 +193,9 @@ class Sweep:
         seen = _in_view(points, teammates, walls, self.radius + self.sample_m, 0.0)
         return np.asarray(points[~seen], np.float64)
 
-    def left(self, samples: Floats, eye: Floats, walls: Floats) -> tuple[Floats, bool]:
-        """Samples (n, 2) not seen from the eye (2,) past walls (m, 4) within the radius, and if they are too few."""
-        left = samples[~np.asarray(_in_view(samples, eye[None], walls, self.radius, 0.0))]
+    def left(self, samples: Floats, own: Floats, teammates: Floats, walls: Floats) -> tuple[Floats, bool]:
+        """Samples (n, 2) as in `_not_yet`, and whether they are too few to go for."""
+        left = self._not_yet(samples, own, teammates, walls)
         return left, len(left) < LEAST_SAMPLES
 
     def stood(self, stand: Floats) -> None:

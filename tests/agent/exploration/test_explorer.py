@@ -10,7 +10,7 @@ import shapely
 
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
-from agent.exploration.explorer import Explorer
+from agent.exploration.explorer import AT_HOME_M, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.goals import GoalMemory
 from agent.exploration.planning import Roads
@@ -80,13 +80,14 @@ def test_a_maze_is_seen_whole_and_the_robot_parks_out_of_the_way():
     assert len(chosen) < 40
 
 
-def test_after_complete_it_parks_away_from_doors_and_stays_there():
+def test_after_complete_it_goes_home_parks_away_from_doors_and_stays_there():
     trial = explore(MAZE, 330, until_complete=False)[0]
     assert trial.complete_s is not None
     x, y, _ = trial.trajectory[-1]
     assert np.hypot(*(np.array(trial.trajectory[-25:])[:, :2] - (x, y)).T).max() < 0.01
     doors = np.array([(2, 4.25), (5.45, 1.5), (3.7, 2), (5.7, 3.2), (1.4, 4.7)])
     assert np.hypot(*(doors - (x, y)).T).min() > 0.5
+    assert np.hypot(*(np.array(trial.trajectory[0])[:2] - (x, y))) <= AT_HOME_M
 
 
 def test_the_sweep_finds_posts_that_no_wall_following_sees():
@@ -100,6 +101,24 @@ def test_the_sweep_finds_posts_that_no_wall_following_sees():
     walls_only = explore(hall, 900, config=ExplorationConfig(default_state="least-likely", pockets=False))[0]
     assert walls_only.complete_s is not None
     assert walls_only.path_m < swept.path_m
+
+
+def test_a_sweep_goes_on_until_teammates_have_seen_what_it_is_for():
+    hall, pose = chain([(-1, -3), (11, -3), (11, 3), (-1, 3), (-1, -3)]), (0.0, 0.0, 0.0)
+    robot = explorer()
+
+    def target(tick, viewpoints):
+        step(robot, Situation(tick, hall, 1, pose, Wireframe(), NOBODY, viewpoints=np.array(viewpoints)))
+        return robot.target
+
+    first = target(0, np.zeros((0, 2)))
+    assert first.task.kind == "sweep"
+    x, y = first.task.stand
+    assert target(1, [[x + 8.0, y]]) is first
+    left = len(first.task.samples)
+    assert target(2, [[x + 8.0, y], [x + 2.0, y]]) is first
+    assert len(first.task.samples) < left
+    assert target(3, [[x + 8.0, y], [x + 2.0, y], [x, y]]) is not first
 
 
 def test_behind_a_cabinet_it_looks_into_the_slot_that_it_cannot_enter():
