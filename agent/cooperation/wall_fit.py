@@ -57,6 +57,7 @@ def fit_on_walls(mine: Wireframe, theirs: Wireframe, start: Floats) -> WallFit:
     """
     samples = np.asarray(samples_along(_segments(theirs)))
     samples = every(samples, 1 + len(samples) // MOST_SAMPLES)
+    samples[:, 4] = 0.0  # the radio's grid turns short walls: their ends alone count
     centre = np.append(samples[:, :2].mean(0) if len(samples) else np.zeros(2), 0.0)
     # about the middle of the walls, where shift and turn are nearly independent
     prior = np.diag((PRIOR_SD * MATCHED_LESS) ** -2.0)

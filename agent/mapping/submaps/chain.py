@@ -318,7 +318,7 @@ class Submaps:
 
 
 def _unlikely(last_view: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> float:
-    """What speaks against a pose (3,) of samples (k, 4), by those of the walls that the last view should show there."""
+    """What speaks against a pose (3,) of samples (k, 5), by those of the walls that the last view should show there."""
     known, _ = due(last_view, tiles, samples, pose)
     cost = float(costs_around(samples[known], tiles, pose[None], GATES_M[-1])[0])
     return cost + UNKNOWN * float(len(samples) - known.sum())

@@ -47,7 +47,7 @@ class Submap(NamedTuple):
     """What was seen on some metres of way, in the frame of the first pose there."""
 
     walls: Records  # (n,) of SEGMENT
-    samples: Floats  # (k, 4) along those walls that scans have confirmed
+    samples: Floats  # (k, 5) along those walls that scans have confirmed
     views: Floats  # (v, 3) poses from which it was seen
     reach: float  # m, how far its views see walls
     half_view: float  # rad to either side of a view's heading
@@ -64,7 +64,7 @@ class Found(NamedTuple):
 
 @kernel
 def on_walls(tiles: Tiles, samples: Floats, pose: Floats) -> Bools:
-    """(k,) which samples (k, 4) at a pose lie on walls."""
+    """(k,) which samples (k, 5) at a pose lie on walls."""
     out = np.zeros(len(samples), np.bool_)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(samples)):
@@ -75,7 +75,7 @@ def on_walls(tiles: Tiles, samples: Floats, pose: Floats) -> Bools:
 
 @kernel
 def due(place: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
-    """(k,) which samples (k, 4) at a pose some view of a place should show, and (k,) which of them are on walls.
+    """(k,) which samples (k, 5) at a pose some view of a place should show, and (k,) which of them are on walls.
 
     tiles: of the place's walls.
     """

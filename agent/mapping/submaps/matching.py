@@ -20,6 +20,12 @@ BESIDE_M = 0.2  # a sample may lie so far beyond a wall's end: the wall goes on 
 SAMPLE_SD_M = 0.06
 """Standard deviation of a sample's distance from its wall, against the odometry's. The most sensitive setting: with
 0.1 the path follows bad odometry, with 0.03 one wrong step runs away."""
+LINE_SD_M = 0.03
+"""The same of a point of a segment beside the segment's own line. What a wall is off by, all points of a segment are,
+so its direction is known better than SAMPLE_SD_M lets them tell: where a few walls hold the heading, as at doorways, a
+sixth of the odometry's error came in. With 0.04 csail-drift gains half as much, with 0.02 nothing."""
+LINE_M = 3.0  # of a segment, at most, that tell its direction: without, csail-drift with 91 beams gains a third less
+LINE_GATE = math.sin(math.radians(5.0))  # the sine of a turn beyond which a direction counts little: of another wall
 
 
 class Match(NamedTuple):
@@ -58,7 +64,7 @@ def nearest_wall(tiles: Tiles, x: float, y: float, ux: float, uy: float, gate: f
 
 @kernel
 def refine(samples: Floats, tiles: Tiles, start: Floats, prior: Floats, gates: Floats, rounds: int) -> Match:
-    """Gauss-Newton on the samples (k, 4) of `samples_along` from a start (3,), with an information (3, 3) about it.
+    """Gauss-Newton on the samples (k, 5) of `samples_along` from a start (3,), with an information (3, 3) about it.
 
     gates: metres, a distance beyond which a sample counts little, one after the other, `rounds` steps each.
     """
@@ -81,6 +87,11 @@ def refine(samples: Floats, tiles: Tiles, start: Floats, prior: Floats, gates: F
                     g[row] -= w * j[row] * off
                     for column in range(3):
                         h[row, column] += w * j[row] * j[column]
+                # n points of a line of a length tell its direction with a variance of 12 sd^2 / (n length^2)
+                length, sine = min(samples[k, 4], wall.high - wall.low, LINE_M), wall.ux * uy - wall.uy * ux
+                turn = w * SAMPLE_SD_M**2 * length**2 / (12.0 * (LINE_SD_M * (1.0 + (sine / LINE_GATE) ** 2)) ** 2)
+                g[2] -= turn * sine
+                h[2, 2] += turn
             step = times(inverse(h), g)
             pose = pose + step
             pose[2] = wrapped(pose[2])

@@ -72,21 +72,25 @@ def moved(segments: Records, pose: Floats) -> Records:
 
 @shared_kernel
 def samples_along(segments: Records) -> Floats:
-    """(k, 4) points every `SAMPLE_M` along segments, at least one each: x, y, and the direction of the segment."""
+    """(k, 5) points every `SAMPLE_M` along segments, at least one each.
+
+    x, y, and the segment's direction and length, metres: as long as that is, its points tell its direction.
+    """
     count = 0
     for n in range(len(segments)):
         count += max(1, round((segments[n].high - segments[n].low) / SAMPLE_M))
-    out, k = np.empty((count, 4)), 0
+    out, k = np.empty((count, 5)), 0
     for n in range(len(segments)):
         e = segments[n]
         number = max(1, round((e.high - e.low) / SAMPLE_M))
         for j in range(number):
             t = e.low + (j + 0.5) * (e.high - e.low) / number
             out[k, 0], out[k, 1], out[k, 2], out[k, 3] = e.x + t * e.ux, e.y + t * e.uy, e.ux, e.uy
+            out[k, 4] = e.high - e.low
             k += 1
     return out
 
 
 def every(samples: Floats, step: int) -> Floats:
-    """Each step-th of samples (k, 4), all where the step is 0; in one piece, as kernels have one form for that."""
+    """Each step-th of samples (k, 5), all where the step is 0; in one piece, as kernels have one form for that."""
     return np.ascontiguousarray(samples[:: max(1, step)])

@@ -52,8 +52,8 @@ def furnished(side: float, seed: int) -> Floats:
 
 
 def both_ways(*, told: bool = True) -> list[LidarLog]:
-    """The logs of both."""
-    return [drive(furnished(SIDE, 0), way, 1 + k, told=told) for k, way in enumerate(ways())]
+    """The logs of both. Among cupboards 0 a quarter turn fits nearly as well, so one of the two may stay in doubt."""
+    return [drive(furnished(SIDE, 2), way, 1 + k, told=told) for k, way in enumerate(ways())]
 
 
 def said(out: Path) -> list[dict[str, object]]:
@@ -75,9 +75,9 @@ def test_logs_of_one_building_merge_where_they_fit(tmp_path: Path) -> None:
 
 def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
     """They have grown by too little to be aligned in a drive that goes on."""
-    first, _ = play([log.part(0, 50, "begin") for log in both_ways()], AgentConfig(), 8.0, lambda *_: None)
+    first, _ = play([log.part(0, 44, "begin") for log in both_ways()], AgentConfig(), 8.0, lambda *_: None)
     last = first.events[-1]
-    assert (last["event"], last["tick"], last["peer"]) == ("accepted", 49, "r2")
+    assert (last["event"], last["tick"], last["peer"]) == ("accepted", 43, "r2")
     assert [peer.log.name for peer in first.mind.team.merged] == ["r2"]
 
 
