@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -139,7 +139,7 @@ class Robot:
         looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
         ask = {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(tick, pose, self._told_to, self._told_version, looked, ask, in_sight)
+        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, ask, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -186,10 +186,11 @@ class Robot:
         self._told_version += changed or laid_anew
         return changed
 
-    def _told_to(self, peer: str) -> Wireframe:
-        """What a peer is told: own walls, and those that other merged peers saw themselves.
+    def _told_to(self) -> Callable[[str], Wireframe]:
+        """What each peer is told: own walls, and those that other merged peers saw themselves.
 
         A peer's own walls never come back to it (split horizon, as in routing): it would keep what it has dropped.
         """
-        others = [merged.laid.first_hand for merged in self.team.merged if merged.log.name != peer]
-        return self.filter.told_with(others, SAME_WALL_M) if others else self.own
+        layer_of = {peer.log.name: k for k, peer in enumerate(self.team.merged)}
+        told = self.filter.told_with([peer.laid.first_hand for peer in self.team.merged], SAME_WALL_M)
+        return lambda peer: told(layer_of.get(peer)) if layer_of.keys() - {peer} else self.own

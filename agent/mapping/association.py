@@ -21,6 +21,7 @@ OFFSET_GATE_M = 0.012
 fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
 ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
 MOST_TURN = 0.5  # rad that piece and wall may differ by, however unsure their directions are
+_SURELY = 1.000001 * NOISE_SIGMAS**2  # of a variance: a piece so far off a wall is, however numbers are rounded
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -91,6 +92,42 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
 
 
 @kernel
+def _lined_up(edges: Records, count: int, gates: Gates) -> tuple[Ints, Floats]:
+    """Rows (w,) of the walls, and of each what tells quickly that a piece is not on it, side by side in memory.
+
+    (w, 10): direction, centroid, coordinates of both ends, how far it may be bridged, and the three coefficients of its
+    line's variance at a coordinate. Records are ten times as long, and a quarter of a map is parallel to each piece.
+    """
+    rows, lines, w = np.empty(count, np.int64), np.empty((count, 10)), 0
+    for k in range(count):
+        e = edges[k]
+        if e.alive != WALL:
+            continue
+        rows[w] = k
+        lines[w, 0], lines[w, 1], lines[w, 2], lines[w, 3] = e.ux, e.uy, e.x, e.y
+        lines[w, 4], lines[w, 5] = tip_at(e, 0), tip_at(e, 1)
+        lines[w, 6] = max(BRIDGE_M, gates.offset + max(e.slack[0], e.slack[1]))
+        if related(e):
+            lines[w, 7], lines[w, 8], lines[w, 9] = e.relative[0], 2.0 * e.relative[1], e.relative[2]
+        else:
+            lines[w, 7], lines[w, 8], lines[w, 9] = gates.noise**2 / e.hits, 0.0, gates.noise**2 / spread(e)
+        w += 1
+    return rows[:w], lines[:w]
+
+
+@kernel
+def _is_off(line: Floats, p: Record, gates: Gates) -> bool:
+    """Whether a piece is clearly off a parallel wall, as a row of `_lined_up`: `overlap` or `cost` would say so."""
+    ux, uy = line[0], line[1]
+    dx, dy = p.x - line[2], p.y - line[3]
+    t, off = dx * ux + dy * uy, abs(dy * ux - dx * uy) - gates.offset
+    if max(t + p.end[0], line[4]) - min(t + p.end[1], line[5]) > line[6]:
+        return True
+    variance = gates.noise**2 / p.hits + max(line[7] + t * line[8] + t * t * line[9], 0.0)
+    return bool(off > 0.0 and off * off > _SURELY * variance)
+
+
+@kernel
 def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: Floats) -> Ints:
     """The wall of each piece, or -1: (k,).
 
@@ -98,25 +135,29 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does.
     """
     out = np.full(len(pieces), -1)
-    chi2 = np.empty(count)
+    rows, lines = _lined_up(edges, count, gates)
+    chi2 = np.empty(len(rows))
     for k in range(len(pieces)):
-        best = math.inf
-        for e in range(count):
-            chi2[e] = math.inf
-            shared = overlap(edges[e], pieces[k], gates) if edges[e].alive == WALL else -math.inf
+        best, ux, uy = math.inf, pieces[k].ux, pieces[k].uy
+        for i in range(len(rows)):
+            chi2[i] = math.inf
+            if lines[i, 0] * ux + lines[i, 1] * uy < FACING or _is_off(lines[i], pieces[k], gates):
+                continue
+            e = rows[i]
+            shared = overlap(edges[e], pieces[k], gates)
             if math.isfinite(shared):
-                chi2[e] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
-                if chi2[e] < best:
-                    best, out[k] = chi2[e], e
+                chi2[i] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
+                if chi2[i] < best:
+                    best, out[k] = chi2[i], e
         if dice[k] == 0.0 or not math.isfinite(best):
             continue
         total = 0.0
-        for e in range(count):
-            total += math.exp(-0.5 * (chi2[e] - best))
+        for i in range(len(rows)):
+            total += math.exp(-0.5 * (chi2[i] - best))
         left = dice[k] * total
-        for e in range(count):
-            left -= math.exp(-0.5 * (chi2[e] - best))
-            if left < 0 and math.isfinite(chi2[e]):
-                out[k] = e
+        for i in range(len(rows)):
+            left -= math.exp(-0.5 * (chi2[i] - best))
+            if left < 0 and math.isfinite(chi2[i]):
+                out[k] = rows[i]
                 break
     return out

@@ -63,25 +63,50 @@ def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
 
     own: (m,) of EDGE. gates: wider than those of a scan, as a transform is known less well than a pose.
     """
-    count = len(own)
-    edges = _with_room(own, sum(len(layer.pieces) for layer in layers))
+    return _with_layers(_bare(own), layers, gates)
+
+
+class Tellings:
+    """The same as each peer is told it, from layers of what their senders saw themselves.
+
+    Walls at second hand are told to nobody, and the peer's own not to it. Else two robots whose walls each has from the
+    other hold them for ever. Many peers are told at once: the layers before the one that is left away are laid for all
+    of them but once.
+    """
+
+    def __init__(self, own: Records, layers: Sequence[Layer], gates: Gates) -> None:
+        """own: (m,) of EDGE, what own scans saw, which stays as it is for as long as this is asked."""
+        self._own, self._layers, self._gates = own, layers, gates
+        self._with_first: list[Records] = []  # walls with none of the layers, the first one, the first two, ...
+
+    def without(self, layer: int | None) -> Records:
+        """Walls (n,) with all layers but this one; None: with all. What the layers have added is heard."""
+        first = len(self._layers) if layer is None else layer
+        if not self._with_first:
+            self._with_first.append(_bare(self._own))
+        for more in self._layers[len(self._with_first) - 1 : first]:
+            self._with_first.append(_with_layers(self._with_first[-1], [more], self._gates))
+        edges = _with_layers(self._with_first[first], self._layers[first + 1 :], self._gates)
+        count = len(edges)
+        edges = _with_room(edges, 3 * len(self._own))
+        return edges[: _cut_off_heard(edges, count, self._own)]
+
+
+def _bare(own: Records) -> Records:
+    """A copy of the walls (m,) of EDGE that are published, for layers to be laid over."""
+    edges = own.copy()
     edges["relative"] = 0.0  # that is as seen from the robot, and a layer lies in the map
-    _keep_published(edges, count)
+    _keep_published(edges, len(edges))
+    return edges
+
+
+def _with_layers(walls: Records, layers: Sequence[Layer], gates: Gates) -> Records:
+    """Walls (n,) of `_bare` with more layers laid over them; those given stay as they are."""
+    count = len(walls)
+    edges = _with_room(walls, sum(len(layer.pieces) for layer in layers))
     for layer in layers:
         count = _lay(edges, count, layer.pieces, layer.likelihood, gates)
     return edges[:count]
-
-
-def first_hand(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:
-    """The same for peers, from layers of what their senders saw themselves; own is but what own scans saw.
-
-    Walls at second hand are told to nobody, and the peer's own not to it. Else two robots whose walls each has from the
-    other hold them for ever.
-    """
-    edges = merged(own, layers, gates)
-    count = len(edges)
-    edges = _with_room(edges, 3 * len(own))
-    return edges[: _cut_off_heard(edges, count, own)]
 
 
 def _with_room(edges: Records, more: int) -> Records:

@@ -1,7 +1,7 @@
 """The map of one robot: a weighted set of whole wireframes, the particles (paper III-B; equations ours)."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,7 +29,7 @@ from agent.mapping.joint import (
     relate,
     row_of,
 )
-from agent.mapping.layers import Layer, first_hand, merged
+from agent.mapping.layers import Layer, Tellings, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.scan_merge import merge_scan
@@ -357,9 +357,13 @@ class WireframeFilter:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
         return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
 
-    def told_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
-        """The same as it is told to peers, from layers of what their senders saw themselves."""
-        return Wireframe(*_published(first_hand(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
+    def told_with(self, layers: Sequence[Layer], offset_m: float) -> Callable[[int | None], Wireframe]:
+        """The same as it is told to peers, from layers of what their senders saw themselves, without one of these.
+
+        What is returned holds until the filter changes.
+        """
+        tellings = Tellings(self._walls(), layers, Gates(self._noise, offset_m))
+        return lambda layer: Wireframe(*_published(tellings.without(layer), self._noise))
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""

@@ -7,7 +7,7 @@ import numpy as np
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import Gates, cost, overlap
+from agent.mapping.association import FACING, Gates, cost, overlap
 from agent.mapping.edges import (
     WALL,
     add_hits,
@@ -94,9 +94,10 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
 @kernel
 def _unite_all(edges: Records, count: int, p: Record, walls: Ints, e: int, gates: Gates, patience: float) -> None:
     """Join into wall e all walls on its line that its piece p lies on, too."""
+    ux, uy = p.ux, p.uy
     for f in range(count):
-        if f == e or edges[f].alive != WALL:
-            continue
+        if edges[f].alive != WALL or edges[f].ux * ux + edges[f].uy * uy < FACING or f == e:
+            continue  # a call for each of these would take longer than all the rest
         if overlap(edges[f], p, gates) <= END_MARGIN_M or overlap(edges[e], p, gates) <= END_MARGIN_M:
             continue
         if not math.isfinite(cost(edges[f], p, gates)):

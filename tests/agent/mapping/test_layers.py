@@ -10,12 +10,12 @@ from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.geometry.transform import compose, inverse
 from agent.mapping.association import Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.layers import Layer, first_hand, layer_of, merged
+from agent.mapping.layers import Layer, Tellings, layer_of, merged
 from agent.perception.perceive import perceive
 from protocol.arrays import Records
 from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
-from protocol.wireframe import Label, Wireframe, certain
+from protocol.wireframe import Label, Wireframe, certain, encode_wireframe
 from tests.agent.alignment.test_alignment import moved
 from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest
 
@@ -111,12 +111,22 @@ def test_a_wall_that_its_owner_has_dropped_is_soon_on_nobodys_map(walk: Walk, pr
         others = [maps[k] for k in range(3) if k != robot]
         return [layer_of(other, np.zeros(3), ~other.own & first_hand, HITS_PER_M) for other in others]
 
-    maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M) for robot in range(3)]
+    maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M)(None) for robot in range(3)]
     assert [ghostly(told) for told in maps] == [False, True, True]
     for _ in range(2):
-        maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M) for robot in range(3)]
+        maps = [walk.filter.told_with(heard(robot, True), SAME_WALL_M)(None) for robot in range(3)]
     assert not any(map(ghostly, maps))
     assert not any(ghostly(walk.filter.wireframe_with(heard(robot, False), SAME_WALL_M)) for robot in range(3))
+
+
+def test_what_each_peer_is_told_is_laid_as_if_it_alone_were_told(walk: Walk, whole: Wireframe) -> None:
+    turns = [T + np.array([0.0, 0.0, 0.01 * k]) for k in range(4)]  # layers that differ, in an order that matters
+    layers = [layer_of(whole, turn, np.arange(len(whole.edges)) % 4 == k, HITS_PER_M) for k, turn in enumerate(turns)]
+    told = walk.filter.told_with(layers, SAME_WALL_M)
+    for left in (2, 0, None, 3, 1, 2):
+        rest = [layer for k, layer in enumerate(layers) if k != left]
+        alone = walk.filter.told_with(rest, SAME_WALL_M)(None)
+        assert encode_wireframe(told(left)) == encode_wireframe(alone)
 
 
 def test_walls_of_the_other_keep_its_likelihood(walk: Walk, whole: Wireframe) -> None:
@@ -214,7 +224,7 @@ def test_a_wall_beyond_a_doorway_is_not_bridged_from_a_corner() -> None:
     stub, gates = _stub(0.9, 0.0, hits=500.0), Gates(0.01, SAME_WALL_M)
     near = certain(np.array([(-6.0, 0.0), (-0.15, 0.0), (-0.15, 2.0)]), np.array([(0, 1), (1, 2)]))
     layers = [layer_of(near, np.zeros(3), np.zeros(2, np.bool_), HITS_PER_M)]
-    for laid in merged(stub, layers, gates), first_hand(stub, layers, gates):
+    for laid in merged(stub, layers, gates), Tellings(stub, layers, gates).without(None):
         own = laid[(laid["alive"] == WALL) & (laid["own"] == 1)]
         assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01  # tail before head
         assert np.sort(laid["tip"][laid["own"] == 0, :, 0].ravel()) == pytest.approx([-6.0, -0.15, -0.15, -0.15])
@@ -226,6 +236,6 @@ def test_what_an_own_wall_was_joined_into_is_told_as_heard() -> None:
     layers = [
         layer_of(certain(wall, np.array([(0, 1)])), np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M) for wall in walls
     ]
-    told = first_hand(stub, layers, gates)
+    told = Tellings(stub, layers, gates).without(None)
     own = told[(told["alive"] == WALL) & (told["own"] == 1)]
     assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01
