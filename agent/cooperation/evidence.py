@@ -137,9 +137,12 @@ def _keys(pieces: Floats) -> Ints:
 @kernel
 def _look(walls: Floats, on: Ints, through: Ints, t: Floats, view: View) -> None:
     c, s = math.cos(t[2]), math.sin(t[2])
-    for k in range(walls.shape[0]):
-        x, y = move(t, walls[k, 0], walls[k, 1])
+    beyond2 = 1.000001 * view.sight.reach**2
+    for k in range(walls.shape[0]):  # most are far beyond reach: no call for these
+        x, y = t[0] + c * walls[k, 0] - s * walls[k, 1], t[1] + s * walls[k, 0] + c * walls[k, 1]
         dx, dy = view.pose[0] - x, view.pose[1] - y
+        if dx * dx + dy * dy > beyond2:
+            continue
         away = math.hypot(dx, dy)
         if away > view.sight.reach:
             continue

@@ -12,6 +12,7 @@ import shapely
 
 from agent.exploration.agenda import Task
 from agent.exploration.frontiers import open_ends
+from agent.exploration.lattice import Lattice, inside, lattice_between, marked, take_seen
 from agent.exploration.planning import Roads
 from agent.geometry.clearance import walls_near
 from agent.geometry.visibility import hidden_by
@@ -29,8 +30,10 @@ LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, tha
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
 _STOOD_M = 0.15  # standing points nearer than this to a former one show nothing more
-EYES_AT_ONCE = 64  # viewpoints looked from before what they show is left out: most show nothing that others do not
 SPACING_M = 0.5  # distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side
+MOST_SAMPLES = 20_000
+"""Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
+table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""
 MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
 
 
@@ -68,49 +71,25 @@ class Viewpoints:
 
 
 @kernel
-def _in_view(points: Floats, eyes: Floats, walls: Floats, radius: float, beyond: float) -> Bools:
-    """Whether each of points (n, 2) is seen from any of eyes (k, 2) within the radius, past walls (m, 4).
-
-    The points are in the order of y, as those of a lattice are. beyond: no point is seen from an eye so near to it,
-    as the caller knows. Metres.
-    """
-    seen = np.zeros(points.shape[0], np.bool_)
-    left, rows = points.copy(), np.arange(points.shape[0])
-    for last in range(eyes.shape[0], 0, -EYES_AT_ONCE):
-        marked = np.zeros(left.shape[0], np.bool_)
-        for e in range(last - 1, max(last - EYES_AT_ONCE, 0) - 1, -1):
-            _look(left, eyes[e, 0], eyes[e, 1], walls, radius, beyond, marked)
-        seen[rows[marked]] = True
-        left, rows = left[~marked], rows[~marked]
-    return seen
-
-
-@kernel
 def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
-    """Matrix (k, n): which of points (n, 2), in the order of y, is seen from which of eyes (k, 2)."""
+    """Matrix (k, n): which of points (n, 2), in the order of y, is seen from which of eyes (k, 2) past walls (m, 4)."""
     views = np.zeros((eyes.shape[0], points.shape[0]), np.bool_)
     for e in range(eyes.shape[0]):
-        _look(points, eyes[e, 0], eyes[e, 1], walls, radius, 0.0, views[e])
+        x, y = eyes[e]
+        near, asked = walls[:0], False
+        first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
+        hid = -1  # what hid one point hides most of its neighbours
+        for i in range(first, last):
+            px, py = points[i]
+            if (px - x) ** 2 + (py - y) ** 2 > radius * radius:
+                continue
+            if not asked:
+                near, asked = walls_near(walls, x, y, radius), True
+            if hid < 0 or hidden_by(x, y, px, py, near[hid : hid + 1]) < 0:
+                k = hidden_by(x, y, px, py, near)
+                views[e, i] = k < 0
+                hid = k if k >= 0 else hid
     return views
-
-
-@kernel
-def _look(points: Floats, x: float, y: float, walls: Floats, radius: float, beyond: float, seen: Bools) -> None:
-    """Mark in seen (n,) the points that the eye at (x, y) sees; what is marked is not asked for again."""
-    near, asked = walls[:0], False
-    first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
-    hid = -1  # what hid one point hides most of its neighbours
-    for i in range(first, last):
-        px, py = points[i]
-        away2 = (px - x) ** 2 + (py - y) ** 2
-        if seen[i] or away2 > radius * radius or 0.0 < away2 <= beyond * beyond:
-            continue
-        if not asked:
-            near, asked = walls_near(walls, x, y, radius), True
-        if hid < 0 or hidden_by(x, y, px, py, near[hid : hid + 1]) < 0:
-            k = hidden_by(x, y, px, py, near)
-            seen[i] = k < 0
-            hid = k if k >= 0 else hid
 
 
 def _cover(views: Bools, keep: bool) -> list[int]:
@@ -128,12 +107,6 @@ def _cover(views: Bools, keep: bool) -> list[int]:
         views = views[:, ~views[best]]
 
 
-def _lattice(low: Floats, high: Floats, step: float) -> Floats:
-    """Points (n, 2) of a square lattice through the origin between two corners (2,), in the order of y; metres."""
-    xs, ys = (np.arange(math.ceil(a / step), math.floor(b / step) + 1) * step for a, b in zip(low, high, strict=True))
-    return np.stack(np.meshgrid(xs, ys), -1).reshape(-1, 2)
-
-
 def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Geometry:
     """The faces of the map's walls that hold any of poses (k, 2).
 
@@ -147,6 +120,7 @@ def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Ge
         np.fill_diagonal(d, np.inf)
         lines += [shapely.linestrings([points[i], points[j]]) for i, j in enumerate(d.argmin(1)) if d[i, j] < _GAP_M]
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
+    shapely.prepare(faces)
     held = faces[shapely.intersects(faces, shapely.multipoints(poses))] if len(faces) else faces
     return shapely.union_all(held) if len(held) else shapely.box(*shapely.total_bounds(walls)).buffer(reach_m)
 
@@ -166,37 +140,40 @@ class Sweep:
         """Samples (n, 2) of the free area that nobody has seen from within the radius."""
         face = free_face(wireframe, viewpoints.all(), self.range)
         bounds = shapely.bounds(face)
-        points = _lattice(bounds[:2], bounds[2:], self.sample_m)
-        shapely.prepare(face)
-        points = points[shapely.contains_xy(face, points[:, 0], points[:, 1])]
-        own, teammates = viewpoints.own_places(), viewpoints.teammates
-        return self._not_yet(points, own, teammates, wireframe.segments())
+        lattice = lattice_between(bounds[:2], bounds[2:], self.sample_m)
+        left = inside(lattice, face)
+        self._take_swept(left, lattice, viewpoints.own_places(), viewpoints.teammates, wireframe.segments())
+        return lattice.points(left)
 
     def passed_by(self, wireframe: Wireframe, viewpoints: Viewpoints, here: Floats, reach_m: float) -> Floats:
         """Samples (n, 2) around here (2,) that somebody has seen, but from too far; asks for no closed walls."""
-        points = _lattice(here - reach_m, here + reach_m, self.sample_m)
+        lattice = lattice_between(here - reach_m, here + reach_m, self.sample_m)
+        left = np.ones((len(lattice.ys), len(lattice.xs)), np.bool_)
         own, teammates = (
             eyes[(np.abs(eyes - here) < reach_m + self.range).all(1)]
             for eyes in (viewpoints.own_places(), viewpoints.teammates)
         )
         walls = wireframe.segments()
-        points = self._not_yet(points, own, teammates, walls)
-        return np.asarray(points[_in_view(points, np.vstack((own, teammates)), walls, self.range, self.radius)])
+        self._take_swept(left, lattice, own, teammates, walls)
+        never = left.copy()
+        take_seen(never, lattice, np.vstack((own, teammates)), walls, self.range, self.radius)
+        return lattice.points(left & ~never)
 
-    def _not_yet(self, points: Floats, own: Floats, teammates: Floats, walls: Floats) -> Floats:
-        """Which of points (n, 2) neither own eyes (k, 2) nor teammates' have seen past walls (m, 4) from near enough.
+    def _take_swept(self, left: Bools, lattice: Lattice, own: Floats, teammates: Floats, walls: Floats) -> None:
+        """Take out of `left` (r, c) the samples that own eyes (k, 2) or teammates' have seen from near enough.
 
         A teammate has left what was a sliver on its own lattice. On another one the sliver may have more samples, and
         a crowd whose map was whole went to look at such corners for 400 s. So its eyes count for one sample more.
         """
-        points = points[~_in_view(points, own, walls, self.radius, 0.0)]
-        seen = _in_view(points, teammates, walls, self.radius + self.sample_m, 0.0)
-        return np.asarray(points[~seen], np.float64)
+        take_seen(left, lattice, own, walls, self.radius, 0.0)
+        take_seen(left, lattice, teammates, walls, self.radius + self.sample_m, 0.0)
 
     def left(self, samples: Floats, own: Floats, teammates: Floats, walls: Floats) -> tuple[Floats, bool]:
-        """Samples (n, 2) as in `_not_yet`, and whether they are too few to go for."""
-        left = self._not_yet(samples, own, teammates, walls)
-        return left, len(left) < LEAST_SAMPLES
+        """Samples (n, 2) as in `_take_swept`, and whether they are too few to go for."""
+        lattice, left = marked(samples, self.sample_m)
+        self._take_swept(left, lattice, own, teammates, walls)
+        samples = lattice.points(left)
+        return samples, len(samples) < LEAST_SAMPLES
 
     def stood(self, stand: Floats) -> None:
         """Ask no more to stand at (2,) stand."""
@@ -205,11 +182,16 @@ class Sweep:
     def tasks(self, unseen: Floats, roads: Roads, begun: Floats | None = None) -> list[Task]:
         """Standing points that together show the unseen samples (n, 2), those that show most first.
 
-        begun: (2,) the standing point that the robot is on its way to, which is kept while it shows anything.
+        Of very many samples the nearest count. begun: (2,) the standing point that the robot is on its way to, which is
+        kept while it shows anything.
         """
         if not len(unseen):
             return []
-        points = _lattice(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
+        if len(unseen) > MOST_SAMPLES:
+            away = np.hypot(*(unseen - roads.origin.point).T)
+            unseen = unseen[np.sort(np.argsort(away, kind="stable")[:MOST_SAMPLES])]
+        lattice = lattice_between(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
+        points = lattice.points(np.ones((len(lattice.ys), len(lattice.xs)), np.bool_))
         points = points[roads.standable(points)]
         for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]

@@ -80,10 +80,12 @@ def test_no_peer_is_told_its_own_walls(monkeypatch: pytest.MonkeyPatch) -> None:
     mind = robot()
     merged = [SimpleNamespace(log=SimpleNamespace(name=name), laid=SimpleNamespace(first_hand=name)) for name in "ab"]
     monkeypatch.setattr(mind, "team", SimpleNamespace(merged=merged))
-    monkeypatch.setattr(mind.filter, "told_with", lambda layers, _: lambda left: layers[:left] + layers[(left or 0) + 1 :])
+    monkeypatch.setattr(
+        mind.filter, "told_with", lambda layers, _: lambda left: layers[:left] + layers[(left or 0) + 1 :]
+    )
     assert [mind._told_to()(peer) for peer in "ab"] == [["b"], ["a"]]
-    monkeypatch.setattr(mind.filter, "told_with", lambda layers, _: lambda left: layers if left is None else None)
-    assert mind._told_to()("c") == ["a", "b"]
+    monkeypatch.setattr(mind.filter, "told_with", lambda layers, _: lambda left: (layers, left))
+    assert [mind._told_to()(peer) for peer in "abc"] == [(["a", "b"], 0), (["a", "b"], 1), (["a", "b"], None)]
     merged.pop()
     assert mind._told_to()("a") is mind.own
 
