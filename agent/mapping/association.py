@@ -92,35 +92,45 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
 
 
 @kernel
-def _lined_up(edges: Records, count: int, gates: Gates) -> tuple[Ints, Floats]:
-    """Rows (w,) of the walls, and of each what tells quickly that a piece is not on it, side by side in memory.
+def lines_of(edges: Records, count: int, more: int, gates: Gates) -> Floats:
+    """(count + more, 10): of each wall what tells quickly that a piece is not on it, side by side in memory.
 
-    (w, 10): direction, centroid, coordinates of both ends, how far it may be bridged, and the three coefficients of its
-    line's variance at a coordinate. Records are ten times as long, and a quarter of a map is parallel to each piece.
+    Records are ten times as long, and a quarter of a map is parallel to each piece. more: rows for walls to come.
     """
-    rows, lines, w = np.empty(count, np.int64), np.empty((count, 10)), 0
-    for k in range(count):
-        e = edges[k]
-        if e.alive != WALL:
-            continue
-        rows[w] = k
-        lines[w, 0], lines[w, 1], lines[w, 2], lines[w, 3] = e.ux, e.uy, e.x, e.y
-        lines[w, 4], lines[w, 5] = tip_at(e, 0), tip_at(e, 1)
-        lines[w, 6] = max(BRIDGE_M, gates.offset + max(e.slack[0], e.slack[1]))
-        if related(e):
-            lines[w, 7], lines[w, 8], lines[w, 9] = e.relative[0], 2.0 * e.relative[1], e.relative[2]
-        else:
-            lines[w, 7], lines[w, 8], lines[w, 9] = gates.noise**2 / e.hits, 0.0, gates.noise**2 / spread(e)
-        w += 1
-    return rows[:w], lines[:w]
+    lines = np.zeros((count + more, 10))
+    for e in range(count):
+        set_line(lines, edges, e, gates)
+    return lines
 
 
 @kernel
-def _is_off(line: Floats, p: Record, gates: Gates) -> bool:
-    """Whether a piece is clearly off a parallel wall, as a row of `_lined_up`: `overlap` or `cost` would say so."""
-    ux, uy = line[0], line[1]
+def set_line(lines: Floats, edges: Records, k: int, gates: Gates) -> None:
+    """Set the row of record k, which may have changed.
+
+    Direction, which is zero where the record is no wall; centroid, coordinates of both ends, how far it may be bridged,
+    and the three coefficients of its line's variance at a coordinate.
+    """
+    e = edges[k]
+    if e.alive != WALL:
+        lines[k, :2] = 0.0
+        return
+    lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = e.ux, e.uy, e.x, e.y
+    lines[k, 4], lines[k, 5] = tip_at(e, 0), tip_at(e, 1)
+    lines[k, 6] = max(BRIDGE_M, gates.offset + max(e.slack[0], e.slack[1]))
+    if related(e):
+        lines[k, 7], lines[k, 8], lines[k, 9] = e.relative[0], 2.0 * e.relative[1], e.relative[2]
+    else:
+        lines[k, 7], lines[k, 8], lines[k, 9] = gates.noise**2 / e.hits, 0.0, gates.noise**2 / spread(e)
+
+
+@kernel
+def is_off(line: Floats, p: Record, gates: Gates) -> bool:
+    """Whether a piece is clearly off a wall that faces as it does: `overlap` or `cost` would say so, too.
+
+    line: its row of `lines_of`.
+    """
     dx, dy = p.x - line[2], p.y - line[3]
-    t, off = dx * ux + dy * uy, abs(dy * ux - dx * uy) - gates.offset
+    t, off = dx * line[0] + dy * line[1], abs(dy * line[0] - dx * line[1]) - gates.offset
     if max(t + p.end[0], line[4]) - min(t + p.end[1], line[5]) > line[6]:
         return True
     variance = gates.noise**2 / p.hits + max(line[7] + t * line[8] + t * t * line[9], 0.0)
@@ -135,29 +145,27 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does.
     """
     out = np.full(len(pieces), -1)
-    rows, lines = _lined_up(edges, count, gates)
-    chi2 = np.empty(len(rows))
+    lines, chi2 = lines_of(edges, count, 0, gates), np.empty(count)
     for k in range(len(pieces)):
         best, ux, uy = math.inf, pieces[k].ux, pieces[k].uy
-        for i in range(len(rows)):
-            chi2[i] = math.inf
-            if lines[i, 0] * ux + lines[i, 1] * uy < FACING or _is_off(lines[i], pieces[k], gates):
+        for e in range(count):
+            chi2[e] = math.inf
+            if lines[e, 0] * ux + lines[e, 1] * uy < FACING or is_off(lines[e], pieces[k], gates):
                 continue
-            e = rows[i]
             shared = overlap(edges[e], pieces[k], gates)
             if math.isfinite(shared):
-                chi2[i] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
-                if chi2[i] < best:
-                    best, out[k] = chi2[i], e
+                chi2[e] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
+                if chi2[e] < best:
+                    best, out[k] = chi2[e], e
         if dice[k] == 0.0 or not math.isfinite(best):
             continue
         total = 0.0
-        for i in range(len(rows)):
-            total += math.exp(-0.5 * (chi2[i] - best))
+        for e in range(count):
+            total += math.exp(-0.5 * (chi2[e] - best))
         left = dice[k] * total
-        for i in range(len(rows)):
-            left -= math.exp(-0.5 * (chi2[i] - best))
-            if left < 0 and math.isfinite(chi2[i]):
-                out[k] = rows[i]
+        for e in range(count):
+            left -= math.exp(-0.5 * (chi2[e] - best))
+            if left < 0 and math.isfinite(chi2[e]):
+                out[k] = e
                 break
     return out

@@ -7,7 +7,7 @@ import numpy as np
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import FACING, Gates, cost, overlap
+from agent.mapping.association import FACING, Gates, cost, is_off, lines_of, overlap, set_line
 from agent.mapping.edges import (
     WALL,
     add_hits,
@@ -42,7 +42,7 @@ def merge_scan(
     pieces itself, and not a peer.
     """
     axis, trust = main_axis(edges, count)
-    bent = np.empty(len(pieces), np.bool_)
+    lines, bent = lines_of(edges, count, len(pieces), gates), np.empty(len(pieces), np.bool_)
     for k in range(len(pieces)):
         p = pieces[k]
         bent[k] = is_bent(p.end[1] - p.end[0], p.hits, p.residual, gates.noise)
@@ -52,11 +52,13 @@ def merge_scan(
             walls[k], count = take_piece(edges, count, p, gates)
             if walls[k] >= 0 and dice[k] < wall_probability(edges[walls[k]], axis, trust, gates.noise):
                 become_wall(edges[walls[k]], p, own)
+                set_line(lines, edges, walls[k], gates)
             continue
-        _unite_all(edges, count, p, walls, walls[k], gates, patience)
+        _unite_all(edges, count, lines, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
         if not bent[k]:
             take_hits(w, p)
+            set_line(lines, edges, walls[k], gates)
         if own:
             w.own = 1
     for k in range(len(pieces)):
@@ -92,18 +94,22 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
 
 
 @kernel
-def _unite_all(edges: Records, count: int, p: Record, walls: Ints, e: int, gates: Gates, patience: float) -> None:
-    """Join into wall e all walls on its line that its piece p lies on, too."""
+def _unite_all(
+    edges: Records, count: int, lines: Floats, p: Record, walls: Ints, e: int, gates: Gates, patience: float
+) -> None:
+    """Join into wall e all walls on its line that its piece p lies on, too. lines: of all walls, which are kept up."""
     ux, uy = p.ux, p.uy
     for f in range(count):
-        if edges[f].alive != WALL or edges[f].ux * ux + edges[f].uy * uy < FACING or f == e:
-            continue  # a call for each of these would take longer than all the rest
+        if lines[f, 0] * ux + lines[f, 1] * uy < FACING or f == e or is_off(lines[f], p, gates):
+            continue
         if overlap(edges[f], p, gates) <= END_MARGIN_M or overlap(edges[e], p, gates) <= END_MARGIN_M:
             continue
         if not math.isfinite(cost(edges[f], p, gates)):
             continue
         if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
             _unite(edges, e, f)
+            for k in range(count):  # corners of both were moved, too
+                set_line(lines, edges, k, gates)
             for j in range(len(walls)):
                 if walls[j] == f:
                     walls[j] = e
