@@ -190,11 +190,14 @@ def matched(mine: Floats, theirs: NDArray[Any], most: float, more: PairCost | No
         away += more(rows, columns)
     near = away <= most
     rows, columns, away = rows[near], columns[near], away[near]
-    match, taken = np.full(len(mine), -1), np.zeros(len(theirs), np.bool_)
-    for k in np.lexsort((columns, rows, away)).tolist():
-        if match[rows[k]] < 0 and not taken[columns[k]]:
-            match[rows[k]] = columns[k]
-            taken[columns[k]] = True
+    match, taken = np.full(len(mine), -1), set[int]()
+    order = np.lexsort((columns, rows, away))
+    matches = dict[int, int]()
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if row not in matches and column not in taken:
+            matches[row] = column
+            taken.add(column)
+    match[list(matches)] = list(matches.values())
     return match
 
 

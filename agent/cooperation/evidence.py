@@ -77,15 +77,12 @@ class WallEvidence:
 
     def said(self, looks: int) -> tuple[float, float]:
         """Metres of fresh wall that at least `looks` own scans confirm, and that at least so many contradict."""
-        confirmed = (self.on >= looks) & (self.on > self.through)
-        against = (self.through >= looks) & (self.through > self.on)
-        return PIECE_M * float((confirmed & self.fresh).sum()), PIECE_M * float((against & self.fresh).sum())
+        confirmed, against = _said(self.fresh, self.on, self.through, looks)
+        return PIECE_M * confirmed, PIECE_M * against
 
     def hidden(self, after: int) -> Bools:
         """(edges,) walls that at least `after` own scans have seen through, along a third of the length or more."""
-        seen_through = (self.through >= after) & (self.through > self.on)
-        through, total = (np.bincount(wall, minlength=self._edges) for wall in (self.wall[seen_through], self.wall))
-        return np.asarray(3 * through >= np.maximum(total, 1))
+        return np.asarray(_hidden(self.wall, self.on, self.through, self._edges, after))
 
     def unseen(self) -> Floats:
         """(n, 4) fresh pieces that no scan has said anything of."""
@@ -132,6 +129,26 @@ def _keys(pieces: Floats) -> Ints:
     x, y = (np.round(pieces[:, k] / PIECE_M).astype(np.int64) + (1 << 20) for k in (0, 1))
     quarter = np.round(np.arctan2(pieces[:, 3], pieces[:, 2]) / (math.pi / 2)).astype(np.int64) % 4
     return np.asarray((x << 24) + (y << 2) + quarter)
+
+
+@kernel
+def _said(fresh: Bools, on: Ints, through: Ints, looks: int) -> tuple[float, float]:
+    """How many fresh pieces at least `looks` scans confirm, and contradict."""
+    confirmed = against = 0
+    for k in range(len(fresh)):
+        confirmed += fresh[k] and on[k] >= looks and on[k] > through[k]
+        against += fresh[k] and through[k] >= looks and through[k] > on[k]
+    return float(confirmed), float(against)
+
+
+@kernel
+def _hidden(wall: Ints, on: Ints, through: Ints, edges: int, after: int) -> Bools:
+    """(edges,) of which walls a third of the pieces or more, at least one, is seen through."""
+    seen_through, total = np.zeros(edges, np.int64), np.zeros(edges, np.int64)
+    for k in range(len(wall)):
+        total[wall[k]] += 1
+        seen_through[wall[k]] += through[k] >= after and through[k] > on[k]
+    return 3 * seen_through >= np.maximum(total, 1)
 
 
 @kernel

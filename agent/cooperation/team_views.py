@@ -76,18 +76,21 @@ class TeamViews:
             for name, peer in held.items()
         }
         kept = [*self._first_hand.values(), *(taken.places for taken in self._taken.values())]
-        known = set(_cells(np.vstack([np.zeros((0, 2)), *kept])))
+        known: set[int] | None = None  # cells of these, once a peer tells more from second hand
         for name, peer in held.items():
             views, before = peer.log.views, self._taken.get(name)
             heard = views.points[usable[name] & views.heard]
-            before = before or _Taken(views.editions, 0, np.zeros((0, 2)))
-            places = apply(peer.transform, heard[before.heard :])
-            rows = []
-            for row, cell in enumerate(_cells(places)):
-                if cell not in known:
-                    known.add(cell)
-                    rows.append(row)
-            self._taken[name] = _Taken(views.editions, len(heard), np.vstack((before.places, places[rows])))
+            _, count, places = before or _Taken(views.editions, 0, np.zeros((0, 2)))
+            if len(heard) > count:
+                if known is None:
+                    known = set(_cells(np.vstack([np.zeros((0, 2)), *kept])))
+                more, rows = apply(peer.transform, heard[count:]), []
+                for row, cell in enumerate(_cells(more)):
+                    if cell not in known:
+                        known.add(cell)
+                        rows.append(row)
+                places = np.vstack((places, more[rows]))
+            self._taken[name] = _Taken(views.editions, len(heard), places)
         self.places = np.vstack(
             [np.zeros((0, 2)), *self._first_hand.values(), *(taken.places for taken in self._taken.values())]
         )

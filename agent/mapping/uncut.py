@@ -30,17 +30,20 @@ def uncut(points: Floats, labels: Labels, edges: Ints, own: Bools) -> tuple[Ints
 @kernel
 def _join(points: Floats, labels: Labels, edges: Ints, own: Bools, left: Bools) -> None:
     """Let own walls grow by the heard ones that go on with them, and by own ones that these lead to."""
+    boxes = np.empty((len(edges), 4))
+    for k in range(len(edges)):
+        _set_box(boxes[k], points, edges[k])
     for j in range(len(edges)):
         if own[j]:
             continue
         grown = -1
         for k in range(len(edges)):
-            if (
-                own[k]
-                and left[k]
-                and k != grown
-                and _is_one(points, labels, edges[j if grown < 0 else grown], edges[k])
-            ):
+            one = j if grown < 0 else grown
+            if not own[k] or not left[k] or k == grown or boxes[k, 0] > boxes[one, 1] or boxes[k, 1] < boxes[one, 0]:
+                continue
+            if boxes[k, 2] > boxes[one, 3] or boxes[k, 3] < boxes[one, 2]:
+                continue
+            if _is_one(points, labels, edges[one], edges[k]):
                 if grown < 0:
                     grown = k
                     left[j] = False
@@ -48,6 +51,15 @@ def _join(points: Floats, labels: Labels, edges: Ints, own: Bools, left: Bools) 
                 else:
                     left[k] = False
                     _grow(points, labels, edges, grown, k)
+                _set_box(boxes[grown], points, edges[grown])
+
+
+@kernel
+def _set_box(box: Floats, points: Floats, e: Ints) -> None:
+    """Set from and to in x and in y (4,) of the wall between vertices e (2,), as wide as what it may be one with."""
+    a, b, wide = points[e[0]], points[e[1]], GAP_M + OFF_M
+    box[0], box[1] = min(a[0], b[0]) - wide, max(a[0], b[0]) + wide
+    box[2], box[3] = min(a[1], b[1]) - wide, max(a[1], b[1]) + wide
 
 
 @kernel
