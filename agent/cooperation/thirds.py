@@ -30,14 +30,17 @@ def claims(peer: Peer, merged: Sequence[Merged]) -> Floats:
     """(k, 3) transforms of a peer by the word of each of these that has merged it, too; its own word is none."""
     name = peer.log.name
     thirds = [third for third in merged if third is not peer and name in third.log.frames]
-    said = [(third.transform, third.log.frames[name]) for third in thirds]
-    pairs = np.array(said, np.float64).reshape(-1, 2, 3)
-    return compose(pairs[:, 0], pairs[:, 1])
+    if not thirds:
+        return np.zeros((0, 3))
+    return compose(np.array([third.transform for third in thirds]), np.array([t.log.frames[name] for t in thirds]))
 
 
 def balance(peer: Proposed | Merged, merged: Sequence[Merged]) -> int:
     """How many more of these others say the transform of a peer than say another one."""
-    said, middle = claims(peer, merged), _middle_of(peer.map.wireframe)
+    said = claims(peer, merged)
+    if not len(said):
+        return 0
+    middle = _middle_of(peer.map.wireframe)
     return int(np.where(_alike(compose(said, middle), compose(peer.transform, middle)), 1, -1).sum())
 
 

@@ -16,8 +16,10 @@ def compose(a: Floats, b: Floats) -> Floats:
     """First b, then a: (..., 3) each, broadcast against each other."""
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     x = a[..., 0] + c * b[..., 0] - s * b[..., 1]
-    y = a[..., 1] + s * b[..., 0] + c * b[..., 1]
-    return np.stack([x, y, wrapped(a[..., 2] + b[..., 2])], -1)
+    out = np.empty((*x.shape, 3))  # numpy is slow to stack so little
+    out[..., 0], out[..., 1] = x, a[..., 1] + s * b[..., 0] + c * b[..., 1]
+    out[..., 2] = wrapped(a[..., 2] + b[..., 2])
+    return out
 
 
 def inverse(a: Floats) -> Floats:
