@@ -202,9 +202,9 @@ class Coverage:
             return
         if any(peer not in merged for peer in before):
             self._since[robot] = self._hit_since[robot]
-        for peer, then in merged.items():
-            known = self._since[peer] <= then
-            self._since[robot, known] = np.minimum(self._since[robot, known], tick)
+        then = np.array([*merged.values()], np.int64)[:, None]
+        known = (self._since[[*merged]] <= then).any(0)
+        np.minimum(self._since[robot], tick, out=self._since[robot], where=known)
         self._merged[robot] = dict(merged)
         at_home = self._home_of_piece == self._homes[robot]  # a peer may be in another region
         self._covered_length[robot] = self._weight[(self._since[robot] < NEVER) & at_home].sum()
