@@ -31,7 +31,7 @@ from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, every, moved, samples_along, segments_in, segments_of
 from agent.mapping.submaps.tiles import Tiles
 from protocol.arrays import Floats, Records
-from protocol.geometry import Pose, apply, compose, pose_of, relative
+from protocol.geometry import Pose, apply, compose, pose_of, relative, wrapped
 
 ROOM = 64  # records by which a submap's array grows, at least
 ROUNDS = 6  # Gauss-Newton steps for each gate
@@ -326,6 +326,7 @@ def _unlikely(last_view: Submap, tiles: Tiles, samples: Floats, pose: Floats) ->
 
 def _against(off: Floats, prior: Floats) -> Floats:
     """(n,) what speaks against motions that differ by off (n, 3) from the odometry's, whose information is prior."""
+    off = np.column_stack((off[:, :2], wrapped(off[:, 2])))
     return np.asarray(np.minimum(0.5 * np.einsum("ni,ij,nj->n", off, prior, off), SLIP), np.float64)
 
 

@@ -158,6 +158,13 @@ def test_a_slip_where_few_samples_lie_on_known_walls_turns_nothing(
     assert np.abs(wrapped(path[:, 2] - (way[:, 2] - way[0, 2]))).max() < math.radians(1.0)
 
 
+def test_a_robot_that_faces_back_in_its_submap_is_as_near_to_the_odometry_as_one_that_faces_ahead() -> None:
+    """A pose of 179 degrees by odometry, and one of -179 by walls."""
+    off = np.array([[0.0, 0.0, math.radians(2.0)], [0.0, 0.0, math.radians(2.0 - 360.0)]])
+    ahead, back = chain._against(off, np.diag((1.0, 1.0, 1000.0))).tolist()
+    assert back == pytest.approx(ahead) and 0.0 < ahead < 1.0
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_walls_that_a_turn_brings_into_view_are_not_put_onto_known_ones(seed: int) -> None:
     turns = np.arange(0, 7.5, 0.7)
