@@ -66,6 +66,7 @@ class Robot:
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._lay_more_ticks = round(LAY_MORE_S * spec.lidar.rate_hz)
         self._laid_tick, self._to_lay = -self._lay_ticks, False
+        self._own_to_lay = False  # whether the own map has changed since merged ones were laid over it
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks
 
@@ -174,14 +175,16 @@ class Robot:
     def _draw_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; whether the map has changed."""
         merged, laid_anew = self.team.merged, False
+        self._own_to_lay |= own_changed
         new = self.own
         if merged:
             self._to_lay |= self.team.changed
             waited = tick - self._laid_tick - self._lay_more_ticks * max(0, len(merged) - 2)
-            if not (self._to_lay and waited >= 0) and not (own_changed and waited >= self._lay_ticks):
+            if not (self._to_lay and waited >= 0) and not (self._own_to_lay and waited >= self._lay_ticks):
                 return False
             laid_anew, self._laid_tick, self._to_lay = self._to_lay, tick, False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
+        self._own_to_lay = False
         changed = self._map.update(new)
         self._told_version += changed or laid_anew
         return changed

@@ -76,6 +76,16 @@ def test_the_maps_of_a_crowd_are_laid_over_the_own_one_less_often(
     assert np.diff(laid).min() == np.diff(laid).max() == round(seconds * SPEC.lidar.rate_hz)
 
 
+def test_an_own_wall_that_is_new_just_after_a_laying_is_laid_once_that_is_due(monkeypatch: pytest.MonkeyPatch) -> None:
+    mind, laid = robot(), []
+    merged = [SimpleNamespace(laid=SimpleNamespace(layer=None, first_hand=None))]
+    monkeypatch.setattr(mind, "team", SimpleNamespace(merged=merged, changed=False))
+    for tick in range(20):
+        monkeypatch.setattr(mind.filter, "wireframe_with", lambda *_, now=tick: laid.append(now) or Wireframe())
+        mind._draw_map(tick, own_changed=tick in (5, 6))
+    assert laid == [5, 8]
+
+
 def test_no_peer_is_told_its_own_walls(monkeypatch: pytest.MonkeyPatch) -> None:
     mind = robot()
     merged = [SimpleNamespace(log=SimpleNamespace(name=name), laid=SimpleNamespace(first_hand=name)) for name in "ab"]
