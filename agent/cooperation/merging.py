@@ -45,6 +45,8 @@ REFINED_DEG = 5.0
 """A refinement that turns the transform by more than this is not believed."""
 AGREED_SHARE = 0.6
 """A newer map must agree with the own one along this share of what the merged map agrees along."""
+STALE_M, STALE_RAD = 0.01, math.radians(0.05)
+"""A transform that fits no better by this is left: maps are told on a grid of 1 cm, as much as 0.05 degrees at 11 m."""
 
 
 def merge(peer: Proposed, tick: int, own: Wireframe) -> Merged:
@@ -96,6 +98,20 @@ def update(
     laid = _laid(newest, fit.transform, peer.walls)
     peer = replace(peer, map=newest, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
     return replace(peer, agreed_m=agreed, refused=0), figures
+
+
+def refit(peer: Merged, tick: int, own: Wireframe) -> Merged:
+    """Fit the transform anew, as the own walls may have moved since it was fitted: the map that is merged stays.
+
+    A robot whose wheels err turns its whole map as it learns how that lies in its frame, by 0.4 degrees in `hall` after
+    its peer was last heard. The peer's walls then lay 5 to 10 cm beside its own ones, and went from there to others.
+    """
+    peer = replace(peer, updated=tick)
+    fit = fit_on_walls(own, peer.map.wireframe, peer.transform)
+    if not apart(fit.transform, peer.transform, fit.centre, STALE_M, STALE_RAD):
+        return peer
+    laid = _laid(peer.map, fit.transform, peer.walls)
+    return replace(peer, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:

@@ -17,7 +17,15 @@ from agent.communication.exchange import News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence, fresh_pieces
-from agent.cooperation.merging import REFUSED_MAPS, REJECTED_GROWTH, contradiction, hide_seen_through, merge, update
+from agent.cooperation.merging import (
+    REFUSED_MAPS,
+    REJECTED_GROWTH,
+    contradiction,
+    hide_seen_through,
+    merge,
+    refit,
+    update,
+)
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
@@ -242,8 +250,12 @@ class Team:
         if log.map is None:
             return False
         if isinstance(peer, Merged):
-            if not log.map_is_news or tick - peer.updated < self._ticks(REFINE_S):
+            if tick - peer.updated < self._ticks(REFINE_S):
                 return False
+            if not log.map_is_news:
+                if self.spec.odometry.noisy:  # else own walls stay where they are
+                    self._replace(peer, refit(peer, tick, own))
+                return self.spec.odometry.noisy
             new, figures = update(peer, tick, own, self.aligner.both(log, own), self.aligner.config)
             self._replace(peer, new)
             if new.refused >= REFUSED_MAPS:

@@ -1,13 +1,17 @@
 """What of a peer's map becomes part of the robot's own."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.config import VerificationConfig
 from agent.cooperation.evidence import WallEvidence
-from agent.cooperation.merging import merge
+from agent.cooperation.merging import merge, refit
 from agent.cooperation.peer import PeerLog, Proposed
 from agent.cooperation.verification import Trial
+from protocol.geometry import apply
 from protocol.wireframe import Wireframe
 
 
@@ -25,3 +29,17 @@ def test_what_its_sender_is_not_sure_of_is_not_shown() -> None:
     peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, Wireframe())
     assert peer.laid.hidden.tolist() == [False, False, True]
     assert len(peer.laid.layer.pieces) == len(peer.laid.first_hand.pieces) == 2
+
+
+def test_a_merged_map_goes_along_when_the_own_one_turns_in_its_frame() -> None:
+    """Its sender is out of reach for long, and no newer map comes."""
+    corners = np.array([[0, 0], [12, 0], [12, 8], [0, 8]], np.float64)
+    edges, turn = np.array([[0, 1], [1, 2], [2, 3], [3, 0]], np.int32), np.array([0.0, 0.0, 0.007])
+    walls = Wireframe(corners, np.zeros(4, np.uint8), edges, np.ones(4, np.float32), np.ones(4, np.bool_))
+    trial = Trial(VerificationConfig(), np.zeros(3), WallEvidence())
+    trial.walls.lay(walls)
+    peer = merge(Proposed(PeerLog("p"), ReceivedMap(walls, 0), trial, 0.01), 0, walls)
+    assert refit(peer, 20, walls).laid is peer.laid
+    turned = refit(peer, 40, replace(walls, points=apply(turn, corners)))
+    assert turned.transform == pytest.approx(turn, abs=1e-3) and turned.updated == 40
+    assert turned.laid.layer.pieces["uy"][0] == pytest.approx(0.007, abs=5e-4)
