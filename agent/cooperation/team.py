@@ -256,10 +256,7 @@ class Team:
                 if self.spec.odometry.noisy:  # else own walls stay where they are
                     self._replace(peer, refit(peer, tick, own))
                 return self.spec.odometry.noisy
-            new, figures = update(peer, tick, own, self.aligner.both(log, own), self.aligner.config)
-            self._replace(peer, new)
-            if new.refused >= REFUSED_MAPS:
-                self.undo(new, "its later maps contradict it", figures)
+            self._update(tick, peer, own)
             return True
         if isinstance(peer, Unaligned) and log.contact is not None and self._align_by_word(peer, own):
             return True
@@ -280,12 +277,24 @@ class Team:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True
 
+    def _update(self, tick: int, peer: Merged, own: Wireframe) -> None:
+        """Take the newest map of a merged peer and fit its transform anew, or undo the merge."""
+        new, figures = update(peer, tick, own, self.aligner.both(peer.log, own), self.aligner.config)
+        self._replace(peer, new)
+        if new.refused >= REFUSED_MAPS:
+            self.undo(new, "its later maps contradict it", figures)
+
     def conclude(self, tick: int, own: Wireframe) -> None:
-        """Weigh the last maps for all proposals, however little they have grown, as none will come after them."""
+        """Weigh the last maps for all proposals, however little they have grown, as none will come after them.
+
+        Transforms of merged peers are fitted anew: the own map may have closed a loop since the last map was heard.
+        """
         for peer in self.proposed:
             if self.aligner.due(peer.log, own, 0.0) and not off_its_map(peer.log):
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
+        for merged in self.merged:
+            self._update(tick, merged, own)
 
     def _align_by_word(self, peer: Unaligned, own: Wireframe) -> bool:
         """Propose what the peer itself says, or thirds; true where walls were compared."""

@@ -81,6 +81,12 @@ def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
     assert [peer.log.name for peer in first.mind.team.merged] == ["r2"]
 
 
+def test_transforms_are_fitted_on_the_last_own_maps() -> None:
+    """Loops that were closed since a peer was heard have moved the own walls."""
+    for player in play(both_ways(), AgentConfig(), 8.0, lambda *_: None):
+        assert [(peer.updated, peer.refused) for peer in player.mind.team.merged] == [(player.ticks[-1], 0)]
+
+
 def test_nobody_is_heard_from_out_of_range() -> None:
     players = play(both_ways(), AgentConfig(), 0.1, lambda robot, done: None)
     assert all(player.sent_bytes > 0 and player.received_bytes == 0 and not player.events for player in players)
