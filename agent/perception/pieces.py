@@ -33,6 +33,9 @@ took itself to have come 0.2 % farther than it had."""
 DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0, so that short pieces keep a line
 TELLING_NOISE = 1.5  # standard deviations of a near range up to which a beam tells which wall of a corner it met
 TELLING_APART_M = 0.1  # distance of two beams on a wall up to which they tell of a slot before its corner
+DOORWAY_M = 0.5
+"""Length without a hit before the corner of two walls in which a door may stand open. Who looks along a wall from so near
+sees no beam's end there: the far wall was taken for the next one, and a door of 0.9 m was wall, for all peers, too."""
 MAX_SLACK_M = 0.1  # a corner lies at most so far off its walls' hits, however unsure the directions of few hits are
 
 
@@ -304,10 +307,13 @@ def _link_corner(pieces: Records, k: int, scan: RangeScan, ends: Ints) -> None:
     next_p, next_q = _on_ray(p, scan.beams, begins), _on_ray(q, scan.beams, last)
     next_p = next_p if next_p > p.end[1] else math.inf  # the ray runs away from the line
     next_q = next_q if next_q < q.end[0] else -math.inf
+    gap_p, gap_q = max(along_p - p.end[1], 0.0), max(q.end[0] - along_q, 0.0)
+    if max(gap_p, gap_q) > max(DOORWAY_M, scan.bridge_m):
+        return
     if p.end[1] - slack <= along_p <= next_p + slack and next_q - slack <= along_q <= q.end[0] + slack:
         p.label[1], q.label[0] = NOMINAL, NOMINAL
         p.link[1], q.link[0] = after, k
-        p.gap[1], q.gap[0] = max(along_p - p.end[1], 0.0), max(q.end[0] - along_q, 0.0)
+        p.gap[1], q.gap[0] = gap_p, gap_q
         if begins - last == 1:
             p.apart[1] = _telling_apart(p, scan, last, last - 1)
             q.apart[0] = _telling_apart(q, scan, begins, begins + 1)

@@ -152,6 +152,17 @@ def test_who_stands_for_long_takes_the_end_of_the_range_for_no_corner(off: float
     assert len(labels) >= 600 and (labels == Label.OCCLUSION).sum() <= 1
 
 
+@pytest.mark.parametrize("off", [0.05, 0.08, 0.11, 0.15])
+def test_an_open_door_that_is_looked_at_along_its_wall_is_no_wall(off: float) -> None:
+    walls = np.array([[-1.0, 4.0, -1.0, -4.0], [0.0, 0.2, 0.0, 1.6], [0.0, 2.5, 0.0, 2.9], [1.0, 2.9, -1.0, 2.9]])
+    ranges = Lidar(walls, LidarSpec()).cast(np.array([[-off, 0.0, 0.0]]))[0]
+    scan = perceive(np.asarray(ranges, np.float64), RobotSpec()).wireframe()
+    a, b = scan.points[scan.edges].transpose(1, 0, 2)
+    along = (np.abs(a[:, 0] - off) < 0.05) & (np.abs(b[:, 0] - off) < 0.05)
+    assert along.any()
+    assert not (along & (np.minimum(a[:, 1], b[:, 1]) < 1.6) & (np.maximum(a[:, 1], b[:, 1]) > 2.3)).any()
+
+
 def test_a_teammate_is_a_disc_and_no_wall() -> None:
     wall = [(-3, 1.5, 3, 1.5)]
     for x, y in ((0.3, 0.8), (1.0, 0.0), (-1.2, 1.2), (0.0, -2.5)):
