@@ -34,8 +34,8 @@ DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0,
 TELLING_NOISE = 1.5  # standard deviations of a near range up to which a beam tells which wall of a corner it met
 TELLING_APART_M = 0.1  # distance of two beams on a wall up to which they tell of a slot before its corner
 DOORWAY_M = 0.5
-"""Length without a hit before the corner of two walls in which a door may stand open. Who looks along a wall from so near
-sees no beam's end there: the far wall was taken for the next one, and a door of 0.9 m was wall, for all peers, too."""
+"""Length of a wall without a hit, before its corner with the next one, in which a door may stand open. From 0.1 m off
+a wall's line beams meet it a metre apart: a door of 0.9 m was wall for the robot and all its peers."""
 MAX_SLACK_M = 0.1  # a corner lies at most so far off its walls' hits, however unsure the directions of few hits are
 
 
