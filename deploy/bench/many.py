@@ -39,10 +39,11 @@ def measure(robots: int, side: str, until: str | float) -> Figures:
     """Both runs of a team in a maze from seed 0."""
     settings = {"world": f"generated-{side}-0", "robots": robots, "until": until, "server": {"join_timeout_s": 600}}
     with _memory() as taken, launched(settings) as (run, ended):
-        summary, frames = read_json(run / "summary.json"), read_json(run / "truth.json")["frames"]
+        summary = read_json(run / "summary.json")
+        frames = {robot: pose_of(np.array(frame)) for robot, frame in read_json(run / "truth.json")["frames"].items()}
         events = map(json.loads, (run / "events.jsonl").read_text(encoding="utf-8").splitlines())
         off = [
-            errors(event["transform"], pose_of(frames[event["robot"]]), pose_of(frames[event["peer"]]), np.zeros(2))
+            errors(event["transform"], frames[event["robot"]], frames[event["peer"]], np.zeros(2))
             for event in events
             if event["event"] == "accepted"
         ]
