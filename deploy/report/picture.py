@@ -27,6 +27,7 @@ from world.recorder import TEAM
 from world.worldfile import rings_of
 
 MAX_SINGLE = 24  # maps of single robots that are drawn; nobody looks at more
+NAMED = 12  # robots in a legend; with 100 of them legends hid all curves
 TITLE_IN = 0.8  # height of title and subtitle
 
 SETTINGS: Any = {
@@ -97,7 +98,7 @@ def draw_overview(axes: Axes, run: Run) -> None:
     finish_plan(axes)
     dot: Any = {"color": style.FAINT, "ls": "", "ms": 5}
     marks = [Line2D([], [], marker=mark, label=label.word, **dot) for label, mark in style.MARKS.items()]
-    lines = [Line2D([], [], color=colours[robot], lw=3, label=robot) for robot in run.robots[:12]]
+    lines = [Line2D([], [], color=colours[robot], lw=3, label=robot) for robot in run.robots[:NAMED]]
     axes.legend(handles=[*lines, *marks], loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=7, handlelength=1.4)
 
 
@@ -197,14 +198,14 @@ def _curves(axes: Axes, run: Run, column: str) -> list[tuple[int, str, Series]]:
     series = [(k, robot, run.metrics[robot]) for k, robot in enumerate(run.robots) if robot in run.metrics]
     drawn = [one for one in series if column in one[2].columns]
     for k, robot, one in drawn:
-        axes.plot(one.t, one.columns[column], color=style.colour(k), lw=1.5, label=robot)
+        axes.plot(one.t, one.columns[column], color=style.colour(k), lw=1.5, label=robot if k < NAMED else None)
     return drawn
 
 
 def _finish_curves(axes: Axes, run: Run, corner: Literal["lower right", "upper left"]) -> None:
     """Axis of time, and the legend in that corner."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc=corner, ncols=1 + len(run.robots) // 8)
+        axes.legend(loc=corner, ncols=1 + min(len(run.robots), NAMED) // 8)
     axes.set_xlim(0, max(run.duration, 1.0))
     axes.set_xlabel("simulated time (s)")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

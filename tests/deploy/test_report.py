@@ -10,12 +10,15 @@ import matplotlib.image
 import numpy as np
 import pytest
 import shapely
+from matplotlib.figure import Figure
 
 from deploy.report import write_report
+from deploy.report.picture import NAMED, draw_coverage
 from deploy.report.plan import frames, overview
-from deploy.report.rundir import Map, read_run
+from deploy.report.rundir import Map, Run, Series, read_run
 from deploy.report.story import GLYPHS, MEANINGS
 from deploy.report.words import share, size
+from world.recorder import TEAM
 
 WORLD = """
 name: {name}
@@ -157,6 +160,17 @@ def test_the_picture_shows_every_robot(whole: Path) -> None:
     for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
         near = np.abs(image - np.array(colour) / 255).max(axis=2) < 0.02
         assert near.sum() > 1000
+
+
+def test_legends_of_many_robots_leave_room_for_their_curves(tmp_path: Path) -> None:
+    one = Series(np.array([0.0, 1.0]), {"coverage": np.zeros(2)})
+    metrics = {f"r{k}": one for k in range(1, 101)} | {TEAM: one}
+    run = Run(tmp_path, metrics=metrics)
+    axes = Figure().subplots()
+    draw_coverage(axes, run)
+    legend = axes.get_legend()
+    assert len(axes.get_lines()) >= 101
+    assert legend is not None and [text.get_text() for text in legend.get_texts()][-2:] == [f"r{NAMED}", TEAM]
 
 
 def test_maps_are_placed_by_the_true_frames(whole: Path) -> None:
