@@ -194,6 +194,7 @@ class Robot:
 
         A peer's own walls never come back to it (split horizon, as in routing): it would keep what it has dropped.
         """
-        layer_of = {peer.log.name: k for k, peer in enumerate(self.team.merged)}
-        told = self.filter.told_with([peer.laid.first_hand for peer in self.team.merged], SAME_WALL_M)
+        merged = self.team.merged
+        layer_of = {peer.log.name: k for k, peer in enumerate(merged)}
+        told = self.filter.told_with([peer.laid.first_hand for peer in merged], SAME_WALL_M)
         return lambda peer: told(layer_of.get(peer)) if layer_of.keys() - {peer} else self.own

@@ -17,7 +17,7 @@ from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Laid, Merged, Proposed
 from agent.cooperation.proposing import contradict
-from agent.cooperation.wall_fit import fit_on_walls
+from agent.cooperation.wall_fit import WallFit, fit_on_walls
 from agent.geometry.transform import apart
 from agent.mapping.layers import layer_of
 from protocol.arrays import Floats
@@ -95,9 +95,7 @@ def update(
     if contradict(agreed, conflict, config) or agreed < AGREED_SHARE * peer.agreed_m:
         return replace(peer, refused=peer.refused + 1), figures
     peer.walls.lay(newest.wireframe)
-    laid = _laid(newest, fit.transform, peer.walls)
-    peer = replace(peer, map=newest, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
-    return replace(peer, agreed_m=agreed, refused=0), figures
+    return replace(_fitted(peer, newest, fit), agreed_m=agreed, refused=0), figures
 
 
 def refit(peer: Merged, tick: int, own: Wireframe) -> Merged:
@@ -110,8 +108,13 @@ def refit(peer: Merged, tick: int, own: Wireframe) -> Merged:
     fit = fit_on_walls(own, peer.map.wireframe, peer.transform)
     if not apart(fit.transform, peer.transform, fit.centre, STALE_M, STALE_RAD):
         return peer
-    laid = _laid(peer.map, fit.transform, peer.walls)
-    return replace(peer, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
+    return _fitted(peer, peer.map, fit)
+
+
+def _fitted(peer: Merged, received: ReceivedMap, fit: WallFit) -> Merged:
+    """The peer with a map of it laid as the fit says."""
+    laid = _laid(received, fit.transform, peer.walls)
+    return replace(peer, map=received, transform=fit.transform, transform_sd_m=fit.sd_at(fit.centre), laid=laid)
 
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:

@@ -250,13 +250,13 @@ class Team:
         if log.map is None:
             return False
         if isinstance(peer, Merged):
-            if tick - peer.updated < self._ticks(REFINE_S):
+            own_moves = self.spec.odometry.noisy  # else own walls stay where they are
+            if tick - peer.updated < self._ticks(REFINE_S) or not (log.map_is_news or own_moves):
                 return False
-            if not log.map_is_news:
-                if self.spec.odometry.noisy:  # else own walls stay where they are
-                    self._replace(peer, refit(peer, tick, own))
-                return self.spec.odometry.noisy
-            self._update(tick, peer, own)
+            if log.map_is_news:
+                self._update(tick, peer, own)
+            else:
+                self._replace(peer, refit(peer, tick, own))
             return True
         if isinstance(peer, Unaligned) and log.contact is not None and self._align_by_word(peer, own):
             return True

@@ -33,7 +33,7 @@ STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
-NOWHERE = np.zeros((0, 2))
+NO_EYES = np.zeros((0, 2))
 HOME = np.zeros(2)  # where the robot began, in its own frame
 HOME_S = 3.0  # that it looks from there
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
@@ -189,7 +189,7 @@ class Explorer:
         """
         more, self.viewpoints.teammates = len(viewpoints) - len(self.viewpoints.teammates), viewpoints
         if more and self.target is not None and self.target.task.samples is not None:
-            left, swept = self.sweep.left(self.target.task.samples, NOWHERE, viewpoints, scene.walls)
+            left, swept = self.sweep.left(self.target.task.samples, NO_EYES, viewpoints, scene.walls)
             self.target.task = self.target.task._replace(samples=left)
             if swept or more < 0:
                 self.target = None
@@ -225,7 +225,7 @@ class Explorer:
                 return
             target.task = task
         elif target.task.samples is not None:
-            left, swept = self.sweep.left(target.task.samples, scene.here[None], NOWHERE, scene.walls)
+            left, swept = self.sweep.left(target.task.samples, scene.here[None], NO_EYES, scene.walls)
             if swept:
                 self.viewpoints.keep(scene.tick, scene.here, 0.0)
                 self.target = None

@@ -50,7 +50,10 @@ def marked(points: Floats, step: float) -> tuple[Lattice, Bools]:
 
 
 def inside(lattice: Lattice, area: shapely.Geometry) -> Bools:
-    """Which samples (r, c) lie inside a polygon or several that do not overlap."""
+    """Which samples (r, c) lie inside a polygon or several that do not overlap.
+
+    As `shapely.contains_xy` says, which takes 49 ms for a maze of 40 m instead of 0.6.
+    """
     rings = shapely.get_rings(shapely.get_parts(area))
     corners, ring = shapely.get_coordinates(rings, return_index=True)
     one = ring[1:] == ring[:-1]

@@ -71,12 +71,10 @@ def agent_process(
     It looks for the world as long as the world waits for it: with 100 robots on two busy cores that takes over 10 s.
     """
     speak_into(log)
-    from agent.config import JoinConfig
     from agent.shell.process import AgentInbox, run_agent
 
     inbox = AgentInbox()
-    join_timeout_s = max(config.join_timeout_s, config.server.join_timeout_s)
-    patience = JoinConfig(join_timeout_s=join_timeout_s, reconnect_s=config.reconnect_s)
+    patience = max(config.join_timeout_s, config.server.join_timeout_s)
     _obey(launcher, inbox, orphan_s=GRACE_S / 2)  # the world ends before, and tells the robots
     with _last_words(launcher) as ended:
         how = run_agent(
@@ -84,7 +82,7 @@ def agent_process(
             endpoint,
             config.agent,
             credentials=None if secret is None else Secrets({robot: secret}),
-            patience=patience,
+            patience=config.model_copy(update={"join_timeout_s": patience}),
             make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
             inbox=inbox,
             checkpoints=checkpoints,
