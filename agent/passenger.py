@@ -29,7 +29,10 @@ BRIDGE_M = 2.0
 """Between neighbouring hits of one line, up to which there is wall. A log's lidar of few beams meets walls far ahead
 that sparsely, and without those hits little tells its heading in a corridor. A robot that drives comes near enough to
 see whether there is wall, and must not take an open door for one."""
-LOOKS_M = 1.0  # m of way (`travelled`) after which peers are told a newer map, and it is held against theirs
+LOOKS_M = 1.0  # m of way (`travelled`), at least, after which peers are told a newer map, and it is held against theirs
+LOOKS_SHARE = 0.01
+"""The same, as a share of the whole way: an old map changes little in a metre, and to draw it takes as long as it is
+large."""
 IN_LIVED_ROOMS = {"conflict_weight": 1.0, "max_conflict": 0.6, "min_score_m": 10.0, "max_beside": 1.0}
 """Settings of alignment for recorded logs. What stands in a building moves between visits, people walk, and maps told
 before a loop was closed are bent. Measured on maps of thirds of two logs: right transforms score 24 m and more, with up
@@ -48,6 +51,7 @@ class Passenger:
         self.team = Team(_carried(config.cooperation), alignment, spec, np.random.default_rng(0))
         self._told = Drawing()  # the own map, as peers are told it
         self._since_own = math.inf  # metres of way
+        self._way = 0.0  # metres
         self._odometry: Pose | None = None
         self._scans = 0
 
@@ -73,6 +77,7 @@ class Passenger:
         by = relative(before, observation.odometry)
         self.submaps.take(scan, by)
         self._since_own += travelled(by)
+        self._way += travelled(by)
 
         tick, pose = observation.tick, self.submaps.pose
         news, events = self.exchange.hear(tick, heard)
@@ -94,8 +99,8 @@ class Passenger:
         return self.team.events
 
     def _look_at_own(self) -> None:
-        """Draw the own map anew where the robot has moved by LOOKS_M since the last one."""
-        if self._since_own >= LOOKS_M:
+        """Draw the own map anew where the robot has moved far enough since the last one."""
+        if self._since_own >= max(LOOKS_M, LOOKS_SHARE * self._way):
             self._told.replace(self.drawn())
             self._since_own = 0.0
 

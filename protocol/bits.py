@@ -19,13 +19,12 @@ class BitWriter:
     """Collects bits."""
 
     def __init__(self) -> None:
-        self._all = 0
-        self._count = 0
+        self._digits: list[str] = []
 
     def bits(self, value: int, count: int) -> None:
         """Append the `count` lowest bits of a value >= 0."""
-        self._all = self._all << count | value & ((1 << count) - 1)
-        self._count += count
+        if count:
+            self._digits.append(format(value & ((1 << count) - 1), f"0{count}b"))
 
     def number(self, value: int, k: int = 0) -> None:
         """Append a number >= 0 in exponential-Golomb code of order k, which is shortest below 2**k."""
@@ -37,8 +36,9 @@ class BitWriter:
 
     def data(self) -> bytes:
         """All bits, the last byte filled up with zeros."""
-        size = self._count + 7 >> 3
-        return (self._all << 8 * size - self._count).to_bytes(size)
+        digits = "".join(self._digits)
+        size = len(digits) + 7 >> 3
+        return int(digits.ljust(8 * size, "0") or "0", 2).to_bytes(size)
 
 
 class BitReader:

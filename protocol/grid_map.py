@@ -185,19 +185,25 @@ def matched(mine: Floats, theirs: NDArray[Any], most: float, more: PairCost | No
     low, high = (np.searchsorted(across, mine[:, 0] + reach) for reach in (-most - 1e-6, most + 1e-6))
     rows, nth = repeated(high - low)  # only pairs that are near along one axis, as maps of peers may be large
     columns = order[low[rows] + nth]
+    beside = np.abs(mine[rows, 1] - theirs[columns, 1]) <= most
+    rows, columns = rows[beside], columns[beside]
     away = np.hypot(*(mine[rows] - theirs[columns]).T)
     if more is not None:
         away += more(rows, columns)
     near = away <= most
     rows, columns, away = rows[near], columns[near], away[near]
-    match, taken = np.full(len(mine), -1), set[int]()
     order = np.lexsort((columns, rows, away))
-    matches = dict[int, int]()
-    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
-        if row not in matches and column not in taken:
-            matches[row] = column
-            taken.add(column)
-    match[list(matches)] = list(matches.values())
+    rows, columns = rows[order], columns[order]
+    match, taken = np.full(len(mine), -1), np.zeros(len(theirs), np.bool_)
+    first_of_row, first_of_column = np.empty(len(mine), np.int64), np.empty(len(theirs), np.int64)
+    while len(rows):  # what is each other's nearest of those left is what one pair after the other would come to
+        pairs = np.arange(len(rows))
+        first_of_row[rows[::-1]] = first_of_column[columns[::-1]] = pairs[::-1]
+        mutual = (first_of_row[rows] == pairs) & (first_of_column[columns] == pairs)
+        match[rows[mutual]] = columns[mutual]
+        taken[columns[mutual]] = True
+        left = (match[rows] < 0) & ~taken[columns]
+        rows, columns = rows[left], columns[left]
     return match
 
 

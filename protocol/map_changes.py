@@ -1,5 +1,6 @@
 """How a map comes about from an earlier one: chains that stay, chains that are built, chains that are dropped."""
 
+import math
 from collections import Counter
 from enum import IntEnum
 from typing import NamedTuple
@@ -102,10 +103,10 @@ def _arranged(new: GridMap, built: list[int], runs: dict[int, list[VertexRun]]) 
     """Chains in the order of the rows that they take from the base, then new ones, each nearest to the last vertex."""
     order = sorted((chain for chain in built if _rows(runs[chain])), key=lambda chain: _rows(runs[chain])[0])
     fresh = np.array(sorted(set(built) - set(order)), np.int64)
-    heads = new.cells[new.starts[fresh]].astype(float)
-    while len(fresh):
-        here = new.cells[new.starts[order[-1] + 1] - 1] if order else np.zeros(2)
-        nearest = int(np.abs(heads - here).sum(1).argmin())
+    x, y = new.cells[new.starts[fresh]].T.astype(float)
+    for _ in fresh:
+        here = new.cells[new.starts[order[-1] + 1] - 1].tolist() if order else (0, 0)
+        nearest = int((np.abs(x - here[0]) + np.abs(y - here[1])).argmin())
         order.append(int(fresh[nearest]))
-        fresh, heads = np.delete(fresh, nearest), np.delete(heads, nearest, 0)
+        x[nearest] = math.inf  # it is told
     return order

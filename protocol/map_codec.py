@@ -145,9 +145,11 @@ class _Script:
         """The bytes. The message's own orders follow `head` tokens, where they save more than they cost."""
         own, saved = [], -sum(WIDTHS)
         for which, (width, usual) in enumerate(zip(WIDTHS, USUAL_ORDERS, strict=True)):
-            values = [value for value, row, chosen in self.tokens if chosen and row == which]
-            costs = [sum([bits_of(value, order) for value in values]) for order in range(1 << width)]
-            own.append(costs.index(min(costs)) if values else usual)
+            values = np.array([value for value, row, chosen in self.tokens if chosen and row == which], np.float64)
+            tried = np.arange(1 << width)
+            lengths = np.frexp(values[:, None] + 2.0**tried)[1]  # as int.bit_length tells them
+            costs = (2 * lengths - 1 - tried).sum(0).tolist()  # as bits_of tells them
+            own.append(costs.index(min(costs)) if len(values) else usual)
             saved += costs[usual] - min(costs)
         orders = tuple(own) if saved > 0 else USUAL_ORDERS
         writer = BitWriter()

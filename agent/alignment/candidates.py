@@ -159,6 +159,8 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
     nearest, gap = np.empty(n, np.int64), np.empty(n)
     wish = np.empty(m, np.int64)
     source, target = np.empty((m, 2)), np.empty((m, 2))
+    by_x = np.argsort(a[:, 0], kind="mergesort")
+    across = a[by_x, 0]
     for k in range(first.shape[0]):
         t = out[k]
         for g in range(len(GATES_M)):
@@ -172,16 +174,14 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
                     continue
                 x, y = move(t, b[j, 0], b[j, 1])
                 best = gate2
-                for i in range(n):
-                    dx = a[i, 0] - x
-                    if dx * dx > gate2 or not mine.true[i]:
-                        continue
-                    d2 = dx * dx + (a[i, 1] - y) ** 2
-                    if d2 >= best and d2 >= gap[i]:
+                begin = np.searchsorted(across, x - GATES_M[g])
+                for i in by_x[begin : np.searchsorted(across, x + GATES_M[g])]:
+                    d2 = (a[i, 0] - x) ** 2 + (a[i, 1] - y) ** 2
+                    if not mine.true[i] or (d2 > best and d2 >= gap[i]):
                         continue
                     if by_walls and not like_walls(theirs.ways[j], mine.ways[i], c, s):
                         continue
-                    if d2 < best:
+                    if d2 < best or (d2 == best and i < wish[j]):
                         best = d2
                         wish[j] = i
                     if d2 < gap[i]:

@@ -110,12 +110,12 @@ def _followers(tips: Floats) -> Ints:
     n = len(tips)
     following, taken = np.full(n, -1), np.zeros(n, np.bool_)
     rows, columns, apart, count = np.empty(16 * n, np.int64), np.empty(16 * n, np.int64), np.empty(16 * n), 0
+    order = np.argsort(tips[:, 0, 0], kind="mergesort")  # tails from left to right
+    lefts = tips[:, 0, 0][order]
     for a in range(n):
-        for b in range(n):
-            dx = tips[a, 1, 0] - tips[b, 0, 0]
-            if abs(dx) >= CORNER_M:
-                continue
-            d = math.hypot(dx, tips[a, 1, 1] - tips[b, 0, 1])
+        x = tips[a, 1, 0]
+        for b in order[np.searchsorted(lefts, x - CORNER_M) : np.searchsorted(lefts, x + CORNER_M)]:
+            d = math.hypot(x - tips[b, 0, 0], tips[a, 1, 1] - tips[b, 0, 1])
             if a != b and d < CORNER_M and count < len(rows):
                 rows[count], columns[count], apart[count] = a, b, d
                 count += 1
