@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -15,12 +15,11 @@ from agent.alignment.encounter import Encounter
 from agent.communication.receiving import PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.verification import DISC_MOVED_M, Trial, Watch
-from agent.cooperation.weight import is_too_large
+from agent.cooperation.weight import NO_WEIGHT, Weight, is_too_large, weigh
 from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose
-from protocol.wireframe import Wireframe
 
 MOST_FRAMES = 256
 """Others of whose frames one peer may tell (ours): more than there are robots in any run."""
@@ -35,8 +34,12 @@ class PeerLog:
     name: str
     map: ReceivedMap | None = None
     """Its newest map. This is the only place that keeps it."""
+    weight: Weight = NO_WEIGHT
+    """Of that map."""
     waiting: ReceivedMap | None = None
     """A newer one that was not taken yet."""
+    waiting_weight: Weight = NO_WEIGHT
+    """Of the one that waits."""
     waits: bool = False
     """Whether it is too large to be taken, and that was said."""
     map_is_news: bool = False
@@ -119,16 +122,20 @@ class PeerLog:
         self.sightings.append(sighting)
         self.sighting_is_news = True
 
-    def take_map(self, tick: int, known: Sequence[Wireframe]) -> bool:
+    def offer_map(self, received: ReceivedMap) -> None:
+        """Let a map wait to be taken, in place of an older one."""
+        self.waiting, self.waiting_weight = received, weigh(received.wireframe)
+
+    def take_map(self, tick: int, known: Iterable[Weight]) -> bool:
         """Take the map that waits, if one of the known maps bears it; whether none does now and one did before.
 
-        known: the own map and those that other peers have merged into it. Nobody's map is of the future.
+        known: of the own map and those that other peers have merged into it. Nobody's map is of the future.
         """
         waiting, waited = self.waiting, self.waits
-        self.waits = waiting is not None and all(is_too_large(waiting.wireframe, one) for one in known)
+        self.waits = waiting is not None and all(is_too_large(self.waiting_weight, one) for one in known)
         if waiting is not None and not self.waits:
             self.map, self.map_is_news = waiting._replace(tick=min(waiting.tick, tick)), True
-            self.waiting = None
+            self.weight, self.waiting = self.waiting_weight, None
         return self.waits and not waited
 
 

@@ -30,6 +30,7 @@ from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Una
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import DISC_GATE_M, Trial, nats_of_thirds
+from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
@@ -191,14 +192,15 @@ class Team:
             if news.frame is not None:
                 log.take_frame(news.frame)
             log.take_frames(news.others)
-            log.waiting = news.map or log.waiting
+            if news.map is not None:
+                log.offer_map(news.map)
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
-        for peer in self.peers.values():
-            if peer.log.waiting is None:
-                continue
-            others = [other.map.wireframe for other in self.merged if other is not peer]
-            if peer.log.take_map(tick, [own, *others]):
+        waiting = [peer for peer in self.peers.values() if peer.log.waiting is not None]
+        mine = [weigh(own) for _ in waiting[:1]]
+        for peer in waiting:
+            others = (other.log.weight for other in self.merged if other is not peer)
+            if peer.log.take_map(tick, [*mine, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
         if tick % self._ticks(LOOK_S) == 0:
             for proposed in self.proposed:

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from agent.cooperation.peer import Unaligned
-from agent.cooperation.weight import COMPARED_WALLS, STRANGE_WALLS, is_too_large
+from agent.cooperation.weight import COMPARED_WALLS, STRANGE_WALLS, is_too_large, weigh
 from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.explored import explore
@@ -57,9 +57,13 @@ def heaviest(told: Wireframe, seen: Wireframe, rng: np.random.Generator) -> Wire
         np.concatenate((told.own, np.zeros(4 * rooms, np.bool_))),
     )
     strewn = 0
-    while not is_too_large(more := crowded(told=full, walls=strewn + 1, own=False, rng=np.random.default_rng(0)), seen):
-        full_so_far, strewn = more, strewn + 1
-    return full_so_far
+
+    def with_strewn(walls: int) -> Wireframe:
+        return crowded(full, walls, own=False, rng=np.random.default_rng(0))
+
+    while not is_too_large(weigh(with_strewn(strewn + 1)), weigh(seen)):
+        strewn += 1
+    return with_strewn(strewn)
 
 
 class Betrayed(Robot):

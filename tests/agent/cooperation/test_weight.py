@@ -5,7 +5,7 @@ import pytest
 
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.peer import PeerLog
-from agent.cooperation.weight import COMPARED_WALLS, bends, is_too_large
+from agent.cooperation.weight import COMPARED_WALLS, is_too_large, weigh
 from protocol.wireframe import Wireframe
 from world.worldfile import load
 
@@ -39,17 +39,17 @@ def test_only_corners_that_stick_out_and_ends_are_bends() -> None:
     square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
     ring = np.array([(0, 1), (1, 2), (2, 3), (3, 0)], np.int32)
     labels, likelihood, own = np.zeros(4, np.uint8), np.ones(4, np.float32), np.ones(4, np.bool_)
-    assert bends(Wireframe(square, labels, ring, likelihood, own)) == 0  # a room, from inside
-    assert bends(Wireframe(square, labels, ring[:, ::-1].copy(), likelihood, own)) == 4  # a pillar
-    assert bends(strewn(3)) == 12
-    assert bends(Wireframe()) == 0
+    assert weigh(Wireframe(square, labels, ring, likelihood, own)).bends == 0  # a room, from inside
+    assert weigh(Wireframe(square, labels, ring[:, ::-1].copy(), likelihood, own)).bends == 4  # a pillar
+    assert weigh(strewn(3)) == (3, 12)
+    assert weigh(Wireframe()) == (0, 0)
 
 
 @pytest.mark.parametrize("world", ["office", "maze-15", "apartment", "generated-20x20-0"])
 def test_a_latecomer_takes_the_map_of_a_building_but_not_as_many_strewn_walls(world: str) -> None:
     building, own = whole(world), a_look_around()
-    assert not is_too_large(building, own)
-    assert is_too_large(strewn(max(100, len(building.edges))), own)
+    assert not is_too_large(weigh(building), weigh(own))
+    assert is_too_large(weigh(strewn(max(100, len(building.edges)))), weigh(own))
 
 
 def test_a_map_that_would_take_long_to_compare_waits_whatever_its_bends_are() -> None:
@@ -60,11 +60,11 @@ def test_a_map_that_would_take_long_to_compare_waits_whatever_its_bends_are() ->
         np.ones(COMPARED_WALLS + 9, np.float32),
         np.ones(COMPARED_WALLS + 9, np.bool_),
     )
-    assert bends(flat) == 4 and is_too_large(flat, a_look_around())
+    assert weigh(flat).bends == 4 and is_too_large(weigh(flat), weigh(a_look_around()))
 
 
 def test_a_map_of_many_waits_until_another_merged_peer_tells_one_of_its_weight() -> None:
     log, own, crowd = PeerLog("x"), a_look_around(), strewn(120)
-    log.waiting = ReceivedMap(crowd, 1)
-    assert log.take_map(2, [own]) and log.map is None
-    assert not log.take_map(3, [own, strewn(60)]) and log.map is not None and log.waiting is None
+    log.offer_map(ReceivedMap(crowd, 1))
+    assert log.take_map(2, [weigh(own)]) and log.map is None
+    assert not log.take_map(3, [weigh(own), weigh(strewn(60))]) and log.map is not None and log.waiting is None
