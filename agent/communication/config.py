@@ -16,7 +16,8 @@ class TalkConfig(Config):
     """The same while a teammate is seen and a peer is heard whose frame is not known. Beacons and sightings together
     give that frame, and two robots that pass see each other for a few seconds only."""
     map_period_s: Positive = 5.0
-    """Seconds between two updates of the map to one peer. Walls of some seconds take few bytes more than one wall."""
+    """Seconds between two updates of the map to one peer, longer where more than three are in contact. Walls of some
+    seconds take few bytes more than one wall."""
     silence_s: Positive = 5.0
     """A peer that was not heard for so many seconds is lost. Its next message is a new contact."""
     retry_s: Positive = 3.0

@@ -41,6 +41,9 @@ MOST_HEARD = 80
 """Messages of one peer that are read in a tick (ours): all parts of a map, and some more. An honest peer sends 3."""
 MOST_ANSWERS = 8
 """Maps of one peer that are acknowledged in a tick, the newest ones; else it could use up what a robot may say."""
+TOLD_IN_TURN = 3
+"""Peers in contact beyond which updates of the map come less often: a robot tells so many of them in a period. Of 30
+robots in a maze of 40 m eight go about together once the map is whole, and have the same news from each other."""
 MOST_TRIES = 10
 """A newer map waits until an older one in several parts is acknowledged, or was sent this often: else none arrives."""
 
@@ -300,7 +303,8 @@ class Exchange:
         if told.parts and not late:
             return RESEND, []
         half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
-        if told.compared != state and not half_there and tick - told.update >= self._period_ticks:
+        period = self._period_ticks * max(TOLD_IN_TURN, len(self.contacts)) // TOLD_IN_TURN
+        if told.compared != state and not half_there and tick - told.update >= period:
             told.compared = state
             try:
                 parts, told.untold = self._update(tick, told, told_to(peer)), ""

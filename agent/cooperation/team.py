@@ -39,6 +39,8 @@ from protocol.wireframe import Wireframe
 
 LOOK_S = 0.6
 """Interval at which received maps are held against a scan: the robot drives 0.13 m in the time."""
+CIRCLES_S = 3.0
+"""Interval at which circles of three are closed: what others say of frames comes with their beacons."""
 LATE_S = 0.4
 """A place in a message older than this is no sighting: the peer drives 0.1 m in the time."""
 REFINE_S = 4.0
@@ -380,7 +382,7 @@ class Team:
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         self._decide(tick, own)
-        if tick % self._ticks(LOOK_S) == 0 and self.config.verification.thirds:
+        if tick % self._ticks(CIRCLES_S) == 0 and self.config.verification.thirds:
             self._close_circles(own)
         for peer in self.proposed:
             if peer.waits_since is not None and peer.waits_since is not peer.log.contact:

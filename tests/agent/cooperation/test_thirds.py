@@ -10,7 +10,7 @@ from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import MOST_FRAMES, Laid, Merged, PeerLog, Proposed, Unaligned
-from agent.cooperation.team import LOOK_S, Team
+from agent.cooperation.team import CIRCLES_S, Team
 from agent.cooperation.verification import THIRD_NATS
 from agent.mapping.layers import layer_of
 from deploy.bench.alignment.pairs import moved
@@ -117,7 +117,7 @@ def test_the_open_circle_s_weakest_link_goes_on_trial_again_and_then_the_next() 
     team.peers["p"].log.take_frames({"a": relative(pose_of(PEER), pose_of(TRUE["a"]))})
     team.peers["a"] = merged("a", TRUE["a"], agreed_m=9.0)
     team.peers["a"].log.take_frames({"p": relative(pose_of(TRUE["a"]), pose_of(PEER))})
-    look = round(LOOK_S * SPEC.lidar.rate_hz)
+    look = round(CIRCLES_S * SPEC.lidar.rate_hz)
     team.judge(look, room(), (0.0, 0.0, 0.0), None)
     peer = team.peers["p"]
     assert isinstance(peer, Proposed) and peer.trial.weight == -THIRD_NATS
