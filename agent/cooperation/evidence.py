@@ -8,12 +8,10 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import CornerScan
 from agent.geometry.transform import move
 from agent.kernels import kernel
-from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, seen_at, view_of, within
+from agent.mapping.views import GRAZING, ON, THROUGH, View, look_at, seen_at, within
 from protocol.arrays import Bools, Floats, Ints
-from protocol.geometry import Pose
 from protocol.walls import directions, lengths, points_along
 from protocol.wireframe import Wireframe
 
@@ -21,6 +19,8 @@ PIECE_M = 0.1
 """Length of a piece of wall."""
 MAX_PIECES = 20_000
 """Pieces of one map: 2 km of wall. A larger map is cut into longer pieces."""
+STRETCH = 32
+"""Pieces in a row of which one box tells whether all are out of sight: most walls of a building are."""
 ALIKE = 0.94
 """Cosine of 20 degrees: walls whose directions differ by less may be one."""
 WALL_MARGIN_M = 0.12
@@ -51,6 +51,8 @@ class WallEvidence:
         self.through = np.zeros(0, np.int64)
         """(k,) scans that saw through it."""
         self._keys, self._edges = np.zeros(0, np.int64), 0
+        self._boxes = np.zeros((0, 4))
+        self._doubted = False
 
     def lay(self, wireframe: Wireframe, fresh: Bools | None = None) -> None:
         """Take a newer map of the same sender; what is known of pieces that it still has is kept.
@@ -67,13 +69,19 @@ class WallEvidence:
             on[known], through[known] = self.on[order[at[known]]], self.through[order[at[known]]]
             was_fresh[known] = self.fresh[order[at[known]]]
         self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
+        self._boxes, self._doubted = _boxes_of(pieces), True
         self.on, self.through = on, through
         self.fresh = was_fresh if fresh is None else fresh
 
-    def look(self, transform: Floats, pose: Pose, scan: CornerScan) -> None:
+    def look(self, transform: Floats, view: View) -> None:
         """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's."""
-        view = view_of(scan, pose, WALL_MARGIN_M)
-        _look(self.pieces, self.on, self.through, np.asarray(transform, np.float64), view)
+        seen_through = _look(self.pieces, self._boxes, self.on, self.through, np.asarray(transform, np.float64), view)
+        self._doubted |= seen_through > 0
+
+    def take_doubt(self) -> bool:
+        """Whether a scan has seen through a piece, or a map was laid, since this was last asked."""
+        doubted, self._doubted = self._doubted, False
+        return doubted
 
     def said(self, looks: int) -> tuple[float, float]:
         """Metres of fresh wall that at least `looks` own scans confirm, and that at least so many contradict."""
@@ -151,27 +159,45 @@ def _hidden(wall: Ints, on: Ints, through: Ints, edges: int, after: int) -> Bool
     return 3 * seen_through >= np.maximum(total, 1)
 
 
+def _boxes_of(pieces: Floats) -> Floats:
+    """(b, 4) least and greatest x, least and greatest y of each stretch of pieces (k, 4)."""
+    starts = np.arange(0, len(pieces), STRETCH)
+    if not len(starts):
+        return np.zeros((0, 4))
+    low, high = np.minimum.reduceat(pieces[:, :2], starts), np.maximum.reduceat(pieces[:, :2], starts)
+    return np.column_stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]])
+
+
 @kernel
-def _look(walls: Floats, on: Ints, through: Ints, t: Floats, view: View) -> None:
+def _look(walls: Floats, boxes: Floats, on: Ints, through: Ints, t: Floats, view: View) -> int:
+    """Count what a scan says of pieces of wall (k, 4) in their boxes (b, 4); how many it sees through."""
     c, s = math.cos(t[2]), math.sin(t[2])
-    beyond2 = 1.000001 * view.sight.reach**2
-    for k in range(walls.shape[0]):  # most are far beyond reach: no call for these
-        x, y = t[0] + c * walls[k, 0] - s * walls[k, 1], t[1] + s * walls[k, 0] + c * walls[k, 1]
-        dx, dy = view.pose[0] - x, view.pose[1] - y
-        if dx * dx + dy * dy > beyond2:
+    beyond, against = 1.000001 * view.sight.reach, 0
+    dx, dy = view.pose[0] - t[0], view.pose[1] - t[1]
+    eye_x, eye_y = c * dx + s * dy, c * dy - s * dx  # in the sender's frame
+    for b in range(len(boxes)):
+        box = boxes[b]
+        off_x = max(box[0] - eye_x, eye_x - box[1], 0.0)
+        off_y = max(box[2] - eye_y, eye_y - box[3], 0.0)
+        if off_x * off_x + off_y * off_y > beyond * beyond:
             continue
-        away = math.hypot(dx, dy)
-        if away > view.sight.reach:
-            continue
-        ux, uy = c * walls[k, 2] - s * walls[k, 3], s * walls[k, 2] + c * walls[k, 3]
-        side = dy * ux - dx * uy
-        if abs(side) < GRAZING * away:
-            continue  # the ray may as well pass beside it
-        saw, piece = look_at(x, y, view, 0.0)
-        if saw == THROUGH:
-            through[k] += 1  # from behind, too: a robot is in no solid
-        elif saw == ON and side > 0 and view.pieces[piece].ux * ux + view.pieces[piece].uy * uy > ALIKE:
-            on[k] += 1
+        for k in range(b * STRETCH, min((b + 1) * STRETCH, len(walls))):
+            x, y = t[0] + c * walls[k, 0] - s * walls[k, 1], t[1] + s * walls[k, 0] + c * walls[k, 1]
+            dx, dy = view.pose[0] - x, view.pose[1] - y
+            away = math.hypot(dx, dy)
+            if away > view.sight.reach:
+                continue
+            ux, uy = c * walls[k, 2] - s * walls[k, 3], s * walls[k, 2] + c * walls[k, 3]
+            side = dy * ux - dx * uy
+            if abs(side) < GRAZING * away:
+                continue  # the ray may as well pass beside it
+            saw, piece = look_at(x, y, view, 0.0)
+            if saw == THROUGH:
+                through[k] += 1  # from behind, too: a robot is in no solid
+                against += 1
+            elif saw == ON and side > 0 and view.pieces[piece].ux * ux + view.pieces[piece].uy * uy > ALIKE:
+                on[k] += 1
+    return against
 
 
 @kernel

@@ -16,7 +16,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.evidence import WallEvidence, fresh_pieces
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
 from agent.cooperation.merging import (
     REFUSED_MAPS,
     REJECTED_GROWTH,
@@ -32,6 +32,7 @@ from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import DISC_GATE_M, Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
+from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, compose, pose_of
 from protocol.messages import Event, RobotSpec, TeammatePose
@@ -207,8 +208,9 @@ class Team:
         if tick % self._ticks(LOOK_S) == 0:
             for proposed in self.proposed:
                 self._ask_thirds(proposed)
+            view = view_of(scan, here, WALL_MARGIN_M)
             for peer in self.peers.values() if self.config.verification.ground else ():
-                self._look(peer, here, scan)
+                self._look(peer, view)
 
     def _weigh(self, trial: Trial, sighting: Sighting) -> None:
         trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)
@@ -223,12 +225,14 @@ class Team:
         if peer.watch.missed >= EMPTY_LOOKS:
             self.undo(peer, "its place is empty", {"discs_missed": peer.watch.missed})
 
-    def _look(self, peer: Peer, pose: Pose, scan: CornerScan) -> None:
+    def _look(self, peer: Peer, view: View) -> None:
         """Hold a received map against a scan, and draw the consequences for a merged one."""
         if isinstance(peer, Proposed):
-            peer.trial.look_at_walls(pose, scan)
+            peer.trial.look_at_walls(view)
         elif isinstance(peer, Merged):
-            peer.walls.look(peer.transform, pose, scan)
+            peer.walls.look(peer.transform, view)
+            if not peer.walls.take_doubt():
+                return
             if figures := contradiction(peer):
                 self.undo(peer, "own scans contradict it", figures)
             else:

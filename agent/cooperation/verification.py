@@ -13,7 +13,7 @@ from agent.alignment.by_sight import Sighting
 from agent.cooperation.config import VerificationConfig
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
 from agent.corner_scan import CornerScan
-from agent.mapping.views import view_of
+from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
@@ -137,9 +137,9 @@ class Trial:
         """Whether merged peers alone decide: maps of robots that share their work need not have walls in common."""
         return self.config.thirds and self.nats["thirds"] >= self.config.accept
 
-    def look_at_walls(self, pose: Pose, scan: CornerScan) -> None:
+    def look_at_walls(self, view: View) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""
-        self.walls.look(self.transform, pose, scan)
+        self.walls.look(self.transform, view)
         confirmed, against = self.walls.said(FRESH_LOOKS)
         gain = min(GROUND_NATS_PER_M * confirmed, GROUND_MOST_NATS)
         self.nats["ground"] = gain - GROUND_AGAINST_NATS_PER_M * against

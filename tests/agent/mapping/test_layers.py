@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from agent.cooperation.evidence import WallEvidence, pieces_of
+from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, pieces_of
 from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.geometry.transform import compose, inverse
 from agent.mapping.association import Gates
 from agent.mapping.edges import EDGE, WALL
 from agent.mapping.layers import Layer, Tellings, layer_of, merged
+from agent.mapping.views import view_of
 from agent.perception.perceive import perceive
 from protocol.arrays import Records
 from protocol.geometry import Pose, apply
@@ -180,7 +181,7 @@ def test_ground_is_confirmed_where_the_transform_is_right_and_contradicted_where
         ground = WallEvidence()
         ground.lay(whole)
         for pose in ROOM_TOUR[::10]:
-            ground.look(transform, pose, scan_at(pose, ROOM))
+            ground.look(transform, view_of(scan_at(pose, ROOM), pose, WALL_MARGIN_M))
         confirmed, against = ground.said(2)
         if good:
             assert confirmed > 12.0 and against == 0.0
@@ -196,7 +197,7 @@ def test_ground_that_an_alignment_used_is_not_fresh_and_what_is_known_of_it_outl
     ground.lay(whole, np.zeros(len(pieces), np.bool_))
     pose = ROOM_TOUR[0]
     for _ in range(3):
-        ground.look(T, pose, scan_at(pose, ROOM))
+        ground.look(T, view_of(scan_at(pose, ROOM), pose, WALL_MARGIN_M))
     assert ground.said(2) == (0.0, 0.0)
     seen = int((ground.on >= 3).sum())
     assert seen > 20
@@ -212,7 +213,7 @@ def test_a_wall_that_own_scans_see_through_is_not_shown(walk: Walk, whole: Wiref
     ground.lay(phantom)
     pose = (2.5, 0.7, 0.0)
     for _ in range(4):
-        ground.look(T, pose, scan_at(pose, ROOM))
+        ground.look(T, view_of(scan_at(pose, ROOM), pose, WALL_MARGIN_M))
     hidden = ground.hidden(3)
     assert hidden.tolist() == [False] * len(whole.edges) + [True]
     assert len(laid(walk, phantom).edges) == 11
