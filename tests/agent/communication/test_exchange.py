@@ -142,6 +142,19 @@ def test_changes_are_told_at_most_every_period() -> None:
     assert len(news) == 4 and min(np.diff(news)) >= 25
 
 
+@pytest.mark.parametrize(("others", "most"), [(2, 7), (5, 4), (8, 3)])
+def test_in_a_crowd_each_is_told_less_often(others: int, most: int) -> None:
+    pair = Pair()
+    for k in range(300):
+        pair.show(comb(8, shift=0.05 * k))
+        for other in range(others):  # they have nothing to say but that they are there
+            beacon = Heard(tick=k, sender=f"c{other}", kind="beacon", payload=Beacon(k, (0.0, 0.0, 0.0)).encode())
+            pair.robots["a"].hear(k, [beacon])
+        pair.run(1)
+    told = [tick for tick, name, send in pair.sent if name == "a" and send.to == "b" and send.kind in ("map", "delta")]
+    assert most - 1 <= sum(tick < 150 for tick in told) <= most and told[-1] > 200
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_losses_and_latency_are_made_good(seed: int) -> None:
     pair = Pair(seed=seed, loss=0.3, latency=5)
