@@ -97,6 +97,8 @@ class Submaps:
         self._loops_relaxed = 0
         self._path: list[tuple[int, Floats]] = []  # of each scan: its submap, and the pose in that
         self._behind = np.zeros(0, SEGMENT)  # walls of the last submap, in the frame of the present one
+        self._overruled: list[Floats] = []
+        """(3,) where odometry had the last scan, if walls did not say so; else nothing."""
         self._begin()
 
     def _begin(self) -> None:
@@ -125,11 +127,12 @@ class Submaps:
         """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then."""
         by = (self._scale.mean * by[0], self._scale.mean * by[1], by[2])
         before = self._local
-        self._local = np.array(compose(pose_of(self._local), by))
+        guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]
+        self._local, self._overruled = guesses[0], []
         seen = segments_of(scan.pieces)
         walls = np.concatenate((self._behind, self._walls[: self._count]))
         if len(seen) and len(walls):
-            self._local = self._tracked(samples_along(seen), walls, by, before)
+            self._local = self._tracked(samples_along(seen), walls, by, before, guesses)
         else:
             self._scale.lose()
         travel = travelled(by)
@@ -155,13 +158,14 @@ class Submaps:
         self._count = merge(self._walls, self._count, moved(seen, self._local))
         self._since_merged = 0.0
 
-    def _tracked(self, samples: Floats, walls: Records, by: Pose, before: Floats) -> Floats:
+    def _tracked(self, samples: Floats, walls: Records, by: Pose, before: Floats, guesses: Sequence[Floats]) -> Floats:
         """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior.
 
         Where few that the last scan should have shown lie on walls, it is searched for around the odometry's, which may
-        have slipped.
+        have slipped. guesses: poses (3,) by odometry; a second one where that was overruled at the last scan, as that
+        scan's stamp may have been wrong, and not the wheels: three scans of csail-drift are off by 10 to 20 degrees.
         """
-        guess, config = self._local, self._config
+        guess, config = guesses[0], self._config
         far = math.hypot(by[0], by[1])
         place = config.distance_sd**2 * far + config.still_sd_m**2
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
@@ -172,16 +176,19 @@ class Submaps:
         known, met = due(last_view, tiles, samples, match.pose)
         if met.sum() >= max(LOST_SHARE * known.sum(), HELD_SHARE * len(samples)):
             self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
+            if _against(match.pose[None], guesses, prior)[0] >= SLIP:
+                self._overruled = [guess]
             return match.pose
         self._scale.lose()
-        poses = poses_around(guess, SEARCH, SEARCH_STEP)
+        self._overruled = [guess]
+        poses = np.vstack([poses_around(one, SEARCH, SEARCH_STEP) for one in guesses])
         few = every(samples, len(samples) // SPARSE)
         costs = len(samples) / len(few) * costs_around(few, tiles, poses, COARSE_GATE_M)
-        best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses - guess, prior), kind="stable")[:TRIED]
+        best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses, guesses, prior), kind="stable")[:TRIED]
         found = [refine(samples, tiles, pose, prior, TRACKING_GATES_M[1:], ROUNDS).pose for pose in poses[best]]
         tried = np.array((match.pose, *found))
         costs = np.array([_unlikely(last_view, tiles, samples, pose) for pose in tried])
-        costs = SAMPLE_WEIGHT * costs + _against(tried - guess, prior)
+        costs = SAMPLE_WEIGHT * costs + _against(tried, guesses, prior)
         return np.asarray(tried[np.argmin(costs)])
 
     @property
@@ -204,6 +211,7 @@ class Submaps:
         way_sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
         self._add_edge(new, new + 1, self._local, np.diag(way_sd**-2), False)
         self._behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
+        self._overruled = [np.array(relative(pose_of(self._local), pose_of(pose))) for pose in self._overruled]
         self._begin()
         self._candidates = self._look_for_loops(new)
 
@@ -324,10 +332,13 @@ def _unlikely(last_view: Submap, tiles: Tiles, samples: Floats, pose: Floats) ->
     return cost + UNKNOWN * float(len(samples) - known.sum())
 
 
-def _against(off: Floats, prior: Floats) -> Floats:
-    """(n,) what speaks against motions that differ by off (n, 3) from the odometry's, whose information is prior."""
-    off = np.column_stack((off[:, :2], wrapped(off[:, 2])))
-    return np.asarray(np.minimum(0.5 * np.einsum("ni,ij,nj->n", off, prior, off), SLIP), np.float64)
+def _against(poses: Floats, guesses: Sequence[Floats], prior: Floats) -> Floats:
+    """(n,) what speaks against poses (n, 3) that are off those by odometry, (3,) each. prior: its information."""
+    against = np.full(len(poses), SLIP)
+    for guess in guesses:
+        off = np.column_stack((poses[:, :2] - guess[:2], wrapped(poses[:, 2] - guess[2])))
+        against = np.minimum(against, 0.5 * np.einsum("ni,ij,nj->n", off, prior, off))
+    return against
 
 
 @kernel

@@ -161,8 +161,29 @@ def test_a_slip_where_few_samples_lie_on_known_walls_turns_nothing(
 def test_a_robot_that_faces_back_in_its_submap_is_as_near_to_the_odometry_as_one_that_faces_ahead() -> None:
     """A pose of 179 degrees by odometry, and one of -179 by walls."""
     off = np.array([[0.0, 0.0, math.radians(2.0)], [0.0, 0.0, math.radians(2.0 - 360.0)]])
-    ahead, back = chain._against(off, np.diag((1.0, 1.0, 1000.0))).tolist()
+    ahead, back = chain._against(off, [np.zeros(3)], np.diag((1.0, 1.0, 1000.0))).tolist()
     assert back == pytest.approx(ahead) and 0.0 < ahead < 1.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "nods_deg", "scan", "off_deg"),
+    [(1, 25.0, 7, -20.0), (1, 50.0, 5, -20.0), (1, 50.0, 7, 20.0), (2, 50.0, 3, 20.0), (3, 50.0, 3, -20.0)],
+)
+def test_a_scan_with_a_wrong_stamp_bends_nothing_after_it(
+    seed: int, nods_deg: float, scan: int, off_deg: float
+) -> None:
+    """The odometry of one scan in a turn is that of another moment, and the next one's is right again."""
+    turns = np.arange(0, 6.5, 0.7)
+    nods = math.radians(nods_deg) * (-1.0) ** np.arange(len(turns))
+    way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2 + nods))
+    walls = filled(HALL, 30, seed, lambda x, y: not 1.8 < math.hypot(x - 5, y - 5) < 3.2)
+    seen = observations(walls, way, HALF_TURN, DRIFT, seed)
+    wrong = compose(seen[scan].odometry, (0.0, 0.0, math.radians(off_deg)))
+    seen[scan] = seen[scan].model_copy(update={"odometry": wrong})
+    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    for observation in seen:
+        mind.step(observation)
+    assert np.abs(wrapped(mind.path()[:, 2] - (way[:, 2] - way[0, 2]))).max() < math.radians(1.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
