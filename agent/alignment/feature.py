@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.poles import find_poles
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import wrapped
@@ -54,8 +55,12 @@ class Corners(NamedTuple):
 
 
 def corners(wireframe: Wireframe) -> Corners:
-    """Own walls of a wireframe with the features of its vertices. The wireframe must have passed `check`."""
-    edges = wireframe.edges[wireframe.own & (lengths(wireframe.segments()) > MIN_WALL_M)]
+    """Own walls of a wireframe with the features of its vertices. The wireframe must have passed `check`.
+
+    Poles are left out: all of them have the same features.
+    """
+    no_pole = find_poles(wireframe)[1] < 0
+    edges = wireframe.edges[wireframe.own & no_pole & (lengths(wireframe.segments()) > MIN_WALL_M)]
     used, ends = np.unique(edges, return_inverse=True)
     ends = ends.reshape(-1, 2)
     points = np.ascontiguousarray(wireframe.points[used], np.float64)

@@ -50,6 +50,7 @@ class WallEvidence:
         """(k,) scans that found the wall in its place."""
         self.through = np.zeros(0, np.int64)
         """(k,) scans that saw through it."""
+        self._sizes = np.zeros(0)  # (k,) metres, of the walls that the pieces are of
         self._keys, self._edges = np.zeros(0, np.int64), 0
         self._boxes = np.zeros((0, 4))
         self._doubted = False
@@ -69,13 +70,16 @@ class WallEvidence:
             on[known], through[known] = self.on[order[at[known]]], self.through[order[at[known]]]
             was_fresh[known] = self.fresh[order[at[known]]]
         self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
+        self._sizes = lengths(wireframe.segments())[wall]
         self._boxes, self._doubted = _boxes_of(pieces), True
         self.on, self.through = on, through
         self.fresh = was_fresh if fresh is None else fresh
 
     def look(self, transform: Floats, view: View) -> None:
         """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's."""
-        seen_through = _look(self.pieces, self._boxes, self.on, self.through, np.asarray(transform, np.float64), view)
+        seen_through = _look(
+            self.pieces, self._sizes, self._boxes, self.on, self.through, np.asarray(transform, np.float64), view
+        )
         self._doubted |= seen_through > 0
 
     def take_doubt(self) -> bool:
@@ -169,8 +173,11 @@ def _boxes_of(pieces: Floats) -> Floats:
 
 
 @kernel
-def _look(walls: Floats, boxes: Floats, on: Ints, through: Ints, t: Floats, view: View) -> int:
-    """Count what a scan says of pieces of wall (k, 4) in their boxes (b, 4); how many it sees through."""
+def _look(walls: Floats, sizes: Floats, boxes: Floats, on: Ints, through: Ints, t: Floats, view: View) -> int:
+    """Count what a scan says of pieces (k, 4), of walls (k,) metres long, in boxes (b, 4); how many it sees through.
+
+    What is narrower than two beams are apart may stand between them.
+    """
     c, s = math.cos(t[2]), math.sin(t[2])
     beyond, against = 1.000001 * view.sight.reach, 0
     dx, dy = view.pose[0] - t[0], view.pose[1] - t[1]
@@ -185,7 +192,7 @@ def _look(walls: Floats, boxes: Floats, on: Ints, through: Ints, t: Floats, view
             x, y = t[0] + c * walls[k, 0] - s * walls[k, 1], t[1] + s * walls[k, 0] + c * walls[k, 1]
             dx, dy = view.pose[0] - x, view.pose[1] - y
             away = math.hypot(dx, dy)
-            if away > view.sight.reach:
+            if away > view.sight.reach or 2.0 * view.sight.half_beam * away > sizes[k]:
                 continue
             ux, uy = c * walls[k, 2] - s * walls[k, 3], s * walls[k, 2] + c * walls[k, 3]
             side = dy * ux - dx * uy

@@ -7,12 +7,14 @@ complete: the layer is left away.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import Record, along
+from agent.geometry.poles import find_poles
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
 from agent.mapping.edges import FREE, MIN_WALL_M, PUBLISH_AFTER, WALL, is_published, remove, set_end, set_tip, tip_at
@@ -31,13 +33,16 @@ class Layer(NamedTuple):
 
     pieces: Records  # (k,) of PIECE
     likelihood: Floats  # (k,) of their walls
+    poles: Floats  # (p, 3) x, y and width, metres
 
 
 def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m: float) -> Layer:
     """Walls of a received map (sender's frame) but for hidden ones (m,), whole, moved by a transform (3,)."""
     points = apply(np.asarray(transform, np.float64), wireframe.points)
     size = np.hypot(*(points[wireframe.edges[:, 1]] - points[wireframe.edges[:, 0]]).T)
-    kept = np.flatnonzero(~hidden & (size > MIN_WALL_M))
+    poles, pole_of = find_poles(replace(wireframe, points=points))
+    poles = np.delete(poles, pole_of[hidden & (pole_of >= 0)], axis=0)
+    kept = np.flatnonzero(~hidden & (size > MIN_WALL_M) & (pole_of < 0))
     edges, grown = uncut(points, wireframe.labels, wireframe.edges[kept].astype(np.int64), wireframe.own[kept])
     kept = kept[grown]
     a, b = points[edges[:, 0]], points[edges[:, 1]]
@@ -55,7 +60,7 @@ def layer_of(wireframe: Wireframe, transform: Floats, hidden: Bools, hits_per_m:
     labels[(labels == Label.NOMINAL) & (pieces["link"] < 0)] = Label.OCCLUSION  # its other wall is left away
     pieces["label"] = labels
     pieces["link"][labels != Label.NOMINAL] = -1
-    return Layer(pieces, wireframe.likelihood[kept].astype(np.float64))
+    return Layer(pieces, wireframe.likelihood[kept].astype(np.float64), poles)
 
 
 def merged(own: Records, layers: Sequence[Layer], gates: Gates) -> Records:

@@ -31,11 +31,13 @@ from agent.mapping.joint import (
 )
 from agent.mapping.layers import Layer, Tellings, merged
 from agent.mapping.likelihood import log_likelihood
+from agent.mapping.poles import MOST, POLE, draw_poles, see_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.small_faces import close_small_faces
 from agent.mapping.squares import square_short_walls
-from agent.mapping.views import MARGIN_M, View
+from agent.mapping.tentative import main_axis
+from agent.mapping.views import MARGIN_M, View, view_of
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
@@ -161,11 +163,12 @@ class WireframeFilter:
         self.counts = np.zeros(n, np.int64)
         self.log_weights, self.standing = np.zeros(n), np.zeros(n)
         self.best = 0
-        self._noise = range_noise(spec.lidar)
+        self._noise, self._noise_share = range_noise(spec.lidar), spec.lidar.noise_share
         self._odometry = np.zeros(3)  # (x, y, theta) where the robot's frame begins, also for one that starts late
         self._noisy = spec.odometry.noisy and config.correct_pose
         self.poses, self._axes = np.zeros((n, 3)), np.zeros(n)
         self.wheels = Wheels(spec.odometry, n, spec.lidar.rate_hz)
+        self.poles: Records = np.zeros(MOST, POLE)
         self.joint = np.zeros((n, WALLS, WALLS))  # of errors of poses, constants, axes and walls
         if self._noisy:
             self.joint[:, :6, :6] = self.wheels.first
@@ -195,6 +198,9 @@ class WireframeFilter:
         self._weigh(scores)
         if scan.stood and self._noisy:
             self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
+            return
+        view = view_of(scan, self.pose, max(MARGIN_M, NOISE_SIGMAS * self._noise))
+        see_poles(self.poles, self.edges[self.best], int(self.counts[self.best]), view, self._noise_share)
 
     def _begin_anew(self) -> None:
         """Forget all scans: the next one shows all that they did, and better."""
@@ -262,6 +268,7 @@ class WireframeFilter:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
         self.edges[:, : len(walls)], self.counts[:], self.poses[:] = walls, len(walls), pose
         self.joint[:, AXIS:], self.joint[:, :, AXIS:] = 0.0, 0.0
+        self.poles[:] = np.zeros(1, POLE)
 
     def state(self) -> dict[str, NDArray[Any]]:
         """The particles, for a checkpoint; random numbers begin anew."""
@@ -306,6 +313,7 @@ class WireframeFilter:
             "constants": self.wheels.constants,
             "steady": self.wheels.steady,
             "patience": self._patience,
+            "poles": self.poles.view(np.float64),
         }
 
     @property
@@ -342,7 +350,8 @@ class WireframeFilter:
     def nbytes(self) -> int:
         """Bytes that the particles need."""
         rows = self._rows if self._noisy else 6
-        return int(self.counts.sum()) * EDGE_BYTES + len(self.poses) * rows**2 * 8 + self.poses.nbytes
+        poles = int((self.poles["score"] > 0.0).sum()) * POLE.itemsize
+        return int(self.counts.sum()) * EDGE_BYTES + poles + len(self.poses) * rows**2 * 8 + self.poses.nbytes
 
     @property
     def _rows(self) -> int:
@@ -351,11 +360,11 @@ class WireframeFilter:
 
     def wireframe(self) -> Wireframe:
         """The maximum-likelihood particle as a wireframe in the robot's own frame."""
-        return Wireframe(*_published(self._walls(), self._noise))
+        return self._drawn(self._walls(), [])
 
     def wireframe_with(self, layers: Sequence[Layer], offset_m: float) -> Wireframe:
         """The same with received maps laid over it; offset_m: how far their walls may lie beside own ones."""
-        return Wireframe(*_published(merged(self._walls(), layers, Gates(self._noise, offset_m)), self._noise))
+        return self._drawn(merged(self._walls(), layers, Gates(self._noise, offset_m)), layers)
 
     def told_with(self, layers: Sequence[Layer], offset_m: float) -> Callable[[int | None], Wireframe]:
         """The same as it is told to peers, from layers of what their senders saw themselves, without one of these.
@@ -363,7 +372,12 @@ class WireframeFilter:
         What is returned holds until the filter changes.
         """
         tellings = Tellings(self._walls(), layers, Gates(self._noise, offset_m))
-        return lambda layer: Wireframe(*_published(tellings.without(layer), self._noise))
+        return lambda layer: self._drawn(tellings.without(layer), [x for k, x in enumerate(layers) if k != layer])
+
+    def _drawn(self, walls: Records, layers: Sequence[Layer]) -> Wireframe:
+        """The published ones of walls (n,) of EDGE, and all poles, also those of layers."""
+        wireframe = Wireframe(*_published(walls, self._noise))
+        return draw_poles(wireframe, self.poles, [layer.poles for layer in layers], main_axis(walls, len(walls))[0])
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""
