@@ -22,11 +22,10 @@ from protocol.arrays import Floats, Records
 from protocol.wireframe import Wireframe
 
 MOST = 256  # poles, and what may become one, that are kept
-SURE = 15.0  # sightings from which a pole is in the map: three seconds of the default lidar
+SURE = 15.0
+"""Sightings from which a pole is in the map, three seconds of the default lidar, in which beams passed on both sides of
+it: what peeps out behind an edge has the edge on one side."""
 SUREST = 30.0  # scans that must see through a pole that is gone, at most
-ONE_SIDE = 0.995
-"""Length of the mean unit direction of the sightings, from which on they are from one side: 20 degrees in all. What
-peeps out behind an edge is seen from there alone."""
 NARROW_M = 0.08  # a sighting may be so wide, less the distance of two beams: a pole of POLE_M, seen askew
 WIDE_M = 0.2  # what is wider than that and narrower than this tells that there is no pole
 PLACE_SD_M = 0.03  # of a pole's place: scans that see through it must see farther by more
@@ -41,8 +40,8 @@ POLE = np.dtype(
         ("x", "f8"),  # m, its middle
         ("y", "f8"),
         ("width", "f8"),  # m, of each of its sides
+        ("free", "f8"),  # sightings with free ground on both sides
         ("seen", "f8"),  # sightings that the following sums are of
-        ("ways", "f8", (2,)),  # of the unit directions in which it was seen
         ("wide", "f8", (2,)),  # of how wide it looked, m, and of the weights
         ("precision", "f8", (3,)),  # of normal equations of its middle: xx, xy, yy, 1/m2
         ("right", "f8", (2,)),  # of their right-hand sides, were it as near as what was hit, 1/m
@@ -102,10 +101,21 @@ def _take(
         if pole.score <= 0.0:
             poles[k] = np.zeros(1, POLE)[0]
         _see(pole, x, y, (ux, uy), wide, spacing, max(view.noise, noise_share * away))
-        if pole.known == 0.0 and pole.score >= SURE and pole.width <= POLE_M:
-            pole.known = 1.0 if math.hypot(pole.ways[0], pole.ways[1]) < ONE_SIDE * pole.seen else 0.0
+        if _stands_free(x, y, 0.5 * wide + 1.5 * spacing + view.sight.shift, view):
+            pole.free += 1.0
+        if pole.free >= SURE and pole.width <= POLE_M:
+            pole.known = 1.0
         if pole.known == 1.0:
             _clear(poles, edges, count, k)
+
+
+@kernel
+def _stands_free(x: float, y: float, beside: float, view: View) -> bool:
+    """Whether the scan saw farther on both sides of (x, y), so many metres beside it: two beams from what was hit."""
+    dx, dy = x - view.pose[0], y - view.pose[1]
+    side = beside / math.hypot(dx, dy)
+    left, right = look_at(x - side * dy, y + side * dx, view, 0.0), look_at(x + side * dy, y - side * dx, view, 0.0)
+    return bool(left[0] == THROUGH and right[0] == THROUGH)
 
 
 @kernel
@@ -121,8 +131,6 @@ def _see(pole: Record, x: float, y: float, way: tuple[float, float], wide: float
     near, beside = 1.0 / noise**2, 12.0 / wide**2  # a place somewhere on what was hit
     along_way, across = near * (ux * x + uy * y), beside * (ux * y - uy * x)
     pole.seen += 1.0
-    pole.ways[0] += ux
-    pole.ways[1] += uy
     pole.wide[0] += wide / spacing**2
     pole.wide[1] += 1.0 / spacing**2
     pole.precision[0] += near * ux * ux + beside * uy * uy
@@ -145,7 +153,6 @@ def _fade(pole: Record) -> None:
     share = 1.0 - 1.0 / MEMORY
     pole.seen *= share
     for k in range(2):
-        pole.ways[k] *= share
         pole.wide[k] *= share
         pole.right[k] *= share
         pole.ahead[k] *= share

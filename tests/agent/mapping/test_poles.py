@@ -75,12 +75,14 @@ def test_a_post_that_is_taken_away_leaves_the_map() -> None:
     assert len(poles_of(walk)) == 0
 
 
-def test_what_was_looked_at_from_one_side_only_is_none_yet() -> None:
-    """A part of something wide may look as narrow past the edge that hides the rest."""
-    walk = Walk(OUTSIDE + post(2.2, 1.8, 0.04), LidarSpec())
+def test_what_peeps_out_behind_an_edge_is_no_pole() -> None:
+    """From here a door jamb hides all but 5 cm of a cabinet."""
+    jamb = ring((1.9, 0.0), (1.9, 1.5), (2.0, 1.5), (2.0, 0.0))
+    cabinet = ring((2.6, 1.0), (2.6, 1.785), (3.2, 1.785), (3.2, 1.0))
+    walk = Walk(OUTSIDE + jamb + cabinet, LidarSpec())
     for _ in range(60):
-        walk.see((1.2, 1.2, 0.0))
-    assert walk.filter.poles["score"].max() > 20.0 and len(poles_of(walk)) == 0
+        walk.see((1.0, 1.2, 0.0))
+    assert walk.filter.poles["seen"].max() > 20.0 and len(poles_of(walk)) == 0
 
 
 def test_peers_are_told_of_poles_and_have_them_once(mine: Walk) -> None:
