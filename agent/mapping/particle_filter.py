@@ -37,7 +37,7 @@ from agent.mapping.scan_merge import merge_scan
 from agent.mapping.small_faces import close_small_faces
 from agent.mapping.squares import square_short_walls
 from agent.mapping.tentative import main_axis
-from agent.mapping.views import MARGIN_M, View, view_of
+from agent.mapping.views import MARGIN_M, View
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
@@ -199,8 +199,8 @@ class WireframeFilter:
         if scan.stood and self._noisy:
             self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
             return
-        view = view_of(scan, self.pose, max(MARGIN_M, NOISE_SIGMAS * self._noise))
-        see_poles(self.poles, self.edges[self.best], int(self.counts[self.best]), view, self._noise_share)
+        walls, count = self.edges[self.best], int(self.counts[self.best])
+        see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share)
 
     def _begin_anew(self) -> None:
         """Forget all scans: the next one shows all that they did, and better."""
@@ -376,8 +376,10 @@ class WireframeFilter:
 
     def _drawn(self, walls: Records, layers: Sequence[Layer]) -> Wireframe:
         """The published ones of walls (n,) of EDGE, and all poles, also those of layers."""
-        wireframe = Wireframe(*_published(walls, self._noise))
-        return draw_poles(wireframe, self.poles, [layer.poles for layer in layers], main_axis(walls, len(walls))[0])
+        wireframe, heard = Wireframe(*_published(walls, self._noise)), [layer.poles for layer in layers]
+        if not self.poles["known"].any() and not any(map(len, heard)):
+            return wireframe
+        return draw_poles(wireframe, self.poles, heard, main_axis(walls, len(walls))[0])
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""

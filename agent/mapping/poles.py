@@ -11,14 +11,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.corner_scan import OCCLUSION
+from agent.corner_scan import NOISE_SIGMAS, OCCLUSION, Sight, to_map_frame
 from agent.geometry.clearance import distances_to_walls
 from agent.geometry.lines import Record, above, along
 from agent.geometry.poles import POLE_M, SAME_POLE_M, with_poles
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, WALL, length, remove, tip_at
-from agent.mapping.views import THROUGH, View, look_at
+from agent.mapping.views import MARGIN_M, THROUGH, View, look_at
 from protocol.arrays import Floats, Records
+from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
 MOST = 256  # poles, and what may become one, that are kept
@@ -52,61 +53,100 @@ POLE = np.dtype(
 
 
 @kernel
-def see_poles(poles: Records, edges: Records, count: int, view: View, noise_share: float) -> None:
-    """Take a scan into the poles (MOST,) of a map, whose walls are the first `count` of edges (n,).
+def see_poles(
+    poles: Records,
+    edges: Records,
+    count: int,
+    pose: Pose,
+    pieces: Records,
+    sight: Sight,
+    noise: float,
+    noise_share: float,
+) -> None:
+    """Take a scan from a pose into the poles (MOST,) of a map, whose walls are the first `count` of edges (n,).
 
-    noise_share: of a range, by which the standard deviation of far ranges grows.
+    pieces (k,), sight: the scan's, robot's frame. noise: m, standard deviation of a range; noise_share: of far ranges.
+    Those in use come first.
     """
-    for s in range(len(view.sight.blind)):
-        first, last, away = view.sight.blind[s]
+    view = View(pose, to_map_frame(pieces, pose), sight, max(MARGIN_M, NOISE_SIGMAS * noise), noise, 0.0)
+    used = 0
+    while used < len(poles) and poles[used].score > 0.0:
+        used += 1
+    for s in range(len(sight.blind)):
+        first, last, away = sight.blind[s]
         if away > 0.0:
-            _take(poles, edges, count, view, noise_share, first, last, away)
-    for k in range(len(view.pieces)):
+            used = _take(poles, used, edges, count, view, noise_share, first, last, away)
+    for k in range(len(pieces)):
         p = view.pieces[k]
         if p.label[0] == OCCLUSION and p.label[1] == OCCLUSION:
-            away = math.hypot(p.x - view.pose[0], p.y - view.pose[1])
-            _take(poles, edges, count, view, noise_share, p.bearing[0], p.bearing[1], away)
-    for k in range(len(poles)):
+            away = math.hypot(p.x - pose[0], p.y - pose[1])
+            used = _take(poles, used, edges, count, view, noise_share, p.bearing[0], p.bearing[1], away)
+    for k in range(used):
         pole = poles[k]
-        if pole.score <= 0.0:
-            continue
-        away = math.hypot(pole.x - view.pose[0], pole.y - view.pose[1])
-        if away > view.sight.reach:
+        away = math.hypot(pole.x - pose[0], pole.y - pose[1])
+        if away > sight.reach:
             pole.score *= pole.known  # what may become one must do so while the robot passes once
-        elif 2.0 * view.sight.half_beam * away < pole.width and look_at(pole.x, pole.y, view, PLACE_SD_M)[0] == THROUGH:
+        elif 2.0 * sight.half_beam * away < pole.width and look_at(pole.x, pole.y, view, PLACE_SD_M)[0] == THROUGH:
             pole.score -= 1.0
+    _close_up(poles, used)
+
+
+@kernel
+def _close_up(poles: Records, used: int) -> None:
+    """Bring those of the first `used` records that still are poles to the front, in their order."""
+    kept = 0
+    for k in range(used):
+        if poles[k].score > 0.0:
+            poles[kept] = poles[k]
+            kept += 1
+    for k in range(kept, used):
+        poles[k].score, poles[k].known = 0.0, 0.0
 
 
 @kernel
 def _take(
-    poles: Records, edges: Records, count: int, view: View, noise_share: float, first: float, last: float, away: float
-) -> None:
-    """Take beams between two bearings, rad, robot's frame, that met something `away` m off, as a sighting of a pole."""
+    poles: Records,
+    used: int,
+    edges: Records,
+    count: int,
+    view: View,
+    noise_share: float,
+    first: float,
+    last: float,
+    away: float,
+) -> int:
+    """Take beams between two bearings, rad, robot's frame, that met something `away` m off, as a sighting of a pole.
+
+    Returns how many of the poles are in use.
+    """
     spacing = 2.0 * view.sight.half_beam * away
     wide = (last - first) * away + spacing
     if spacing > NARROW_M or wide > WIDE_M + spacing:
-        return
+        return used
     angle = view.pose[2] + 0.5 * (first + last)
     ux, uy = math.cos(angle), math.sin(angle)
     x, y = view.pose[0] + away * ux, view.pose[1] + away * uy
-    k = _record_at(poles, x, y)
+    k = _nearest(poles, used, x, y)
+    on_wall, narrow = _on_wall(edges, count, x, y), wide <= NARROW_M + spacing
     if k < 0:
-        return
+        if on_wall or not narrow or used == len(poles):
+            return used
+        k, used = used, used + 1
+        poles[k] = np.zeros(1, POLE)[0]
     pole = poles[k]
-    if _on_wall(edges, count, x, y):
+    if on_wall:
         pole.score = 0.0
-    elif wide > NARROW_M + spacing:
+    elif not narrow:
         pole.score -= 1.0
     else:
-        if pole.score <= 0.0:
-            poles[k] = np.zeros(1, POLE)[0]
         _see(pole, x, y, (ux, uy), wide, spacing, max(view.noise, noise_share * away))
         if _stands_free(x, y, 0.5 * wide + 1.5 * spacing + view.sight.shift, view):
             pole.free += 1.0
         if pole.free >= SURE and pole.width <= POLE_M:
             pole.known = 1.0
         if pole.known == 1.0:
-            _clear(poles, edges, count, k)
+            _clear(poles, used, edges, count, k)
+    return used
 
 
 @kernel
@@ -161,18 +201,14 @@ def _fade(pole: Record) -> None:
 
 
 @kernel
-def _record_at(poles: Records, x: float, y: float) -> int:
-    """The pole that was hit at (x, y), or else a free record; -1: there is none."""
-    free, best, nearest = -1, -1, SAME_POLE_M
-    for k in range(len(poles)):
-        pole = poles[k]
-        if pole.score <= 0.0:
-            free = k if free < 0 else free
-            continue
-        away = math.hypot(pole.x - x, pole.y - y)
-        if away < nearest:
+def _nearest(poles: Records, used: int, x: float, y: float) -> int:
+    """The pole that was hit at (x, y), or -1."""
+    best, nearest = -1, SAME_POLE_M
+    for k in range(used):
+        away = math.hypot(poles[k].x - x, poles[k].y - y)
+        if away < nearest and poles[k].score > 0.0:
             best, nearest = k, away
-    return best if best >= 0 else free
+    return best
 
 
 @kernel
@@ -188,14 +224,14 @@ def _on_wall(edges: Records, count: int, x: float, y: float) -> bool:
 
 
 @kernel
-def _clear(poles: Records, edges: Records, count: int, k: int) -> None:
+def _clear(poles: Records, used: int, edges: Records, count: int, k: int) -> None:
     """Forget what else was made of hits on pole k: walls of few beams, and other poles."""
     x, y = poles[k].x, poles[k].y
     for e in range(count):
         w = edges[e]
         if w.alive != FREE and math.hypot(w.x - x, w.y - y) < SAME_POLE_M and length(w) < NARROW_M:
             remove(edges, e)
-    for j in range(len(poles)):
+    for j in range(used):
         if j != k and math.hypot(poles[j].x - x, poles[j].y - y) < SAME_POLE_M:
             poles[j].score = 0.0
 
@@ -205,10 +241,8 @@ def draw_poles(wireframe: Wireframe, poles: Records, heard: Sequence[Floats], ax
 
     axis: of the walls, radians, to which their sides are parallel.
     """
-    own = poles[(poles["known"] == 1.0) & (poles["score"] > 0.0)]
+    own = poles[poles["known"] == 1.0]
     rows = np.vstack([np.column_stack((own["x"], own["y"], own["width"])), *heard])
-    if not len(rows):
-        return wireframe
     near = np.hypot(*(rows[:, None, :2] - rows[:, :2]).transpose(2, 0, 1)) < SAME_POLE_M
     drawn = ~np.tril(near, -1).any(1) & (distances_to_walls(rows[:, :2], wireframe.segments()) > SAME_POLE_M)
     likelihood, is_own = np.ones(len(rows)), np.arange(len(rows)) < len(own)
