@@ -41,9 +41,19 @@ class Step(NamedTuple):
 
     action: Action
     sends: list[Send]
-    scan: ScanReport
-    pose: PoseReport
     map: MapReport | None
+    telemetry: Callable[[], tuple[ScanReport, PoseReport]]
+    """What viewers are shown beside the map, made only where somebody looks, and before the next step."""
+
+    @property
+    def scan(self) -> ScanReport:
+        """The corner scan."""
+        return self.telemetry()[0]
+
+    @property
+    def pose(self) -> PoseReport:
+        """Where the robot and its teammates are."""
+        return self.telemetry()[1]
 
 
 class Robot:
@@ -138,9 +148,8 @@ class Robot:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
         looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
-        ask = {peer.log.name: pose_of(peer.transform) for peer in self.team.shares_work_with}  # for their viewpoints
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, ask, in_sight)
+        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -157,9 +166,11 @@ class Robot:
                 merged=self.team.merged_ticks,
             ),
             sends,
-            ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
-            PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
+            lambda: (
+                ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
+                PoseReport(tick=tick, pose=pose, teammates=self.team.teammates(tick)),
+            ),
         )
 
     def _looks_first(self) -> bool:

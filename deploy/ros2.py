@@ -176,16 +176,15 @@ class SimulatedRobot:
             merged=self._merged,
             **told,
         )
-        scan = last.get(keys.SCAN) or ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe()))
-        pose = last.get(keys.POSE) or PoseReport(tick=tick, pose=observation.odometry)
+        scan: Any = last.get(keys.SCAN) or ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe()))
+        pose: Any = last.get(keys.POSE) or PoseReport(tick=tick, pose=observation.odometry)
         map_ = last.get(keys.MAP)
         said = [send.model_copy(update=now) for send in sends]
         return Step(
             did,
             said,
-            scan.model_copy(update=now),  # type: ignore[arg-type]
-            pose.model_copy(update=now),  # type: ignore[arg-type]
             map_ and map_.model_copy(update=now),  # type: ignore[arg-type]
+            lambda: (scan.model_copy(update=now), pose.model_copy(update=now)),
         )
 
 

@@ -4,6 +4,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ from agent.cooperation.weight import NO_WEIGHT, Weight, is_too_large, weigh
 from agent.geometry.transform import apart, inverse
 from agent.mapping.layers import Layer
 from protocol.arrays import Bools, Floats
-from protocol.geometry import Pose
+from protocol.geometry import Pose, compose, pose_of
 
 MOST_FRAMES = 256
 """Others of whose frames one peer may tell (ours): more than there are robots in any run."""
@@ -49,6 +50,8 @@ class PeerLog:
     """Where it was last heard to be."""
     pose_tick: int = -1
     """When it was there; -1: never heard."""
+    placed: tuple[Floats, Pose, Pose] | None = None
+    """Its frame in the robot's own and its pose, and where both put it, when that was last asked; see `place`."""
     contact: Encounter | None = None
     """When the last contact was made."""
     encounters: list[Encounter] = field(default_factory=list)
@@ -75,12 +78,21 @@ class PeerLog:
 
     frames: dict[str, Floats] = field(default_factory=dict)
     """(3,) the frames of others that it has merged, in its own, by its word."""
+    thirds_said: list[tuple[Floats, Floats]] = field(default_factory=list)
+    """Words of thirds when they were last counted, and `thirds_map` its map then: the same count for nothing more."""
+    thirds_map: ReceivedMap | None = None
     thirds_tried: tuple[int, int] = (0, -1)
     """How many thirds agreed, and the peer's map, when their word was last held against the walls."""
     thirds_on_trial: int = 0
     """How many of them agreed on the last transform of theirs that was on trial: another one must have more."""
     circles_open: int = 0
     """Circles by way of thirds that did not close, beyond those that did, when its transform was last on trial."""
+
+    def place(self, transform: Floats) -> Pose:
+        """Where it was last heard to be by its frame in the robot's own (3,): asked several times in each tick."""
+        if self.placed is None or self.placed[0] is not transform or self.placed[1] is not self.pose:
+            self.placed = transform, self.pose, compose(pose_of(transform), self.pose)
+        return self.placed[2]
 
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
@@ -204,6 +216,31 @@ class Merged:
 
 
 Peer = Unaligned | Proposed | Merged
+
+
+class Peers(dict[str, Peer]):
+    """All peers by name. What each tick asks of those that are merged is worked out once, until one is another."""
+
+    def __setitem__(self, name: str, peer: Peer) -> None:
+        """Put a peer in place of what it was."""
+        super().__setitem__(name, peer)
+        self.__dict__.clear()
+
+    @cached_property
+    def merged(self) -> list[Merged]:
+        """Those whose maps are part of the robot's, by name."""
+        return [peer for _, peer in sorted(self.items()) if isinstance(peer, Merged)]
+
+    @cached_property
+    def merged_ticks(self) -> dict[str, int]:
+        """When their maps were so."""
+        return {peer.log.name: peer.map.tick for peer in self.merged}
+
+    @cached_property
+    def frames(self) -> dict[str, Pose]:
+        """Their frames in the robot's own."""
+        return {peer.log.name: pose_of(peer.transform) for peer in self.merged}
+
 
 Figures = Mapping[str, object]
 """Numbers of an event."""

@@ -5,7 +5,7 @@ given up. One pair of maps is aligned in a tick, and only where one of them has 
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from agent.alignment.align import Alignment
 from agent.alignment.by_sight import Sighting
 from agent.alignment.config import AlignmentConfig
-from agent.communication.exchange import News
+from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
@@ -26,7 +26,7 @@ from agent.cooperation.merging import (
     refit,
     update,
 )
-from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Proposed, Unaligned, transform_sd_m
+from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import DISC_GATE_M, Trial, nats_of_thirds
@@ -34,7 +34,7 @@ from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply, compose, pose_of
+from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import Event, RobotSpec, TeammatePose
 from protocol.wireframe import Wireframe
 
@@ -87,7 +87,7 @@ class Team:
         """rng: for alignment methods that draw."""
         self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
-        self.peers: dict[str, Peer] = {}
+        self.peers = Peers()
         self.queue: list[Proposed] = []
         """Z, in the order in which they were proposed."""
         self.errand: Errand | None = None
@@ -103,7 +103,7 @@ class Team:
     @property
     def merged(self) -> list[Merged]:
         """Peers whose maps are part of the robot's, by name."""
-        return [peer for _, peer in sorted(self.peers.items()) if isinstance(peer, Merged)]
+        return self.peers.merged
 
     @property
     def proposed(self) -> list[Proposed]:
@@ -113,12 +113,17 @@ class Team:
     @property
     def merged_ticks(self) -> dict[str, int]:
         """Peers whose maps are part of the robot's, and when those maps were so."""
-        return {peer.log.name: peer.map.tick for peer in self.merged}
+        return self.peers.merged_ticks
 
     @property
     def shares_work_with(self) -> list[Merged]:
         """Merged peers with which the robot divides its work."""
         return self.merged if self.config.division else []
+
+    @property
+    def frames(self) -> Mapping[str, Pose]:
+        """Where their frames lie in the robot's own."""
+        return self.peers.frames if self.config.division else NOBODY
 
     def teammates(self, tick: int) -> list[TeammatePose]:
         """Where peers with a transform were last heard to be, in the robot's own frame."""
@@ -167,7 +172,7 @@ class Team:
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
         """Where a peer said that it is, own frame, and how many metres it may have driven since."""
         drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
-        return compose(pose_of(peer.transform), peer.log.pose), drive_m
+        return peer.log.place(peer.transform), drive_m
 
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
@@ -325,17 +330,21 @@ class Team:
         """Propose the frame on which most merged peers agree, if their word suffices or the walls agree."""
         log = peer.log
         assert log.map is not None
-        found = thirds.best(thirds.claims(peer, self.merged), log.map.wireframe)
+        said = thirds.words(peer, self.merged)
+        if log.map is log.thirds_map and thirds.are_same(said, log.thirds_said):
+            return False
+        log.thirds_map, log.thirds_said = log.map, said
+        found = thirds.best(thirds.claims(said), log.map.wireframe)
         if found is None or found.agree <= log.thirds_on_trial or log.thirds_tried == (found.agree, log.map.tick):
             return False
         log.thirds_tried = found.agree, log.map.tick
-        said = self.aligner.align_near(log, own, found.transform)
-        if said is None:
+        near = self.aligner.align_near(log, own, found.transform)
+        if near is None:
             return False
-        if said.transform is not None or nats_of_thirds(found.agree) >= self.config.verification.accept:
+        if near.transform is not None or nats_of_thirds(found.agree) >= self.config.verification.accept:
             log.thirds_on_trial = found.agree
-            transform = said.transform or pose_of(found.transform)
-            self.propose(peer, transform, own, {**said.figures(), "thirds": found.agree}, said, how="told by thirds")
+            transform = near.transform or pose_of(found.transform)
+            self.propose(peer, transform, own, {**near.figures(), "thirds": found.agree}, near, how="told by thirds")
         return True
 
     def _align_by_sight(self, peer: Unaligned, own: Wireframe) -> bool:

@@ -26,18 +26,28 @@ class Claim(NamedTuple):
     """Thirds that say so."""
 
 
-def claims(peer: Peer, merged: Sequence[Merged]) -> Floats:
-    """(k, 3) transforms of a peer by the word of each of these that has merged it, too; its own word is none."""
+def words(peer: Peer, merged: Sequence[Merged]) -> list[tuple[Floats, Floats]]:
+    """Transforms (3,) of each of these that has merged the peer, too, and of the peer by its word; its own is none."""
     name = peer.log.name
     thirds = [third for third in merged if third is not peer and name in third.log.frames]
-    if not thirds:
-        return np.zeros((0, 3))
-    return compose(np.array([third.transform for third in thirds]), np.array([t.log.frames[name] for t in thirds]))
+    return [(third.transform, third.log.frames[name]) for third in thirds]
+
+
+def claims(said: Sequence[tuple[Floats, Floats]]) -> Floats:
+    """(k, 3) transforms of a peer by these words."""
+    return compose(*np.array(said).transpose(1, 0, 2)) if said else np.zeros((0, 3))
+
+
+def are_same(said: Sequence[tuple[Floats, Floats]], before: Sequence[tuple[Floats, Floats]]) -> bool:
+    """Whether nobody has said anything else, nor lies in another place, since these words were asked for before."""
+    return len(said) == len(before) and all(
+        one is two and its is others for (one, its), (two, others) in zip(said, before, strict=True)
+    )
 
 
 def balance(peer: Proposed | Merged, merged: Sequence[Merged]) -> int:
     """How many more of these others say the transform of a peer than say another one."""
-    said = claims(peer, merged)
+    said = claims(words(peer, merged))
     if not len(said):
         return 0
     middle = _middle_of(peer.map.wireframe)

@@ -72,8 +72,8 @@ class OwnMind:
         sends = [Send(tick=tick, to=to, kind=kind, payload=payload) for to, kind, payload in self._sends]
         action = Action(tick=tick, speed_mps=speed, turn_rps=turn, sent=len(sends), complete=self.complete)
         shown = None if self._map is None else MapReport(tick=tick, wireframe=encode_wireframe(self._map))
-        scan = ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe()))
-        return Step(action, sends, scan, PoseReport(tick=tick, pose=observation.odometry), shown)
+        scan, pose = ScanReport(tick=tick, wireframe=encode_wireframe(Wireframe())), observation.odometry
+        return Step(action, sends, shown, lambda: (scan, PoseReport(tick=tick, pose=pose)))
 
 
 @dataclass(frozen=True)

@@ -222,9 +222,10 @@ def answer(publishers: Mapping[str, zenoh.Publisher], step: Step) -> None:
     """Publish a tick's messages for the radio, its telemetry, and last its action."""
     for send in step.sends:
         publishers[keys.RADIO].put(encode(send))
-    for channel, report in ((keys.SCAN, step.scan), (keys.POSE, step.pose)):
-        if is_read(publishers[channel]):
-            publishers[channel].put(encode(report))
+    if is_read(publishers[keys.SCAN]):
+        publishers[keys.SCAN].put(encode(step.scan))
+    if is_read(publishers[keys.POSE]):
+        publishers[keys.POSE].put(encode(step.pose))
     if step.map is not None:
         publishers[keys.MAP].put(encode(step.map))
     publishers[keys.ACT].put(encode(step.action))

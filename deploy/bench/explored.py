@@ -204,7 +204,7 @@ def measure_run(
 def mute_step(action: Action, pose: Pose) -> Step:
     """A step of a mind without a map that tells nobody anything."""
     scan = ScanReport(tick=action.tick, wireframe=encode_wireframe(Wireframe()))
-    return Step(action, [], scan, PoseReport(tick=action.tick, pose=pose), None)
+    return Step(action, [], None, lambda: (scan, PoseReport(tick=action.tick, pose=pose)))
 
 
 @contextmanager

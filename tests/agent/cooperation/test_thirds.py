@@ -68,7 +68,8 @@ def met(team: Team) -> Unaligned:
 
 def test_the_word_of_most_is_taken() -> None:
     peer = merged("p", PEER)
-    said = thirds.claims(peer, team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))}).merged)
+    others = team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))}).merged
+    said = thirds.claims(thirds.words(peer, others))
     assert np.allclose(said[:2], [PEER, WRONG], atol=0.01)
     claim = thirds.best(said, peer.map.wireframe)
     assert claim is not None and claim.agree == 2

@@ -48,7 +48,7 @@ class Goer(OwnMind):
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         step = super().step(observation, heard)
-        return step._replace(pose=PoseReport(tick=observation.tick, pose=POSE))
+        return step._replace(telemetry=lambda: (step.scan, PoseReport(tick=observation.tick, pose=POSE)))
 
 
 @pytest.fixture
