@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from agent.corner_scan import BRIDGE_M, NOISE_SIGMAS, PIECE, CornerScan, Sight, noise_at, range_noise
-from agent.geometry.clearance import distances_to_walls
+from agent.geometry.clearance import distance_to_walls, walls_near
 from agent.kernels import kernel
 from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import PerceptionConfig, Segmentation
@@ -19,7 +19,7 @@ from agent.perception.pieces import CORNER_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from agent.perception.standing import Standing, noise_of
-from protocol.arrays import Bools, Floats
+from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply, compose, seen_from
 from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
@@ -35,6 +35,7 @@ IN_WALL = 0.8
 """Share of the radius. A disc is a wall's where the point halfway from its centre to its front is nearer to a wall: to
 one that merely fits a disc, the point lies half a radius behind; from a teammate's, any wall in view is a radius away.
 In 8 runs of 3 robots 24 of 24,370 discs on teammates were lost so, and of 219,500 on anything else 10,700 left."""
+NOT_BEYOND_M = 1.5  # walls beyond the lidar's range by more than this are on no disc that it shows
 NOTHING, NOBODY = np.zeros((0, 4)), np.zeros((0, 2))
 
 
@@ -81,13 +82,14 @@ class Perception:
         if self._spec.odometry.noisy and not self._standing.moved:
             self._standing.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
         stood = self._standing.number
+        near = walls_near(self._walls, predicted[0], predicted[1], self._spec.lidar.range_max_m + NOT_BEYOND_M)
         scan = perceive(
             self._standing.median() if stood else ranges,
             self._spec,
             self._method,
             way=unrolled,
             expected=self._seen_discs.expected(observation.odometry),
-            known=seen_from(predicted, self._walls.reshape(-1, 2)).reshape(-1, 4),
+            known=seen_from(predicted, near.reshape(-1, 2)).reshape(-1, 4),
             posts=self._posts.seen_from(predicted),
             places=np.column_stack((seen_from(predicted, places[:, :2]), places[:, 2])),
             alone=self._alone,
@@ -138,18 +140,8 @@ def perceive(
     beams = ring_of(np.where(good, ranges, np.inf), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
     noise = noise_of(noise, stood) if stood else noise
-    discs = NOBODY if alone else find_discs(beams, noise, radius)
-    discs = discs[_may_be_teammates(discs, known, posts, radius)]
-    expected = expected[_may_be_teammates(expected[:, :2], known, posts, radius)]
-    hidden = unmeasured = np.isnan(beams.ranges)
-    if company:
-        teammates = beams_on(beams, expected, radius, DISC_MARGIN_M)
-        hidden = unmeasured | hidden_beams(beams, discs, radius) | teammates
-        unseen = places[~_near(places, discs)]
-        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, unseen, radius)
-    returned = np.isfinite(beams.ranges)
-    used = np.flatnonzero(returned & ~hidden)
-    pieces, unexplained = np.zeros(0, PIECE), returned | hidden
+    discs, hidden, used = _teammates(beams, noise, expected, known, posts, places, radius, alone, company)
+    pieces, explained = np.zeros(0, PIECE), np.zeros(len(hidden), np.bool_)
     if len(used) >= MIN_HITS:
         cut = piecewise if method == "piecewise" else split_and_merge
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
@@ -158,17 +150,42 @@ def perceive(
         unit, farthest = range_noise(lidar), lidar.range_max_m
         range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, corner, bridge_m)
         pieces, explained = pieces_of(range_scan, cuts, sums)
-        unexplained &= ~explained
-    free = _sectors(~returned & ~hidden, beams, OPEN_BEAMS)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
-    sight = Sight(free, _sectors(unexplained, beams, 1), reach, 0.5 * beams.step, beams.shift)
+    sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)
     return CornerScan(pieces, sight, discs, _touching(ranges, spec), stood)
 
 
-def _near(places: Floats, discs: Floats) -> Bools:
+@kernel
+def _teammates(
+    beams: Beams, noise: Floats, expected: Floats, known: Floats, posts: Floats, places: Floats, radius: float,
+    alone: bool, company: bool,
+) -> tuple[Floats, Bools, Ints]:  # fmt: skip
+    """Discs that may be teammates (d, 2), which beams (n,) tell nothing of walls, and the rows (m,) of those that may.
+
+    Arguments as in `perceive`. One kernel for all of it: each call of one takes as long as the work of most of them.
+    """
+    discs = np.zeros((0, 2)) if alone else find_discs(beams, noise, radius)
+    discs = discs[_may_be_teammates(discs, known, posts, radius)]
+    hidden = np.isnan(beams.ranges)
+    if company:
+        centres = np.empty((len(expected), 2))
+        centres[:, 0], centres[:, 1] = expected[:, 0], expected[:, 1]
+        expected = expected[_may_be_teammates(centres, known, posts, radius)]
+        unmeasured, teammates = hidden, beams_on(beams, expected, radius, DISC_MARGIN_M)
+        hidden = unmeasured | hidden_beams(beams, discs, radius) | teammates
+        unseen = places[~_are_at(places, discs)]
+        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, unseen, radius)
+    return discs, hidden, np.flatnonzero(np.isfinite(beams.ranges) & ~hidden)
+
+
+@kernel
+def _are_at(places: Floats, discs: Floats) -> Bools:
     """(t,) at which of places (t, 3), centre and slack, one of discs (d, 2) is."""
-    away = np.hypot(*(places[:, None, :2] - discs).transpose(2, 0, 1))
-    return np.asarray((away <= places[:, 2:]).any(1))
+    out = np.zeros(len(places), np.bool_)
+    for t in range(len(places)):
+        for d in range(len(discs)):
+            out[t] |= math.hypot(places[t, 0] - discs[d, 0], places[t, 1] - discs[d, 1]) <= places[t, 2]
+    return out
 
 
 def _touching(ranges: Floats, spec: RobotSpec) -> bool:
@@ -180,11 +197,24 @@ def _touching(ranges: Floats, spec: RobotSpec) -> bool:
     return float(near.sum()) * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
 
 
+@kernel
 def _may_be_teammates(discs: Floats, known: Floats, posts: Floats, radius: float) -> Bools:
     """(d,) which discs (d, 2) are neither on a known wall (m, 4) nor on a post (p, 2); robot's frame, metres."""
-    away = np.hypot(*discs.T)[:, None]
-    free = distances_to_walls(discs * (1.0 - 0.5 * radius / np.maximum(away, radius)), known) > IN_WALL * radius
-    return free & (np.hypot(*(discs[:, None] - posts).transpose(2, 0, 1)).min(1, initial=math.inf) > radius)
+    out = np.empty(len(discs), np.bool_)
+    for d in range(len(discs)):
+        x, y = discs[d]
+        share = 1.0 - 0.5 * radius / max(math.hypot(x, y), radius)
+        out[d] = distance_to_walls(x * share, y * share, known) > IN_WALL * radius
+        for p in range(len(posts)):
+            out[d] &= math.hypot(x - posts[p, 0], y - posts[p, 1]) > radius
+    return out
+
+
+@kernel
+def _open_and_blind(beams: Beams, hidden: Bools, explained: Bools) -> tuple[Floats, Floats]:
+    """The sectors of Sight. hidden, explained: (n,) beams that tell nothing of walls, and those that are on a piece."""
+    returned = np.isfinite(beams.ranges)
+    return _sectors(~returned & ~hidden, beams, OPEN_BEAMS), _sectors((returned | hidden) & ~explained, beams, 1)
 
 
 @kernel
