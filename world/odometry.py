@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, pose_of, relative
+from protocol.geometry import Pose, compose, pose_of, relative, wrapped
 from protocol.messages import OdometrySpec
 from world.checkpoint import State, luck_state, restore_luck
 
@@ -34,15 +34,16 @@ class Odometry:
         turned (2,): metres and radians by which its wheels turned in each of the n moves, where they slip; None where
         they roll with the body.
         """
-        believed = []
+        if not self._config.noisy:
+            believed = _all_relative(self._start, way)
+            self._true, self.pose = pose_of(way[-1]), pose_of(believed[-1])
+            return believed
+        told = []
         for true in map(pose_of, way):
             before, self._true = self._true, true
-            if self._config.noisy:
-                self.pose = compose(self.pose, self._read(*(_rolled(before, true) if turned is None else turned)))
-            else:
-                self.pose = relative(self._start, true)
-            believed.append(self.pose)
-        return np.array(believed).reshape(-1, 3)
+            self.pose = compose(self.pose, self._read(*(_rolled(before, true) if turned is None else turned)))
+            told.append(self.pose)
+        return np.array(told).reshape(-1, 3)
 
     def _read(self, distance: float, turn: float) -> Pose:
         """The move that the wheels tell of one by so many metres and radians."""
@@ -63,6 +64,13 @@ class Odometry:
         """Go on from a state."""
         self._true, self.pose = (pose_of(np.array(state[name], np.float64)) for name in ("true", "pose"))
         restore_luck(self._rng, state["rng"])
+
+
+def _all_relative(a: Pose, poses: Floats) -> Floats:
+    """(n, 3) poses (n, 3) in the frame of pose a, as `relative` has each."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    dx, dy = poses[:, 0] - a[0], poses[:, 1] - a[1]
+    return np.stack((c * dx + s * dy, c * dy - s * dx, wrapped(poses[:, 2] - a[2])), 1)
 
 
 def _rolled(before: Pose, after: Pose) -> tuple[float, float]:

@@ -95,17 +95,19 @@ class Surroundings:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
         self.teammates, self.touch = Teammates(spec), Touch(spec, driving)
+        self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
 
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
         tick, pose, scan = situation.tick, situation.pose, situation.scan
         here = np.array((float(pose[0]), float(pose[1])))
-        known = situation.wireframe.segments()
+        if situation.wireframe is not self._map:
+            self._map, self._known = situation.wireframe, situation.wireframe.segments()
         seen = apply(pose, scan.points)[scan.edges].reshape(-1, 4)
         discs = apply(pose, situation.discs)
         self.teammates.update(tick, discs)
         self.touch.feel(here)
-        walls = np.ascontiguousarray(np.vstack((known, seen, self.teammates.walls(tick), self.touch.walls)))
+        walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 

@@ -79,5 +79,7 @@ class Teammates:
 
     def _rings(self, tick: int, inner_m: float) -> Floats:
         """(k, n, 2) closed polygons around discs of this radius."""
-        places = np.array([(mate.x, mate.y) for mate in self.in_the_way(tick)]).reshape(-1, 1, 2)
-        return places + inner_m * _OUTLINE
+        mates = self.in_the_way(tick)
+        if not mates:
+            return np.zeros((0, _SIDES + 1, 2))
+        return np.array([[(mate.x, mate.y)] for mate in mates]) + inner_m * _OUTLINE

@@ -212,12 +212,13 @@ class WireframeFilter:
 
         slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
-        way = np.atleast_2d(odometry)
-        leaves = stands(self._odometry) and not stands(way[-1])
-        told, self._odometry = moves_of(np.vstack((self._odometry, way))), way[-1].copy()
+        way, before = np.atleast_2d(odometry), self._odometry
+        self._odometry = way[-1].copy()
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
+        leaves = stands(before) and not stands(way[-1])
+        told = moves_of(np.vstack((before, way)))
         self._make_room()
         if leaves:
             keep_first_look(self.edges, self.counts, self._noise)

@@ -107,9 +107,12 @@ def _unite_all(
         if not math.isfinite(cost(edges[f], p, gates)):
             continue
         if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
+            a, b = edges[e].link, edges[f].link
+            moved = e, f, a[0], a[1], b[0], b[1]  # the corners that they shared with others, too
             _unite(edges, e, f)
-            for k in range(count):  # corners of both were moved, too
-                set_line(lines, edges, k, gates)
+            for k in moved:
+                if k >= 0:
+                    set_line(lines, edges, k, gates)
             for j in range(len(walls)):
                 if walls[j] == f:
                     walls[j] = e
