@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats, Ints
-from protocol.bits import BitReader, BitWriter
+from protocol.bits import BitReader, BitWriter, bits_of
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
 from protocol.talk import POSE_BYTES, check_version, first_byte, pose_bytes, take_pose, take_varint, varint
@@ -59,20 +59,39 @@ class Views(NamedTuple):
         _write(bits, self.cells)
         if len(self.heard):
             _write(bits, self.heard)
+        return self._head() + bits.data()
+
+    @property
+    def nbytes(self) -> int:
+        """How many bytes that are."""
+        bits = _size(self.cells) + (_size(self.heard) if len(self.heard) else 0)
+        return len(self._head()) + (bits + 7 >> 3)
+
+    def _head(self) -> bytes:
         flags = _HEARD if len(self.heard) else 0
-        return first_byte(flags) + varint(self.until) + varint(self.until - self.since) + bits.data()
+        return first_byte(flags) + varint(self.until) + varint(self.until - self.since)
+
+
+def _numbers(cells: Ints) -> Ints:
+    """(2 k,) numbers >= 0 that tell cells (k, 2): those of the first have the order _FIRST, all others _STEP."""
+    offsets = np.diff(cells, axis=0, prepend=0)  # of the first one its place, of the second one its step
+    offsets[2:] -= offsets[1:-1].copy()
+    return np.where(offsets >= 0, 2 * offsets, -2 * offsets - 1).reshape(-1)  # as `bits.folded`
 
 
 def _write(bits: BitWriter, cells: Ints) -> None:
     """How many cells (k, 2) there are, and each."""
     bits.number(len(cells), _COUNT)
-    last = step = (0, 0)
-    order = _FIRST
-    for x, y in cells.tolist():
-        bits.signed(x - last[0] - step[0], order)
-        bits.signed(y - last[1] - step[1], order)
-        step = (x - last[0], y - last[1]) if order == _STEP else (0, 0)
-        last, order = (x, y), _STEP
+    for k, value in enumerate(_numbers(cells).tolist()):
+        bits.number(value, _FIRST if k < 2 else _STEP)
+
+
+def _size(cells: Ints) -> int:
+    """Bits that `_write` makes of cells (k, 2), without making them."""
+    numbers, orders = _numbers(cells), np.full(2 * len(cells), _STEP)
+    orders[:2] = _FIRST
+    lengths = np.frexp(numbers + 2.0**orders)[1]  # as int.bit_length tells them
+    return bits_of(len(cells), _COUNT) + int((2 * lengths - 1 - orders).sum())  # as bits_of tells them
 
 
 def _read(reader: BitReader) -> Ints:
@@ -140,7 +159,7 @@ class Looked(NamedTuple):
         while count := self._whole_ticks(rows, count):
             own, heard = ([row for row in rows[:count] if bool(self.owners[row]) == others] for others in (False, True))
             views = Views(since, self.ticks[rows[count - 1]], self._cells(own), self._cells(heard))
-            if views.until > 0 and len(views.encode()) <= mtu:
+            if views.until > 0 and views.nbytes <= mtu:
                 return views
             count //= 2
         return None

@@ -1,6 +1,7 @@
 """A map made ready to be aligned: features of its corners, an index of its walls, and where a robot can be in it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from agent.alignment.agreement import Walls, index_walls
 from agent.alignment.config import AlignmentConfig
@@ -15,7 +16,12 @@ class PreparedMap:
 
     corners: Corners
     walls: Walls
-    free_space: FreeSpace
+
+    @cached_property
+    def free_space(self) -> FreeSpace:
+        """Where a robot can be: only candidates are asked that nothing else refuses."""
+        found = self.corners
+        return free_space_of(found.points, found.parent, found.child, found.walls)
 
 
 def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
@@ -23,5 +29,4 @@ def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None
     if int(wireframe.own.sum()) > config.max_vertices:
         return None
     found = corners(wireframe)
-    free_space = free_space_of(found.points, found.parent, found.child, found.walls)
-    return PreparedMap(found, index_walls(found.walls, found.juts), free_space)
+    return PreparedMap(found, index_walls(found.walls, found.juts))

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.communication.receiving import PeerViews
 from agent.cooperation.peer import Merged
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -36,6 +37,29 @@ class _Taken(NamedTuple):
     """(k, 2) those of them that were kept, metres, the robot's own frame."""
 
 
+class _Usable(NamedTuple):
+    """Those of a peer's viewpoints of which the merged map holds what was seen from there."""
+
+    transform: Floats
+    views: PeerViews
+    tick: int
+    """Of the merged map."""
+    first_hand: Floats
+    """(k, 2) its own ones, metres, the robot's own frame."""
+    heard: Floats
+    """(j, 2) from second hand, its frame."""
+
+
+def _usable_of(peer: Merged, before: _Usable | None) -> _Usable:
+    """Those of a peer; as before where nothing of it is new."""
+    transform, views, tick = peer.transform, peer.log.views, peer.map.tick
+    if before is not None and before.transform is transform and before.views is views and before.tick == tick:
+        return before
+    usable = views.need <= tick
+    first_hand = apply(transform, views.points[usable & ~views.heard])
+    return _Usable(transform, views, tick, first_hand, views.points[usable & views.heard])
+
+
 def _cells(places: Floats) -> list[int]:
     """A number of the cell of each of places (k, 2)."""
     x, y = np.floor(places / SAME_VIEW_M).astype(np.int64).T
@@ -49,6 +73,7 @@ class TeamViews:
     def __init__(self) -> None:
         self.places = np.zeros((0, 2))
         """(k, 2) metres, the robot's own frame: what was seen from there is in merged maps."""
+        self._usable: dict[str, _Usable] = {}
         self._first_hand: dict[str, Floats] = {}
         self._taken: dict[str, _Taken] = {}
         self._begin_anew()
@@ -70,16 +95,14 @@ class TeamViews:
             del self._taken[name]
         if not self._passed_on.keys().isdisjoint(anew):
             self._begin_anew()
-        usable = {name: peer.log.views.need <= peer.map.tick for name, peer in held.items()}
-        self._first_hand = {
-            name: apply(peer.transform, peer.log.views.points[usable[name] & ~peer.log.views.heard])
-            for name, peer in held.items()
-        }
+        before_now = self._usable
+        self._usable = {name: _usable_of(peer, before_now.get(name)) for name, peer in held.items()}
+        self._first_hand = {name: usable.first_hand for name, usable in self._usable.items()}
         kept = [*self._first_hand.values(), *(taken.places for taken in self._taken.values())]
         known: set[int] | None = None  # cells of these, once a peer tells more from second hand
         for name, peer in held.items():
             views, before = peer.log.views, self._taken.get(name)
-            heard = views.points[usable[name] & views.heard]
+            heard = self._usable[name].heard
             _, count, places = before or _Taken(views.editions, 0, np.zeros((0, 2)))
             if len(heard) > count:
                 if known is None:

@@ -14,7 +14,6 @@ from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep, Viewpoints
 from agent.geometry.chains import chains_of
-from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
@@ -86,7 +85,7 @@ class DefaultStates:
             if self._edges.note(middle, along).attempts >= self.config.attempts:
                 continue
             stands = stands_at_edges(wireframe, np.array([k]))
-            good = roads.standable(stands.points) & all_seen(stands.points, stands.in_view, roads.walls)
+            good = roads.with_view(stands.points, stands.in_view)
             route = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
             if route is not None:
                 return Task("edge", middle, stands.points[good][route.goal], along)

@@ -13,7 +13,6 @@ from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
-from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
@@ -157,7 +156,7 @@ class Goals:
         """
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, SAME_PLACE_M)
         stands = stands_of(self.ends, goals, close)
-        good = roads.standable(stands.points) & all_seen(stands.points, stands.in_view, roads.walls)
+        good = roads.with_view(stands.points, stands.in_view)
         for goal in goals[self._tried[goals] >= 0]:
             for x, y in self.memory.tried[self._tried[goal]].stands:
                 again = np.hypot(stands.points[:, 0] - x, stands.points[:, 1] - y) < OTHER_STAND_M

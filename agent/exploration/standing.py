@@ -4,7 +4,6 @@ import numpy as np
 
 from agent.exploration.planning import Roads, Route, circle
 from agent.geometry.clearance import distances_to_walls
-from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 
 _RINGS_M = (0.3, 0.6)  # distances from an errand's place at which standing points are looked for, in eight directions
@@ -19,7 +18,7 @@ def near(place: Floats, roads: Roads) -> Route | None:
     """The way to a place (2,), or to a point nearby from where it is in view; None if there is no way."""
     points = np.vstack((place, *(place + radius * circle(8) for radius in _RINGS_M)))
     away = np.hypot(*(points - place).T)
-    good = roads.standable(points) & all_seen(points, np.repeat(place[None], len(points), 0), roads.walls)
+    good = roads.with_view(points, np.repeat(place[None], len(points), 0))
     return roads.nearest(points[good], _OFF_COST * away[good])
 
 

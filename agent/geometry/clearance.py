@@ -9,7 +9,7 @@ from protocol.arrays import Floats
 
 
 @kernel
-def _point_to_wall2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+def to_wall2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Squared distance of a point to the segment a-b."""
     dx, dy = bx - ax, by - ay
     length2 = dx * dx + dy * dy
@@ -25,7 +25,7 @@ def distance_to_walls(x: float, y: float, walls: Floats) -> float:
     """Distance in metres of the point to the nearest wall; inf without walls."""
     best = math.inf
     for k in range(walls.shape[0]):
-        best = min(best, _point_to_wall2(x, y, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]))
+        best = min(best, to_wall2(x, y, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]))
     return math.sqrt(best)
 
 
@@ -49,43 +49,39 @@ def crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx
     return 0.0 <= t <= d and 0.0 <= u <= d if d > 0.0 else d <= t <= 0.0 and d <= u <= 0.0
 
 
+@kernel
+def bars(
+    ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float, clearance: float
+) -> bool:
+    """Whether the wall c-d is nearer than the clearance (metres) to the motion a-b."""
+    left, right = min(ax, bx) - clearance, max(ax, bx) + clearance
+    low, high = min(ay, by) - clearance, max(ay, by) + clearance
+    if (cx < left and dx < left) or (cx > right and dx > right):
+        return False
+    if (cy < low and dy < low) or (cy > high and dy > high):
+        return False
+    along_x, along_y, limit2 = bx - ax, by - ay, clearance * clearance
+    beyond2 = 1.000001 * limit2 * (along_x * along_x + along_y * along_y)
+    # the wall lies on one side of the motion's line, beyond the clearance
+    first, second = (cx - ax) * along_y - (cy - ay) * along_x, (dx - ax) * along_y - (dy - ay) * along_x
+    if (first > 0.0) == (second > 0.0) and min(first * first, second * second) > beyond2:
+        return False
+    return bool(
+        crosses(ax, ay, bx, by, cx, cy, dx, dy)
+        or to_wall2(cx, cy, ax, ay, bx, by) < limit2
+        or to_wall2(dx, dy, ax, ay, bx, by) < limit2
+        or to_wall2(ax, ay, cx, cy, dx, dy) < limit2
+        or to_wall2(bx, by, cx, cy, dx, dy) < limit2
+    )
+
+
 @shared_kernel
 def keeps_clear(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float) -> bool:
     """Whether the motion a-b stays at least the clearance (metres) away from every wall."""
-    return barred_by(ax, ay, bx, by, walls, clearance, -1) < 0
-
-
-@kernel
-def barred_by(ax: float, ay: float, bx: float, by: float, walls: Floats, clearance: float, likely: int) -> int:
-    """Row of a wall nearer than the clearance (metres) to the motion a-b, -1 if none is.
-
-    likely: the row that is looked at first, or -1.
-    """
-    limit2 = clearance * clearance
-    left, right = min(ax, bx) - clearance, max(ax, bx) + clearance
-    low, high = min(ay, by) - clearance, max(ay, by) + clearance
-    along_x, along_y = bx - ax, by - ay
-    beyond2 = 1.000001 * limit2 * (along_x * along_x + along_y * along_y)
-    for i in range(0 if likely < 0 else -1, walls.shape[0]):
-        k = likely if i < 0 else i
-        cx, cy, dx, dy = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        if (cx < left and dx < left) or (cx > right and dx > right):
-            continue
-        if (cy < low and dy < low) or (cy > high and dy > high):
-            continue
-        # the wall lies on one side of the motion's line, beyond the clearance
-        first, second = (cx - ax) * along_y - (cy - ay) * along_x, (dx - ax) * along_y - (dy - ay) * along_x
-        if (first > 0.0) == (second > 0.0) and min(first * first, second * second) > beyond2:
-            continue
-        if (
-            crosses(ax, ay, bx, by, cx, cy, dx, dy)
-            or _point_to_wall2(cx, cy, ax, ay, bx, by) < limit2
-            or _point_to_wall2(dx, dy, ax, ay, bx, by) < limit2
-            or _point_to_wall2(ax, ay, cx, cy, dx, dy) < limit2
-            or _point_to_wall2(bx, by, cx, cy, dx, dy) < limit2
-        ):
-            return k
-    return -1
+    for k in range(walls.shape[0]):
+        if bars(ax, ay, bx, by, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3], clearance):
+            return False
+    return True
 
 
 @kernel

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.geometry.lines import Record, above, along, pool
+from agent.geometry.wall_tiles import MOST, TILE_M
 from agent.kernels import kernel
 from agent.mapping.submaps.segments import SEGMENT
-from agent.mapping.submaps.tiles import MOST, TILE_M
 from protocol.arrays import Ints, Records
 
 MERGE_M = 0.08  # a piece this near to a segment's line is of that segment: a cupboard's face keeps apart from its wall

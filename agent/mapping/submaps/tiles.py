@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.wall_tiles import tiles_of_boxes
 from agent.kernels import kernel
 from protocol.arrays import Ints, Records
-
-TILE_M = 1.0  # side of a tile, at least: most walls of cluttered rooms are shorter
-MOST = 64  # tiles along a side: where walls lie kilometres apart, tiles are larger instead
 
 
 class Tiles(NamedTuple):
@@ -38,25 +36,5 @@ def tiled(walls: Records, margin: float) -> Tiles:
         ax, ay, bx, by = e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy
         boxes[k, 0], boxes[k, 1] = min(ax, bx) - margin, min(ay, by) - margin
         boxes[k, 2], boxes[k, 3] = max(ax, bx) + margin, max(ay, by) + margin
-    if len(walls) == 0:
-        return Tiles(walls, 0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64))
-    left, bottom, right, top = boxes[:, 0].min(), boxes[:, 1].min(), boxes[:, 2].max(), boxes[:, 3].max()
-    per_m = 1.0 / max(TILE_M, (right - left) / MOST, (top - bottom) / MOST)
-    columns, rows = int((right - left) * per_m) + 1, int((top - bottom) * per_m) + 1
-    spans = np.empty((len(walls), 4), np.int64)
-    counts = np.zeros(columns * rows + 1, np.int64)
-    for k in range(len(walls)):
-        for j in range(4):
-            spans[k, j] = int((boxes[k, j] - (bottom if j % 2 else left)) * per_m)
-        for row in range(spans[k, 1], spans[k, 3] + 1):
-            for column in range(spans[k, 0], spans[k, 2] + 1):
-                counts[row * columns + column + 1] += 1
-    begins = len(counts) + np.cumsum(counts)
-    listed = np.empty(begins[-1], np.int64)
-    listed[: len(begins)] = begins
-    for k in range(len(walls)):
-        for row in range(spans[k, 1], spans[k, 3] + 1):
-            for column in range(spans[k, 0], spans[k, 2] + 1):
-                listed[begins[row * columns + column]] = k
-                begins[row * columns + column] += 1
-    return Tiles(walls, left, bottom, per_m, columns, rows, listed)
+    tiles = tiles_of_boxes(boxes)
+    return Tiles(walls, tiles.x, tiles.y, tiles.per_m, tiles.columns, tiles.rows, tiles.listed)
