@@ -1,7 +1,7 @@
 """One run of the world, tick by tick: observations out, actions in. No clock, no network."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from hashlib import blake2s
 from pathlib import Path
 from typing import Any, Self
@@ -11,6 +11,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
 from protocol.records import UNREADABLE
+from protocol.wireframe import Wireframe
 from world.checkpoint import NAME, Checkpoint, CheckpointError, State, luck_state, restore_luck
 from world.config import WorldConfig
 from world.draws import generator, starts_of
@@ -83,6 +84,8 @@ class Episode:
         self._ledger = Ledger(config, self.world, self.robots, self.starts, books, out, past)
         self._inputs: dict[str, Inputs] | None = None
         self._unbooked: Look | None = None
+        self._answered: list[tuple[int, str, Outputs, Wireframe | None]] = []
+        """Tick, robot, answer and its map, where the ledger was not told yet."""
         self._closed = False
         self._resumed_s = 0.0
         self._checkpoint: Checkpoint | None = None
@@ -136,6 +139,7 @@ class Episode:
     def state(self) -> State:
         """For a checkpoint, before this tick was looked at."""
         assert self._inputs is None
+        self.book()
         return {
             "settings": _settings_of(self.config, self.world),
             "tick": self.tick,
@@ -220,11 +224,16 @@ class Episode:
 
     def inputs(self) -> dict[str, Inputs]:
         """What each live robot hears and sees at this tick; the same on every call."""
-        if self._inputs is None:
-            self._inputs = self._look()
-        return {robot: inputs for robot, inputs in self._inputs.items() if robot not in self.dead}
+        return dict(self.hand_out())
 
-    def _look(self) -> dict[str, Inputs]:
+    def hand_out(self) -> Iterator[tuple[str, Inputs]]:
+        """The same robot by robot as it is made, so that the first ones think while others wait. It is for one use."""
+        if self._inputs is None:
+            yield from self._look()
+        else:
+            yield from ((robot, inputs) for robot, inputs in self._inputs.items() if robot not in self.dead)
+
+    def _look(self) -> Iterator[tuple[str, Inputs]]:
         """Deliver messages and cast the scans of this tick."""
         live = self.live
         heard, passages = self._radio.deliver(self.tick, live)
@@ -241,7 +250,7 @@ class Episode:
         inputs = {}
         for robot, row, scan in zip(live, rows.tolist(), measured, strict=True):
             way = self._odometry[row].update(ways[:, row], turned[row] if slipping[row] else None)
-            inputs[robot] = Inputs(
+            inputs[robot] = made = Inputs(
                 heard[robot],
                 Observation(
                     tick=self.tick,
@@ -251,12 +260,19 @@ class Episode:
                     heard=len(heard[robot]),
                 ),
             )
+            yield robot, made
         odometry = np.array([self._odometry[row].pose for row in rows]).reshape(-1, 3)
         self._unbooked = Look(rows, rays, ranges, met, measured, odometry, passages)
-        return inputs
+        self._inputs = inputs
 
     def book(self) -> None:
-        """Account for what this tick showed. A shell calls it while robots think, else `advance` does."""
+        """Account for the last tick's answers and for what this tick showed.
+
+        A shell calls it while robots think, who would wait for it else. Whoever asks or adds to the ledger calls it.
+        """
+        answered, self._answered = self._answered, []
+        for tick, robot, answer, wireframe in answered:
+            self._ledger.answer(tick, robot, answer, wireframe)
         look, self._unbooked = self._unbooked, None
         if look is not None:
             self._ledger.look(self.tick, look, self.poses)
@@ -277,7 +293,7 @@ class Episode:
             action = outputs[robot].action
             commands[self._rows[robot]] = action.speed_mps, action.turn_rps
             self.complete[robot] = action.complete
-            self._ledger.answer(self.tick, robot, outputs[robot], maps[robot])
+            self._answered.append((self.tick, robot, outputs[robot], maps[robot]))
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
         self._people.advance(before[:, :2])
@@ -310,6 +326,7 @@ class Episode:
             return
         self._log("kill", robot, reason)
         self.dead[robot] = reason
+        self.book()
         self._ledger.happened(self.tick, robot, "dead", reason)
         if not self.live and self.ended is None:
             self.ended = "dead"
@@ -327,6 +344,7 @@ class Episode:
     def happened(self, robot: str, event: str, reason: str) -> None:
         """Log what happened to a robot's process at this tick: it left, joined or came back."""
         self._log("happened", robot, event, reason)
+        self.book()
         self._ledger.happened(self.tick, robot, event, reason)
 
     def close(self, ended: str | None = None) -> None:
@@ -344,6 +362,7 @@ class Episode:
 
     def summary(self) -> dict[str, Any]:
         """The fields of summary.json."""
+        self.book()
         how = {robot: "complete" if self.complete[robot] else self.ended or "interrupted" for robot in self.robots}
         how |= dict.fromkeys(self.dead, "dead")
         figures = self._ledger.robot_figures(self._physics)

@@ -219,12 +219,16 @@ class Shell:
         begin = self.episode.tick
         self.tell()
         while self.episode.ended is None:
-            tick, given = self.episode.tick, self.episode.inputs()
-            for robot, inputs in given.items():
+            tick = self.episode.tick
+            for robot, inputs in self.episode.hand_out():
                 if robot in self._here:  # one that is about to join would answer ticks that nobody waits for
                     self._say_tick(robot, inputs)
-            self._showing.show(given)
+            # what nobody waits for is done while they think
+            self._showing.show(self.episode.inputs())
             self.episode.book()
+            if time.monotonic() - self._told > PROGRESS_S:
+                self._expel()
+                self.tell()
             if self.config.real_time is None:
                 self._wait_for_all()
             else:
@@ -235,9 +239,6 @@ class Shell:
             if self.episode.ended is None:
                 self._note_newcomers()
                 self._advance({robot: self._answers.take(robot, tick) for robot in self.episode.live})
-            if time.monotonic() - self._told > PROGRESS_S:
-                self._expel()
-                self.tell()
 
     def tell(self, ended: str | None = None) -> None:
         """Publish clock, link table and progress, and call the callback."""
