@@ -209,7 +209,6 @@ class _Walk:
 
     def __init__(self, coder: _Script | _Reader, base: GridMap, likelihoods: bool) -> None:
         self.coder, self.base, self.likelihoods = coder, base, likelihoods
-        self.places: list[Place] = base.cells.tolist()
         self.after = base.successors()
         self.changes_only = bool(len(base.cells))
         self.used = np.zeros(len(base.cells), np.bool_)
@@ -227,8 +226,9 @@ class _Walk:
         last: Place = (0, 0)
         for k in range(coder.number(len(told))):
             last = self._chain(told[k] if told else _Told(), last)
-        dropped = np.array([self.used[slice(*base.bounds(chain))].any() for chain in range(len(base.rings))], np.bool_)
+        dropped = np.zeros(0, np.bool_)  # chains from which a vertex is taken, too
         if len(base.rings):
+            dropped = np.logical_or.reduceat(self.used, base.starts[:-1])
             chain = -1
             for k in range(coder.number(len(gone))):
                 chain += coder.number(gone[k] - chain - 1 if gone else 0, 1) + 1
@@ -262,19 +262,19 @@ class _Walk:
             origin = coder.three(run.origin) if self.changes_only else VertexOrigin.NEW
             count = coder.number(run.length - 1, 0 if self.changes_only else 1) + 1
             check_size(len(self.vertices) + len(cells) + count)
-            rows = [-1] * count
+            rows, were = [-1] * count, [last] * count
             if origin != VertexOrigin.NEW:
                 first = due + coder.signed(run.row - due, 2)
                 due = first + count
                 if first < 0 or due > len(base.cells) or self.used[first:due].any():
                     raise ProtocolError("changes to a map take a vertex that is not there, or twice")
                 self.used[first:due] = True
-                rows = list(range(first, due))
+                rows, were = list(range(first, due)), base.cells[first:due].tolist()
             base_rows += rows
-            for k, row in enumerate(rows):
+            for k, (row, was) in enumerate(zip(rows, were, strict=True)):
                 at_end = not ring and (not cells or (not left and k == count - 1))
                 here, label = (told.cells[len(cells)], told.labels[len(cells)]) if told.cells else (last, 0)
-                last = self._place(origin, row, last, cells, here)
+                last = self._place(origin, was, last, cells, here)
                 cells.append(last)
                 if origin == VertexOrigin.COPY:
                     labels.append(int(base.labels[row]))
@@ -294,20 +294,20 @@ class _Walk:
         self.rings.append(ring)
         return last
 
-    def _place(self, origin: int, row: int, last: Place, before: list[Place], here: Place) -> Place:
-        """Place of a vertex: that of a row of the base, or a step from it or from the last vertex.
+    def _place(self, origin: int, was: Place, last: Place, before: list[Place], here: Place) -> Place:
+        """Place of a vertex: where it was in the base, or a step from there or from the last vertex.
 
         before: the chain's vertices so far. here: the place that is told.
         """
         coder = self.coder
         if origin == VertexOrigin.COPY:
-            return self.places[row]
+            return was
         if origin == VertexOrigin.NEW and before:
             step, axis = (here[0] - last[0], here[1] - last[1]), _across(before)
             main = axis if coder.bits(abs(step[axis]) >= abs(step[1 - axis]), 1) else 1 - axis
             along, across = coder.chosen(step[main], ALONG), coder.chosen(step[1 - main], ACROSS)
             return last[0] + (across if main else along), last[1] + (along if main else across)
-        near, which = (last, START) if origin == VertexOrigin.NEW else (self.places[row], ACROSS)
+        near, which = (last, START) if origin == VertexOrigin.NEW else (was, ACROSS)
         return near[0] + coder.chosen(here[0] - near[0], which), near[1] + coder.chosen(here[1] - near[1], which)
 
     def _own(self, told: Sequence[int], edges: int) -> list[int]:
