@@ -9,10 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
-from agent.cooperation.config import CooperationConfig
 from agent.cooperation.team import Team
 from agent.mapping.drawing import Drawing
 from agent.mapping.submaps.chain import Submaps, travelled
@@ -38,17 +36,19 @@ IN_LIVED_ROOMS = {"conflict_weight": 1.0, "max_conflict": 0.6, "min_score_m": 10
 before a loop was closed are bent. Measured on maps of thirds of two logs: right transforms score 24 m and more, with up
 to 0.57 m of conflict a metre that agrees; of 27 pairs of other buildings none scores more than 1 m."""
 
+WITHOUT_A_BODY = {"discs": False, "ground": False, "time_out_s": 1e9}
+"""Settings of verification: nobody stands where a peer of another log says that it is, and nobody drives there."""
+
 
 class Passenger:
     """Perception, mapping and cooperation of a robot without its driving."""
 
     def __init__(self, spec: RobotSpec, config: AgentConfig) -> None:
-        """The pose at the first observation is the origin of its frame."""
+        """The pose at the first observation is the origin of its frame. config: as by `carried`."""
         self.perception = Perception(config.perception, spec, alone=True, bridge_m=BRIDGE_M)
         self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
-        alignment = _in_lived_rooms(config.alignment)
-        self.team = Team(_carried(config.cooperation), alignment, spec, np.random.default_rng(0))
+        self.team = Team(config.cooperation, config.alignment, spec, np.random.default_rng(0))
         self._told = Drawing()  # the own map, as peers are told it
         self._since_own = math.inf  # metres of way
         self._way = 0.0  # metres
@@ -123,12 +123,16 @@ class Passenger:
         return self.submaps.path()
 
 
-def _in_lived_rooms(config: AlignmentConfig) -> AlignmentConfig:
-    """Alignment of maps in which not all stands still."""
-    return config.model_copy(update=IN_LIVED_ROOMS)
+def carried(config: AgentConfig) -> AgentConfig:
+    """The settings of a mind that does not drive, in a building in which not all stands still.
 
-
-def _carried(config: CooperationConfig) -> CooperationConfig:
-    """Cooperation of what does not drive."""
-    verification = config.verification.model_copy(update={"discs": False, "ground": False, "time_out_s": math.inf})
-    return config.model_copy(update={"verification": verification})
+    What was set for alignment stays so.
+    """
+    lived_in = {key: value for key, value in IN_LIVED_ROOMS.items() if key not in config.alignment.model_fields_set}
+    verification = config.cooperation.verification.model_copy(update=WITHOUT_A_BODY)
+    return config.model_copy(
+        update={
+            "alignment": config.alignment.model_copy(update=lived_in),
+            "cooperation": config.cooperation.model_copy(update={"verification": verification}),
+        }
+    )

@@ -88,4 +88,16 @@ def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: 
             break
     margin = 1.0 - second / score if score > 0.0 else 0.0
     share, count = agreed / min(mine.walls.length_m, theirs.walls.length_m), len(found.transforms)
-    return Alignment(None, "ambiguous", count, inliers, residual, margin, agreed, conflict, share, score, pose_of(best))
+    return Alignment(
+        None,
+        "ambiguous",
+        candidates=count,
+        inliers=inliers,
+        residual=residual,
+        margin=margin,
+        agreement=agreed,
+        conflict=conflict,
+        overlap=share,
+        score=score,
+        best=pose_of(best),
+    )

@@ -109,7 +109,19 @@ def align_by_sight(
         share = agreed / min(mine.walls.length_m, theirs.walls.length_m)
         transform = pose if reason == "sighted" else None
         if best is none or score > best.score:
-            best = Alignment(transform, reason, 2, inliers, residual, 1.0, agreed, conflict, share, score, pose)
+            best = Alignment(
+                transform,
+                reason,
+                candidates=2,
+                inliers=inliers,
+                residual=residual,
+                margin=1.0,
+                agreement=agreed,
+                conflict=conflict,
+                overlap=share,
+                score=score,
+                best=pose,
+            )
     return best
 
 

@@ -76,7 +76,7 @@ class WallEvidence:
         self.fresh = was_fresh if fresh is None else fresh
 
     def look(self, transform: Floats, view: View) -> None:
-        """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's."""
+        """Hold one scan against all pieces; transform (3,) takes the sender's frame into the robot's own."""
         seen_through = _look(
             self.pieces, self._sizes, self._boxes, self.on, self.through, np.asarray(transform, np.float64), view
         )

@@ -8,8 +8,8 @@ from protocol.settings import Config, NotNegative, Positive
 
 
 class SubmapConfig(Config):
-    """The way as a chain of submaps. Chosen on intel-drift, csail-drift and intel-raw (issue 17), five seeds of drift
-    each. Doubling or halving the standard deviations of loops changes the path's error by a tenth there."""
+    """The way as a chain of submaps. Chosen on the recorded logs intel-drift, csail-drift and intel-raw, five seeds of
+    drift each. Doubling or halving the standard deviations of loops changes the path's error by a tenth there."""
 
     length_m: Positive = 5.0
     """Metres of way in a submap: with 3 m one path of ten came out wrong, with 8 m errors were a tenth larger."""

@@ -29,7 +29,7 @@ SCANS = 20.0  # scans that a received wall's likelihood stands for
 
 
 class Layer(NamedTuple):
-    """A received map as pieces of one scan in the robot's frame."""
+    """A received map as pieces of one scan, in the robot's own frame."""
 
     pieces: Records  # (k,) of PIECE
     likelihood: Floats  # (k,) of their walls

@@ -1,7 +1,7 @@
 """Walls of a received map that its sender has cut: what it saw itself of a wall, and what others told it (ours).
 
-It tells them apart so that walls at second hand go no farther (`agent.mapping.layers.first_hand`). They are one wall
-all the same. Left as two they would have open ends where the map has none, and robots would drive there to look.
+It tells them apart so that walls at second hand go no farther (`agent.cooperation.peer.Laid.first_hand`). They are one
+wall all the same. Left as two they would have open ends where the map has none, and robots would drive there to look.
 """
 
 import math

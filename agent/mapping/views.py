@@ -25,7 +25,7 @@ class View(NamedTuple):
     pieces: Records  # (k,) of PIECE, lines in the map's frame
     sight: Sight
     margin: float  # m, distance from a piece within which a place counts as on it, at least
-    noise: float  # m, standard deviation of a near range: pieces of few or far hits have a wider margin
+    noise: float  # m, of a near hit, by its range or by how well walls are known: few or far hits have a wider margin
     tilt: float  # rad, by which the scan was found to be turned in itself: edges are as uncertain
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 from typer import Argument, Option, Typer
 
 from agent.shell.command import Certs
+from deploy.commands.options import Listen
 from protocol.command import stop_on_signals
 
 commands = Typer()
@@ -15,7 +16,7 @@ commands = Typer()
 
 @commands.command(epilog="Example: wireswarm router --listen tls/0.0.0.0:7447 --certs certs")
 def router(
-    listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    listen: Listen = None,
     secrets: Annotated[Path | None, Option(help="File of secrets, with a line of the world.")] = None,
     certs: Certs = None,
     insecure: Annotated[bool, Option("--insecure", help="Let anybody connect who reaches the address.")] = False,

@@ -29,6 +29,9 @@ RealTime = Annotated[
     float | None, Option(help="Simulated seconds per second of the clock; without, as fast as the machine goes.")
 ]
 ConfigFile = Annotated[Path | None, Option("--config", help="YAML file with settings.")]
+Listen = Annotated[
+    str | None, Option(help="Endpoint to listen on, such as tcp/0.0.0.0:7447.", show_default="a free port of 127.0.0.1")
+]
 Set = Annotated[list[str] | None, Option("--set", help="One setting, such as starts=random.", metavar="KEY=VALUE")]
 Quick = Annotated[bool, Option("--quick", help="Small, for tests.")]
 Ideal = Annotated[bool, Option("--ideal", help="The paper's sensing: scans at one instant, exact odometry.")]

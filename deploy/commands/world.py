@@ -12,6 +12,7 @@ from typer import Context, Exit, Option, Typer
 from agent.shell.command import Certs
 from deploy.commands.options import (
     ConfigFile,
+    Listen,
     MaxTime,
     Out,
     Range,
@@ -49,7 +50,7 @@ def world_(
     until: Until = None,
     max_time_s: MaxTime = None,
     real_time: RealTime = None,
-    listen: Annotated[str | None, Option(help="Endpoint.", show_default="a free port of 127.0.0.1")] = None,
+    listen: Listen = None,
     connect: Annotated[
         str | None, Option(help="A Zenoh router between world and robots.", show_default="the world is the router")
     ] = None,
@@ -68,7 +69,7 @@ def world_(
         float | None,
         Option(
             "--settle",
-            help="Begin with those of --robots that have come when no further one has for so many seconds.",
+            help="Begin with the robots that are there once none has joined for so many seconds, --robots at most.",
             show_default="wait for all",
             min=0.1,
         ),

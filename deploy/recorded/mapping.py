@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from agent.config import AgentConfig
+from agent.passenger import carried
 from deploy import manifest
 from deploy.recorded.lidar_log import LidarLog
 from deploy.recorded.team import Player, play
@@ -32,6 +33,7 @@ def map_logs(
 
     range_m: of the radio, where all logs have a reference. Raises UnwritableError.
     """
+    config = carried(config)
     manifest.begin(out, manifest.of_logs(config, [log.source for log in logs]))
     with Progress(console=Console(stderr=True), disable=quiet, transient=True) as bars:
         named = {f"r{k + 1}": log for k, log in enumerate(logs)}

@@ -26,7 +26,7 @@ DEAD = "dead"  # the receiver was dead when it was to be delivered
 ENDED = "ended"  # the run ended before the delivery
 
 MAX_KINDS = 16
-"""Kinds of messages of one robot in a run, as the books have a row for each; ours are six."""
+"""Kinds of messages of one robot in a run, as the books have a row for each; ours are seven."""
 TABLE_S = 10.0
 """Simulated seconds over which the link table counts losses: two beacons are due in them."""
 

@@ -21,13 +21,13 @@ from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")
 SEEDS = 20  # runs of each bundled world: 100 in all
-PAIRED_SEEDS = 10  # runs of maze-15 with and without what is compared (the issue's)
+PAIRED_SEEDS = 10  # runs of maze-15 with and without what is compared
 TEAM_SEEDS = 5  # the same for teams of 2 and 5 robots, which have no bar
 LIMIT_S = 600.0  # simulated seconds of a run. All robots have seen all walls before, though some still sweep
 UNSHARED_S = 1200.0  # the same where robots do not share: alone in maze-15 they need 500 to 750 s
 LOOK_S = 10.0  # simulated time between two looks at what maps have in common
 OVERLAP = 0.3
-JOINT_S = 120.0  # pairs in contact with this overlap and this time left should be merged by the end (the issue's)
+JOINT_S = 120.0  # pairs in contact with this overlap and this time left should be merged by the end
 DEFAULT_RANGE_M = 4.0
 RANGES = (1.0, 2.0, DEFAULT_RANGE_M, 8.0, 1000.0)  # radio ranges in metres; the last one is more than any building
 RANGE_SEEDS = 3
@@ -103,7 +103,7 @@ def _each(run: Explored) -> bool:
 
 
 def _all_merged(run: Explored, due: Due) -> bool:
-    """Whether no pair can be merged any more, all have 99 %, and every pair had the time that the issue gives."""
+    """Whether no pair can be merged any more, all have 99 %, and every pair had JOINT_S."""
     merged = all(len(mind.team.merged_ticks) == len(run.robots) - 1 for mind in run.robots.values())
     return merged and _each(run) and run.episode.t >= max(due.values(), default=0.0) + JOINT_S
 

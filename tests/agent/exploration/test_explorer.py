@@ -201,7 +201,8 @@ def test_many_generated_mazes(seed):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("path", sorted(LAYOUTS.glob("*.yaml")) if LAYOUTS.is_dir() else [], ids=lambda path: path.stem)
+@pytest.mark.skipif(not LAYOUTS.is_dir(), reason="layouts made by others lie beside the project")
+@pytest.mark.parametrize("path", sorted(LAYOUTS.glob("*.yaml")), ids=lambda path: path.stem)
 def test_real_layouts(path):
     trial = explore(load(path), 4000)[0]
     assert_well_explored(trial, 0.99)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agent.passenger import IN_LIVED_ROOMS
 from deploy.bench.rings import laps
 from deploy.report.rundir import read_run
 from protocol.arrays import Floats
@@ -72,3 +73,15 @@ def test_a_recorded_log_is_mapped_as_well_as_by_grid_slam(tmp_path: Path) -> Non
     assert found["ate_m"] < 0.12, "iris_lama's, /work/shared/facts/real.md"
     assert found["explained"] > 0.85 and found["supported"] > 0.9
     assert json.loads((out / "summary.json").read_text())["robots"]["r1"]["map_bytes"] < 8000
+
+
+def test_settings_of_alignment_hold_for_logs_and_stand_in_the_manifest(tmp_path: Path) -> None:
+    """What is not set is as lived-in rooms need it."""
+    record(tmp_path / "whole.log", 0)
+    (tmp_path / "a.log").write_text("\n".join((tmp_path / "whole.log").read_text().splitlines()[:8]))
+    done = wireswarm("map", tmp_path / "a.log", "--out", tmp_path / "run", "--set", "agent.alignment.min_score_m=6")
+    assert done.returncode == 0, done.stderr
+    told = json.loads((tmp_path / "run" / "manifest.json").read_text())["config"]
+    assert told["alignment"]["min_score_m"] == 6.0
+    assert told["alignment"]["max_conflict"] == IN_LIVED_ROOMS["max_conflict"]
+    assert told["cooperation"]["verification"]["discs"] is False

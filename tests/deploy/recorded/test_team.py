@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
+from agent.passenger import carried
 from deploy.bench.rings import laps, ring
 from deploy.recorded.lidar_log import LidarLog, Scan
 from deploy.recorded.mapping import map_logs
@@ -75,7 +76,7 @@ def test_logs_of_one_building_merge_where_they_fit(tmp_path: Path) -> None:
 
 def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
     """They have grown by too little to be aligned in a drive that goes on."""
-    first, _ = play([log.part(0, 44, "begin") for log in both_ways()], AgentConfig(), 8.0, lambda *_: None)
+    first, _ = play([log.part(0, 44, "begin") for log in both_ways()], carried(AgentConfig()), 8.0, lambda *_: None)
     last = first.events[-1]
     assert (last["event"], last["tick"], last["peer"]) == ("accepted", 43, "r2")
     assert [peer.log.name for peer in first.mind.team.merged] == ["r2"]
@@ -83,17 +84,18 @@ def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
 
 def test_transforms_are_fitted_on_the_last_own_maps() -> None:
     """Loops that were closed since a peer was heard have moved the own walls."""
-    for player in play(both_ways(), AgentConfig(), 8.0, lambda *_: None):
+    for player in play(both_ways(), carried(AgentConfig()), 8.0, lambda *_: None):
         assert [(peer.updated, peer.refused) for peer in player.mind.team.merged] == [(player.ticks[-1], 0)]
 
 
 def test_nobody_is_heard_from_out_of_range() -> None:
-    players = play(both_ways(), AgentConfig(), 0.1, lambda robot, done: None)
+    players = play(both_ways(), carried(AgentConfig()), 0.1, lambda robot, done: None)
     assert all(player.sent_bytes > 0 and player.received_bytes == 0 and not player.events for player in players)
 
 
 def test_without_a_reference_all_hear_each_other() -> None:
-    players = play([log.part(0, 20, "begin") for log in both_ways(told=False)], AgentConfig(), 0.1, lambda *_: None)
+    logs = [log.part(0, 20, "begin") for log in both_ways(told=False)]
+    players = play(logs, carried(AgentConfig()), 0.1, lambda *_: None)
     assert all(player.received_bytes > 0 for player in players)
 
 
@@ -109,7 +111,7 @@ def test_logs_that_were_recorded_at_once_are_played_so() -> None:
     early, late = drive(walls, way, 1, begin_s=100.0), drive(walls, way, 2, begin_s=110.0)
     later = drive(walls, way, 2, begin_s=100_000.0)
     ticks = [
-        [player.ticks[0] for player in play(logs, AgentConfig(), 0.1, lambda *_: None)]
+        [player.ticks[0] for player in play(logs, carried(AgentConfig()), 0.1, lambda *_: None)]
         for logs in ((early, late), (early, later))
     ]
     assert ticks == [[0, 10], [0, 0]]
