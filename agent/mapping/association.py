@@ -73,16 +73,26 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
 def overlap(e: Record, p: Record, gates: Gates) -> float:
     """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf: they share nothing.
 
-    Only open ends may be bridged: a corner ends its wall. Few walls are near a piece, and this tells quicker than
-    `cost` which are not: it is asked first.
+    Only open ends may be bridged: a corner ends its wall. Two corners that face each other are those of two walls on
+    either side of a plate, unless the walls share more than they may be off. Few walls are near a piece, and this tells
+    quicker than `cost` which are not: it is asked first.
     """
     if not _faces(e, p):
         return -math.inf
     t = along(e, p.x, p.y)
-    shared = min(t + p.end[1], tip_at(e, 1)) - max(t + p.end[0], tip_at(e, 0))
+    tail, head = tip_at(e, 0), tip_at(e, 1)
+    shared = min(t + p.end[1], head) - max(t + p.end[0], tail)
+    if shared > gates.offset:
+        return shared
+    side = 1 if t > 0.5 * (tail + head) else 0
+    if (
+        e.label[side] == NOMINAL
+        and p.label[1 - side] == NOMINAL
+        and shared < 0.5 * min(head - tail, p.end[1] - p.end[0])
+    ):
+        return -math.inf
     if shared > 0:
         return shared
-    side = 1 if t > 0.5 * (tip_at(e, 0) + tip_at(e, 1)) else 0
     bridge = BRIDGE_M
     if e.label[side] != FRONTIER:
         bridge = gates.offset + (0.0 if e.label[side] == NOMINAL else e.slack[side])

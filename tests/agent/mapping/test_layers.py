@@ -18,7 +18,7 @@ from protocol.geometry import Pose, apply
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain, encode_wireframe
 from tests.agent.alignment.test_alignment import moved
-from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest
+from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest, ring, round_tour
 
 FRAME = np.array([3.0, -7.0, 2.1])
 """Pose of the peer's frame in the robot's own is its inverse."""
@@ -240,3 +240,23 @@ def test_what_an_own_wall_was_joined_into_is_told_as_heard() -> None:
     told = Tellings(stub, layers, gates).without(None)
     own = told[(told["alive"] == WALL) & (told["own"] == 1)]
     assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01
+
+
+@pytest.mark.parametrize("thickness", [0.01, 0.04])
+def test_walls_on_either_side_of_a_plate_are_two(thickness: float) -> None:
+    """The peer has the wall to the left of the plate, up to its corner; the own one goes on to the right of it.
+
+    Both lie on one line, a centimetre apart. The own wall was cut down to nothing, as if it ended at the peer's corner.
+    """
+    x, y = 2.5 + thickness, 2.5
+    room = ring((0, 0), (2.5, 0), (2.5, y), (x, y), (x, 0), (8, 0), (8, 4), (0, 4))
+    own, peer = Walk(room, LidarSpec(range_max_m=2.0)), Walk(room, LidarSpec(range_max_m=2.0), seed=5)
+    for pose in round_tour((3.2, 0.7), (4.5, 0.7), (4.5, 1.5)):
+        own.see(pose)
+    for pose in round_tour((1.8, 0.7), (0.7, 0.7), (0.7, 3.3)):
+        peer.see(pose)
+    theirs = moved(peer.filter.wireframe(), FRAME)
+    before, after = own.filter.wireframe().segments(), laid(own, theirs).segments()
+    floor = [wall for wall in before if abs(wall[1]) < 0.02 and abs(wall[3]) < 0.02]
+    assert len(floor) == 1 and floor[0][2] - floor[0][0] > 2.0
+    assert any(np.allclose(wall, floor[0], atol=0.03) for wall in after)
