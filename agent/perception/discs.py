@@ -36,6 +36,10 @@ this test 130 are missed, and finding discs takes 2.6 times as long."""
 JUMP = 0.3
 """Share of the radius behind a disc's centre beyond which a beam beside it has passed it. From 0 to 1 as many are
 missed, and 6.1 to 4.4 are found on anything else."""
+MOST_PAST = 1
+"""Beams inside a disc that may pass through it, as its place is known to a beam. Without this test 78 % of the views of
+posts of 0.1 m from up to 2.4 m show a disc, beside which beams pass, and with it 17 %; of 2,164 teammates in view 181
+are missed for 198. With 0, 276 are missed."""
 ROUNDS = 3
 """Gauss-Newton steps from the first guess, which is off by half a radius at most. With 1, 135 are missed and 6.7 found
 on anything else; with 6, 135 and 4.2, in 1.4 times the time."""
@@ -66,6 +70,7 @@ class Support(NamedTuple):
 
     beams: int  # beams well inside the disc
     on: int  # those of them that end on it
+    past: int  # those that pass through it
     chi2: float  # of these, in sum
     first: int  # the first and the last of these; they may lie outside of [0, n)
     last: int
@@ -90,7 +95,12 @@ def find_discs(beams: Beams, noise: Floats, radius: float) -> Floats:
         for _ in range(ROUNDS):
             disc = _better(scan, disc)
         support = _support_of(scan, disc)
-        if _may_be(support) and support.chi2 <= MAX_CHI2 * support.on and not _is_line(scan, disc, support):
+        if (
+            _may_be(support)
+            and support.past <= MOST_PAST
+            and support.chi2 <= MAX_CHI2 * support.on
+            and not _is_line(scan, disc, support)
+        ):
             count = _keep_best(found, count, disc, support.chi2 / support.on, radius)
     return _bounded(scan, found, count)
 
@@ -176,7 +186,7 @@ def _support_of(scan: Panorama, disc: Disc) -> Support:
     """How the beams well inside a disc support it."""
     low, high = _span(scan, disc)
     cb, sb = math.cos(disc.bearing), math.sin(disc.bearing)
-    on, chi2, first, last = 0, 0.0, high + 1, low - 1
+    on, past, chi2, first, last = 0, 0, 0.0, high + 1, low - 1
     for k in range(low, high + 1):
         beam = _in_ring(k, len(scan.ranges))
         off, _, _ = _off(scan, beam, disc.distance, cb, sb)
@@ -184,7 +194,9 @@ def _support_of(scan: Panorama, disc: Disc) -> Support:
             on += 1
             chi2 += (off / scan.noise[beam]) ** 2
             first, last = min(first, k), max(last, k)
-    return Support(high - low + 1, on, chi2, first, last)
+        elif off > scan.radius:
+            past += 1
+    return Support(high - low + 1, on, past, chi2, first, last)
 
 
 @kernel

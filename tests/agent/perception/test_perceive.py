@@ -76,8 +76,9 @@ def judge(world: World, count: int, seed: int, method: Segmentation = "piecewise
 
 @pytest.mark.parametrize("name", ["maze-15", "office", "apartment"])
 def test_corners_and_labels_in_plain_worlds(name: str) -> None:
-    errors, wrong, ends = judge(load(name), 500, seed=1)
-    assert len(errors) > 500
+    first, second = judge(load(name), 500, seed=1), judge(load(name), 500, seed=2)
+    errors, wrong, ends = np.hstack((first[0], second[0])), first[1] + second[1], first[2] + second[2]
+    assert len(errors) > 1000
     assert np.median(errors) <= 0.005
     assert wrong <= 0.08 * ends
 
@@ -177,6 +178,19 @@ def test_who_is_so_near_that_no_range_is_measured_may_be_touched(away: float, to
     for bearing in (0.0, 2.0):
         mate = np.array([(away * math.cos(bearing), away * math.sin(bearing), 0.105)])
         assert view([(-3, 1.5, 3, 1.5)], noise=0.01, discs=mate).touching is touching
+
+
+def test_a_post_half_as_wide_as_a_teammate_is_no_disc() -> None:
+    """Beams pass where the rest of a teammate would be."""
+    square = np.array([(-0.05, -0.05), (-0.05, 0.05), (0.05, 0.05), (0.05, -0.05)])
+    discs = 0
+    for k in range(24):
+        away, bearing = 0.6 + 0.05 * k, 2.4 * k
+        place = np.array([away * math.cos(bearing), away * math.sin(bearing)])
+        post = np.hstack((square + place, np.roll(square, -1, axis=0) + place))
+        scan = view([(-3, 2.8, 3, 2.8), *map(tuple, post.tolist())], noise=0.01)
+        discs += int((np.hypot(*(scan.discs - place).T) < 0.15).sum())
+    assert discs <= 4
 
 
 def test_two_teammates_side_by_side_are_two_discs() -> None:
