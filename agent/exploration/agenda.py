@@ -68,7 +68,10 @@ def not_nearer_to(partners: Floats, tasks: list[Task], roads: Roads) -> list[Tas
     if not len(partners) or not tasks:
         return tasks
     stands = np.array([task.stand for task in tasks])
-    left = roads.costs(stands) <= roads.costs_from(partners[:, :2], stands) + partners[:, 2:]
+    mine, straight = roads.costs(stands), np.hypot(*(partners[:, None, :2] - stands).transpose(2, 0, 1))
+    partners = partners[(mine > straight + partners[:, 2:]).any(1)]  # of a crowd most are far off
+    theirs = roads.costs_from(partners[:, :2], stands).reshape(-1, len(stands))
+    left = mine <= theirs + partners[:, 2:]
     return [task for task, keep in zip(tasks, np.all(left, axis=0), strict=True) if keep]
 
 

@@ -213,7 +213,8 @@ def _nearest(origin: Origin, terrain: Terrain, goals: Floats, extra: Floats) -> 
         if barred_by(start[0], start[1], goals[i, 0], goals[i, 1], terrain.walls, origin.clearance, -1) >= 0:
             low = math.inf
             for j in range(nodes.shape[0]):
-                low = min(low, origin.cost[j] + math.hypot(goals[i, 0] - nodes[j, 0], goals[i, 1] - nodes[j, 1]))
+                dx, dy = goals[i, 0] - nodes[j, 0], goals[i, 1] - nodes[j, 1]
+                low = min(low, origin.cost[j] + math.sqrt(dx * dx + dy * dy))
         bound[i] = low + extra[i]
     best, which, last = math.inf, -1, _NO_WAY
     while g > 0:

@@ -14,7 +14,8 @@ from agent.exploration.agenda import Task
 from agent.exploration.frontiers import open_ends
 from agent.exploration.lattice import Lattice, inside, lattice_between, marked, take_seen
 from agent.exploration.planning import Roads
-from agent.geometry.wall_tiles import WallTiles, cut_by
+from agent.geometry.clearance import walls_near
+from agent.geometry.visibility import hidden_by
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 from protocol.messages import LidarSpec
@@ -70,20 +71,24 @@ class Viewpoints:
 
 
 @kernel
-def _views(points: Floats, eyes: Floats, walls: WallTiles, radius: float) -> Bools:
-    """Matrix (k, n): which of points (n, 2), in the order of y, is seen from which of eyes (k, 2) past walls."""
+def _views(points: Floats, eyes: Floats, walls: Floats, radius: float) -> Bools:
+    """Matrix (k, n): which of points (n, 2), in the order of y, is seen from which of eyes (k, 2) past walls (m, 4)."""
     views = np.zeros((eyes.shape[0], points.shape[0]), np.bool_)
     for e in range(eyes.shape[0]):
         x, y = eyes[e]
+        near, asked = walls[:0], False
         first, last = np.searchsorted(points[:, 1], np.array([y - radius, y + radius]))
         hid = -1  # what hid one point hides most of its neighbours
         for i in range(first, last):
             px, py = points[i]
             if (px - x) ** 2 + (py - y) ** 2 > radius * radius:
                 continue
-            by = cut_by(x, y, px, py, walls, hid)
-            views[e, i] = by < 0
-            hid = by if by >= 0 else hid
+            if not asked:
+                near, asked = walls_near(walls, x, y, radius), True
+            if hid < 0 or hidden_by(x, y, px, py, near[hid : hid + 1]) < 0:
+                k = hidden_by(x, y, px, py, near)
+                views[e, i] = k < 0
+                hid = k if k >= 0 else hid
     return views
 
 
@@ -192,7 +197,7 @@ class Sweep:
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
         if begun is not None:
             points = np.vstack((begun, points))
-        views = np.asarray(_views(unseen, points, roads.terrain.walls, self.radius))
+        views = np.asarray(_views(unseen, points, roads.walls, self.radius))
         shows = views.sum(1) >= LEAST_SAMPLES
         shows[shows] = roads.reached(points[shows])
         points, views = points[shows], views[shows]

@@ -144,16 +144,14 @@ def all_in_view(eyes: Floats, targets: Floats, of: WallTiles) -> Bools:
     """(n,) whether each of targets (n, 2) is seen from the eye (n, 2) of the same row."""
     out = np.empty(eyes.shape[0], np.bool_)
     for k in range(eyes.shape[0]):
-        out[k] = cut_by(eyes[k, 0], eyes[k, 1], targets[k, 0], targets[k, 1], of, -1) < 0
+        out[k] = not _is_cut(eyes[k, 0], eyes[k, 1], targets[k, 0], targets[k, 1], of)
     return out
 
 
 @kernel
-def cut_by(ax: float, ay: float, bx: float, by: float, of: WallTiles, likely: int) -> int:
-    """Row of a wall that cuts the line of sight a-b, -1 if none does. likely: the row to look at first, or -1."""
+def _is_cut(ax: float, ay: float, bx: float, by: float, of: WallTiles) -> bool:
+    """Whether a wall cuts the line of sight a-b."""
     w, tiles = of.walls, of.tiles
-    if likely >= 0 and crosses(ax, ay, bx, by, w[likely, 0], w[likely, 1], w[likely, 2], w[likely, 3]):
-        return likely
     first, end = _numbers(min(ax, bx), max(ax, bx), tiles.x, tiles.per_m, tiles.columns)
     for column in range(first, end):
         low, high = _rows_beside(ax, ay, bx, by, column, 0.0, tiles)
@@ -162,5 +160,5 @@ def cut_by(ax: float, ay: float, bx: float, by: float, of: WallTiles, likely: in
             for n in range(tiles.listed[tile], tiles.listed[tile + 1]):
                 k = tiles.listed[n]
                 if crosses(ax, ay, bx, by, w[k, 0], w[k, 1], w[k, 2], w[k, 3]):
-                    return int(k)
-    return -1
+                    return True
+    return False
