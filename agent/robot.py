@@ -36,6 +36,11 @@ LAY_MORE_S = 0.2
 second."""
 
 
+REST_S = 10.0
+"""More of it for a robot that is complete: it goes nowhere, and tells others' news that much later. Towards the end of
+a run most of a crowd are, and laid and told maps of hundreds of walls to each other that all of them knew."""
+
+
 class Step(NamedTuple):
     """What a robot does and says in a tick."""
 
@@ -75,6 +80,7 @@ class Robot:
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
         self._lay_more_ticks = round(LAY_MORE_S * spec.lidar.rate_hz)
+        self._rest_ticks = round(REST_S * spec.lidar.rate_hz)
         self._laid_tick, self._to_lay = -self._lay_ticks, False
         self._own_to_lay = False  # whether the own map has changed since merged ones were laid over it
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
@@ -191,6 +197,7 @@ class Robot:
         if merged:
             self._to_lay |= self.team.changed
             waited = tick - self._laid_tick - self._lay_more_ticks * max(0, len(merged) - 2)
+            waited -= self._rest_ticks if self.explorer.complete else 0
             if not (self._to_lay and waited >= 0) and not (self._own_to_lay and waited >= self._lay_ticks):
                 return False
             laid_anew, self._laid_tick, self._to_lay = self._to_lay, tick, False
