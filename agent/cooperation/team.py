@@ -411,8 +411,8 @@ class Team:
             if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, not peer.trial.thirds_suffice):
                 self._reject(peer, "its walls do not fit")
             elif verdict:
-                self._say("accepted", peer.log, "the evidence decides", peer.transform, peer.trial.figures())
-                self.merge(peer, tick, own)
+                merged = self.merge(peer, tick, own)
+                self._say("accepted", peer.log, "the evidence decides", merged.transform, peer.trial.figures())
             elif verdict is not None:
                 self._reject(peer, "the evidence decides")
 
@@ -490,11 +490,12 @@ class Team:
         peer.log.growth = REJECTED_GROWTH
         self.peers[peer.log.name] = Unaligned(peer.log)
 
-    def merge(self, peer: Proposed, tick: int, own: Wireframe) -> None:
-        """Make the map of a peer of the queue part of the robot's: T = T + transform."""
+    def merge(self, peer: Proposed, tick: int, own: Wireframe) -> Merged:
+        """Make the map of a peer of the queue part of the robot's: T = T + transform, fitted on all walls."""
         self._leave_queue(peer)
-        self.peers[peer.log.name] = merge(peer, tick, own)
+        merged = self.peers[peer.log.name] = merge(peer, tick, own)
         self.changed = True
+        return merged
 
     def undo(self, peer: Merged, reason: str, figures: Figures) -> None:
         """Take a peer's map out again, and forget its transform."""
