@@ -8,10 +8,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from protocol.arrays import Bools, Floats, Ints
-from protocol.walls import neighbours
-from protocol.wireframe import Label, Wireframe
+from agent.corner_scan import FRONTIER, NOMINAL
+from agent.kernels import kernel
+from protocol.arrays import Bools, Floats, Ints, Labels
+from protocol.wireframe import Wireframe
 
 GRAZING_RAD = 0.35  # flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle
 CLOSE_GRAZING_RAD = 0.05
@@ -55,19 +57,39 @@ class Stands(NamedTuple):
 
 def open_ends(wireframe: Wireframe) -> Ends:
     """The frontier and occlusion ends of the chains of a map; nominal ends ask for nothing."""
-    into, out_of = neighbours(wireframe.edges, len(wireframe.points))
-    unsure = wireframe.labels != Label.NOMINAL
-    head = np.flatnonzero(unsure & (into >= 0) & (out_of < 0))
-    tail = np.flatnonzero(unsure & (into < 0) & (out_of >= 0))
-    ends = np.concatenate((head, tail))
-    points = wireframe.points[ends]
-    along = points - wireframe.points[np.concatenate((into[head], out_of[tail]))]
-    along = along / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-    sign = np.where(np.arange(len(ends)) < len(head), 1.0, -1.0)[:, None]
-    free = sign * np.stack((-along[:, 1], along[:, 0]), 1)
-    heard = np.zeros(len(wireframe.points), np.bool_)
-    heard[wireframe.edges[~wireframe.own]] = True
-    return Ends(points, along, free, wireframe.labels[ends] == Label.FRONTIER, heard[ends])
+    return Ends(*_open_ends(wireframe.points, wireframe.labels, wireframe.edges, wireframe.own))
+
+
+@kernel
+def _open_ends(
+    points: Floats, labels: Labels, edges: NDArray[np.int32], own: Bools
+) -> tuple[Floats, Floats, Floats, Bools, Bools]:
+    """The fields of Ends, heads of chains first, by those of a wireframe."""
+    n = len(points)
+    into, out_of, told = np.full(n, -1), np.full(n, -1), np.zeros(n, np.bool_)
+    for k in range(len(edges)):
+        a, b = edges[k]
+        out_of[a], into[b] = b, a
+        told[a] |= not own[k]
+        told[b] |= not own[k]
+    rows, beside, count, heads = np.empty(n, np.int64), np.empty(n, np.int64), 0, 0
+    for side in range(2):
+        heads = count  # of chains; tails follow
+        other, none = (into, out_of) if side == 0 else (out_of, into)
+        for v in range(n):
+            if labels[v] != NOMINAL and other[v] >= 0 and none[v] < 0:
+                rows[count], beside[count] = v, other[v]
+                count += 1
+    at, along, free = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
+    frontier, heard = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    for k in range(count):
+        v = rows[k]
+        dx, dy = points[v, 0] - points[beside[k], 0], points[v, 1] - points[beside[k], 1]
+        length, sign = max(math.hypot(dx, dy), 1e-9), 1.0 if k < heads else -1.0
+        at[k, 0], at[k, 1], along[k, 0], along[k, 1] = points[v, 0], points[v, 1], dx / length, dy / length
+        free[k, 0], free[k, 1] = -sign * along[k, 1], sign * along[k, 0]
+        frontier[k], heard[k] = labels[v] == FRONTIER, told[v]
+    return at, along, free, frontier, heard
 
 
 def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:

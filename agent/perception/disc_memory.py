@@ -1,8 +1,11 @@
 """What is remembered of discs in scans: teammates seen a moment ago, and posts that only look like teammates (ours)."""
 
+import math
+
 import numpy as np
 
 from agent.corner_scan import STILL_M
+from agent.kernels import kernel
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
@@ -31,11 +34,26 @@ class SeenDiscs:
         """
         if not len(discs) and not len(self._seen):
             return
-        new, (x, y, scans, seen) = apply(pose, discs), self._seen.T
-        again = np.hypot(new[:, :1] - x, new[:, 1:] - y) <= self._step_m * scans + STILL_M
-        missed = self._seen[~again.any(0) & (scans < np.minimum(seen, SEEN_SCANS))] + (0.0, 0.0, 1.0, 0.0)
-        seen_now = 1.0 + np.where(again, seen, 0.0).max(1, initial=0.0)
-        self._seen = np.vstack((missed, np.column_stack((new, np.ones(len(new)), seen_now))))
+        self._seen = np.asarray(_seen_now(self._seen, apply(pose, discs), self._step_m))
+
+
+@kernel
+def _seen_now(before: Floats, new: Floats, step_m: float) -> Floats:
+    """What is remembered, rows as of `SeenDiscs`: those (k, 4) that a scan has missed, and its own discs (d, 2)."""
+    out, count = np.empty((len(before) + len(new), 4)), 0
+    missed, seen = np.ones(len(before), np.bool_), np.ones(len(new))
+    for j in range(len(before)):
+        x, y, scans, times = before[j]
+        for k in range(len(new)):
+            if math.hypot(new[k, 0] - x, new[k, 1] - y) <= step_m * scans + STILL_M:
+                missed[j], seen[k] = False, max(seen[k], 1.0 + times)
+        if missed[j] and scans < min(times, SEEN_SCANS):
+            out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x, y, scans + 1.0, times
+            count += 1
+    for k in range(len(new)):
+        out[count, 0], out[count, 1], out[count, 2], out[count, 3] = new[k, 0], new[k, 1], 1.0, seen[k]
+        count += 1
+    return out[:count].copy()
 
 
 class Posts:

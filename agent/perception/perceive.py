@@ -136,8 +136,7 @@ def perceive(
     The scan's discs are those that may be teammates, whether there is company or not.
     """
     lidar, radius = spec.lidar, spec.radius_m
-    good = np.isnan(ranges) | ((ranges > 0) & (ranges <= lidar.range_max_m + 1.0))
-    beams = ring_of(np.where(good, ranges, np.inf), lidar, way)
+    beams = ring_of(_possible(ranges, lidar.range_max_m + 1.0), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
     noise = noise_of(noise, stood) if stood else noise
     discs, hidden, used = _teammates(beams, noise, expected, known, posts, places, radius, alone, company)
@@ -188,13 +187,30 @@ def _are_at(places: Floats, discs: Floats) -> Bools:
     return out
 
 
+@kernel
+def _possible(ranges: Floats, most: float) -> Floats:
+    """Ranges (beams,), inf where one is no possible one."""
+    out = ranges.copy()
+    for k in range(len(out)):
+        if out[k] <= 0.0 or out[k] > most:
+            out[k] = math.inf
+    return out
+
+
 def _touching(ranges: Floats, spec: RobotSpec) -> bool:
     """Whether the body may touch something: much of the view (beams,) is nearer than its edge, or than any range."""
     lidar = spec.lidar
-    near = ranges < spec.radius_m + range_noise(lidar)
-    if lidar.range_min_m >= spec.radius_m:
-        near |= np.isnan(ranges)
-    return float(near.sum()) * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
+    near = _number_near(ranges, spec.radius_m + range_noise(lidar), lidar.range_min_m >= spec.radius_m)
+    return near * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
+
+
+@kernel
+def _number_near(ranges: Floats, limit: float, unmeasured: bool) -> int:
+    """How many of ranges (beams,) are below a limit; `unmeasured`: or not measured."""
+    near = 0
+    for k in range(len(ranges)):
+        near += ranges[k] < limit or (unmeasured and math.isnan(ranges[k]))
+    return near
 
 
 @kernel
