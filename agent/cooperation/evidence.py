@@ -65,10 +65,11 @@ class WallEvidence:
         order = np.argsort(self._keys, kind="stable")
         on, through, was_fresh = np.zeros(len(keys), np.int64), np.zeros(len(keys), np.int64), np.ones(len(keys), bool)
         if len(order):
-            at = np.minimum(np.searchsorted(self._keys, keys, sorter=order), len(order) - 1)
-            known = self._keys[order[at]] == keys
-            on[known], through[known] = self.on[order[at[known]]], self.through[order[at[known]]]
-            was_fresh[known] = self.fresh[order[at[known]]]
+            before = self._keys[order]
+            at = np.minimum(np.searchsorted(before, keys), len(order) - 1)
+            known = before[at] == keys
+            same = order[at[known]]
+            on[known], through[known], was_fresh[known] = self.on[same], self.through[same], self.fresh[same]
         self.pieces, self.wall, self._keys, self._edges = pieces, wall, keys, len(wireframe.edges)
         self._sizes = lengths(wireframe.segments())[wall]
         self._boxes, self._doubted = _boxes_of(pieces), True
