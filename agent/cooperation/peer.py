@@ -81,6 +81,8 @@ class PeerLog:
     thirds_said: list[tuple[Floats, Floats]] = field(default_factory=list)
     """Words of thirds when they were last counted, and `thirds_map` its map then: the same count for nothing more."""
     thirds_map: ReceivedMap | None = None
+    balanced: tuple[list[tuple[Floats, Floats]], int] | None = None
+    """What thirds say against what it says itself, when that was last weighed, and the balance."""
     thirds_tried: tuple[int, int] = (0, -1)
     """How many thirds agreed, and the peer's map, when their word was last held against the walls."""
     thirds_on_trial: int = 0

@@ -47,11 +47,13 @@ def are_same(said: Sequence[tuple[Floats, Floats]], before: Sequence[tuple[Float
 
 def balance(peer: Proposed | Merged, merged: Sequence[Merged]) -> int:
     """How many more of these others say the transform of a peer than say another one."""
-    said = claims(words(peer, merged))
-    if not len(said):
-        return 0
-    middle = _middle_of(peer.map.wireframe)
-    return int(np.where(_alike(compose(said, middle), compose(peer.transform, middle)), 1, -1).sum())
+    said, log = words(peer, merged), peer.log
+    weighed = [*said, (peer.transform, peer.map.wireframe.points)]
+    if log.balanced is None or not are_same(weighed, log.balanced[0]):
+        middle = _middle_of(peer.map.wireframe)
+        alike = _alike(compose(claims(said), middle), compose(peer.transform, middle))
+        log.balanced = weighed, int(np.where(alike, 1, -1).sum())
+    return log.balanced[1]
 
 
 def best(said: Floats, wireframe: Wireframe) -> Claim | None:
