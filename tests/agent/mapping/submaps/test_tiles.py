@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from agent.geometry.lines import above, along
+from agent.geometry.wall_tiles import MOST
 from agent.mapping.submaps.matching import BESIDE_M, FACING, nearest_wall, tiles_of
 from agent.mapping.submaps.segments import SEGMENT
-from agent.mapping.submaps.tiles import MOST
 from protocol.arrays import Records
 
 
