@@ -23,6 +23,7 @@ def test_viewpoints_arrive_as_they_were(cells, heard, since, more) -> None:
             decode_views(sent.encode())
         return
     got = decode_views(sent.encode())
+    assert sent.nbytes == len(sent.encode())
     assert isinstance(got, Views)
     assert (got.since, got.until) == (since, since + more)
     assert got.cells.tolist() == [list(cell) for cell in cells]
