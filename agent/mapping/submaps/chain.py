@@ -15,7 +15,7 @@ from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
 from agent.mapping.submaps.length_scale import LengthScale
-from agent.mapping.submaps.loops import AGAIN_PRIOR, Submap, due, find, look_again
+from agent.mapping.submaps.loops import AGAIN_PRIOR, CONFIRMED, Submap, due, find, look_again
 from agent.mapping.submaps.matching import (
     COARSE_GATE_M,
     GATES_M,
@@ -61,7 +61,6 @@ SKIPPED = 2  # submaps before a finished one hold it by the way already and are 
 SIGMAS = 6.0
 """Deviations of the way up to which a loop is looked for. Errors of tracking are no white noise: where walls bend, or
 beams are few, a lap of 100 m was off by 25 degrees, six deviations. With three its loops were never tried."""
-CONFIRMED = 2.0  # scans that must have shown a wall of a loop's samples: what one scan shows may be a leg
 BESIDE_M = 8.0  # between the middles of two submaps that show many of the same walls
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop

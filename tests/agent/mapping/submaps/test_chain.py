@@ -261,6 +261,19 @@ def test_a_room_of_another_shape_is_no_loop() -> None:
     assert found is None or not found.accepted
 
 
+def test_a_corridor_around_a_hall_is_not_the_inside_of_its_corner() -> None:
+    """The corridor's outer wall lies on the hall's, and the wall between both in the middle of what the hall's show."""
+    walls = segments((0, 0, 20, 0), (0, 15, 0, 0))
+    views = np.array(((10.0, 5.0, math.radians(-150.0)), (5.0, 6.0, math.radians(-120.0))))
+    hall = Submap(walls, samples_along(walls), views, 12.0, math.pi / 2)
+    walls = segments((0, 0, 14, 0), (0, 10, 0, 0), (14, 3, 3, 3), (3, 3, 3, 10))
+    views = np.array(((1.5, 6.0, math.radians(-90.0)), (1.5, 1.5, math.radians(-45.0)), (5.0, 1.5, 0.0)))
+    corridor = Submap(walls, samples_along(walls), views, 12.0, math.pi / 2)
+    for later, earlier in ((corridor, hall), (hall, corridor)):
+        found = find(later, earlier, np.array((0.1, -0.1, 0.0)), np.array((0.4, 0.4, 0.1)), PRIOR)
+        assert found is not None and np.abs(found.pose).max() < 0.01 and not found.accepted
+
+
 def test_a_graph_spreads_the_error_and_resists_one_wrong_loop() -> None:
     angles = np.linspace(0, 2 * math.pi, 12, endpoint=False)
     true = np.column_stack((10 * np.cos(angles), 10 * np.sin(angles), angles))
