@@ -26,10 +26,14 @@ class SubmapConfig(Config):
     """Metres that a scan may correct though the robot stood, as the last scan was not exact."""
     still_sd_deg: Positive = 0.3
     """The same in degrees."""
-    way_sd_m: Positive = 0.06
-    """Metres by which a submap's end is known in its frame. Half of it keeps loops from bending the way: two paths of
-    five of intel-drift were 0.4 and 1 m off. Twice as much makes errors a fifth larger."""
-    way_sd_deg: Positive = 1.0
+    way_share: Positive = 0.2
+    """Share of the scans' covariances, summed along the way, by which a submap's end is unsure in its frame: scans of
+    one place err alike, and walls hold each against several before. In halls, where walls hold all scans, loops then
+    bend nothing; at doorways, where few do, they may. With 0.5 two ways of nine in made-up halls were bent."""
+    way_sd_m: Positive = 0.03
+    """Metres by which it is unsure beside. (With 0.06 m and 1 degree, and no share, one false loop bent a hall by
+    metres.)"""
+    way_sd_deg: Positive = 0.2
     """The same in degrees."""
     loop_sd_m: Positive = 0.05
     """Metres that a loop's pose may err beside its match: walls that are seen from elsewhere differ in clutter."""

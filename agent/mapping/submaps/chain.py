@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agent.corner_scan import CornerScan
+from agent.geometry.matrix3 import inverse
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
@@ -61,6 +62,8 @@ SKIPPED = 2  # submaps before a finished one hold it by the way already and are 
 SIGMAS = 6.0
 """Deviations of the way up to which a loop is looked for. Errors of tracking are no white noise: where walls bend, or
 beams are few, a lap of 100 m was off by 25 degrees, six deviations. With three its loops were never tried."""
+BENT = np.diag((0.05, 0.05, math.radians(1.0))) ** 2
+"""m2 and rad2 of a submap's end beside what is known of it, where loops are looked for: bends that no scan tells of."""
 BESIDE_M = 8.0  # between the middles of two submaps that show many of the same walls
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
@@ -106,6 +109,7 @@ class Submaps:
         self._local = np.zeros(3)  # the robot's pose in the present submap
         self._views, self._since_view, self._way = [np.zeros(3)], 0.0, 0.0
         self._since_merged = math.inf
+        self._unsure = np.zeros((3, 3))  # covariance of the robot's pose in the present submap, by all scans in it
 
     @property
     def pose(self) -> Pose:
@@ -130,10 +134,13 @@ class Submaps:
         self._local, self._overruled = guesses[0], []
         seen = segments_of(scan.pieces)
         walls = np.concatenate((self._behind, self._walls[: self._count]))
+        prior = self._by_odometry(by)
+        known = prior
         if len(seen) and len(walls):
-            self._local = self._tracked(samples_along(seen), walls, by, before, guesses)
+            self._local, known = self._tracked(samples_along(seen), walls, by, before, guesses, prior)
         else:
             self._scale.lose()
+        self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
         travel = travelled(by)
         self._since_merged += travel
         if self._since_merged >= MERGE_AFTER_M or not self._count:
@@ -157,27 +164,32 @@ class Submaps:
         self._count = merge(self._walls, self._count, moved(seen, self._local))
         self._since_merged = 0.0
 
-    def _tracked(self, samples: Floats, walls: Records, by: Pose, before: Floats, guesses: Sequence[Floats]) -> Floats:
-        """The pose (3,) in the present submap by samples of a scan, with the odometry's as prior.
+    def _by_odometry(self, by: Pose) -> Floats:
+        """(3, 3) information of a pose that odometry tells, after a motion."""
+        far, config = math.hypot(by[0], by[1]), self._config
+        place = config.distance_sd**2 * far + config.still_sd_m**2
+        heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
+        return np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
+
+    def _tracked(
+        self, samples: Floats, walls: Records, by: Pose, before: Floats, guesses: Sequence[Floats], prior: Floats
+    ) -> tuple[Floats, Floats]:
+        """The pose (3,) in the present submap by samples of a scan, with the odometry's prior; and its information.
 
         Where few that the last scan should have shown lie on walls, it is searched for around the odometry's, which may
         have slipped. guesses: poses (3,) by odometry; a second one where that was overruled at the last scan, as that
         scan's stamp may have been wrong, and not the wheels: three scans of csail-drift are off by 10 to 20 degrees.
         """
-        guess, config = guesses[0], self._config
-        far = math.hypot(by[0], by[1])
-        place = config.distance_sd**2 * far + config.still_sd_m**2
-        heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
-        prior = np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
-        tiles = tiles_of(walls)
+        guess, tiles = guesses[0], tiles_of(walls)
         match = refine(samples, tiles, guess, prior, TRACKING_GATES_M, ROUNDS)
-        last_view = Submap(walls, samples, before[None], config.view_m, self._half_view)
+        last_view = Submap(walls, samples, before[None], self._config.view_m, self._half_view)
         known, met = due(last_view, tiles, samples, match.pose)
         if met.sum() >= max(LOST_SHARE * known.sum(), HELD_SHARE * len(samples)):
-            self._scale.learn(by, before, match.pose, prior, TRUST * (match.information - prior) + prior)
+            information = TRUST * (match.information - prior) + prior
+            self._scale.learn(by, before, match.pose, prior, information)
             if _against(match.pose[None], guesses, prior)[0] >= SLIP:
                 self._overruled = [guess]
-            return match.pose
+            return match.pose, information
         self._scale.lose()
         self._overruled = [guess]
         poses = np.vstack([poses_around(one, SEARCH, SEARCH_STEP) for one in guesses])
@@ -188,7 +200,7 @@ class Submaps:
         tried = np.array((match.pose, *found))
         costs = np.array([_unlikely(last_view, tiles, samples, pose) for pose in tried])
         costs = SAMPLE_WEIGHT * costs + _against(tried, guesses, prior)
-        return np.asarray(tried[np.argmin(costs)])
+        return np.asarray(tried[np.argmin(costs)]), prior
 
     @property
     def is_comparing(self) -> bool:
@@ -207,8 +219,9 @@ class Submaps:
         place = Submap(walls, samples_along(sure), np.array(self._views), self._config.view_m, self._half_view)
         self.finished.append(place)
         self.poses = np.vstack((self.poses, compose(pose_of(self.poses[-1]), pose_of(self._local))))
-        way_sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
-        self._add_edge(new, new + 1, self._local, np.diag(way_sd**-2), False)
+        sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
+        known = np.asarray(np.linalg.inv(self._unsure + np.diag(sd**2)), np.float64)
+        self._add_edge(new, new + 1, self._local, known, False)
         self._behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
         self._overruled = [np.array(relative(pose_of(self._local), pose_of(pose))) for pose in self._overruled]
         self._begin()
@@ -255,7 +268,10 @@ class Submaps:
         if last <= 0:
             return []
         config, out = self._config, []
-        known = covariances_from(new, self.poses, self.graph())[:last]
+        graph = self.graph()
+        bent = np.linalg.inv(np.linalg.inv(graph.information) + BENT)
+        information = np.where(graph.loop[:, None, None], graph.information, bent)
+        known = covariances_from(new, self.poses, graph._replace(information=information))[:last]
         middles = np.array([self._middle(k) for k in range(last)])
         apart = np.hypot(*(middles - self._middle(new)).T)
         sd = np.sqrt(np.maximum(known[:, 0, 0], known[:, 1, 1]))
@@ -338,6 +354,20 @@ def _against(poses: Floats, guesses: Sequence[Floats], prior: Floats) -> Floats:
         off = np.column_stack((poses[:, :2] - guess[:2], wrapped(poses[:, 2] - guess[2])))
         against = np.minimum(against, 0.5 * np.einsum("ni,ij,nj->n", off, prior, off))
     return against
+
+
+@kernel
+def _carried(covariance: Floats, before: Floats, after: Floats) -> Floats:
+    """(3, 3) of a pose (3,), as that of one before it in the same frame: what turns that one swings this one."""
+    out, dx, dy = covariance.copy(), after[0] - before[0], after[1] - before[1]
+    for k in range(3):
+        out[0, k] -= dy * covariance[2, k]
+        out[1, k] += dx * covariance[2, k]
+    for k in range(3):
+        turn = out[k, 2]
+        out[k, 0] -= dy * turn
+        out[k, 1] += dx * turn
+    return out
 
 
 @kernel

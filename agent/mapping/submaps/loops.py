@@ -183,8 +183,10 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
         if (np.abs(off) > window + STEP).any():
             continue
         expected, met = (int(which.sum()) for which in due(earlier, tiles, samples, match.pose))
-        back = np.array(relative(pose_of(match.pose), (0.0, 0.0, 0.0)))
-        through = _seen_through(earlier, samples, match.pose) + _seen_through(later, earlier.samples, back)
+        through = 0
+        if met * SAMPLE_M >= MATCHED_M and met >= EXPLAINED * expected:
+            back = np.array(relative(pose_of(match.pose), (0.0, 0.0, 0.0)))
+            through = _seen_through(earlier, samples, match.pose) + _seen_through(later, earlier.samples, back)
         explained = met / max(expected + through, 1)
         answers.append((met * explained, match, met * SAMPLE_M, explained, through <= SEEN_THROUGH * met))
     if not answers:

@@ -104,6 +104,21 @@ def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
 HALL = outline((0, 0), (10, 0), (10, 10), (0, 10))
 
 
+def test_the_way_is_as_sure_as_walls_held_it() -> None:
+    """Between walls ahead and aside it is known, and along a corridor without ends only as odometry tells it."""
+    xs = np.arange(-3.0, 3.0, 0.5)
+    way = np.column_stack((xs, np.zeros(len(xs)), np.zeros(len(xs))))
+    room, corridor = (outline((-x, -y), (x, -y), (x, y), (-x, y)) for x, y in ((6.0, 3.0), (60.0, 1.0)))
+    sds = []
+    for walls in (room, corridor):
+        mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+        for observation in observations(np.array(walls), way, HALF_TURN, DRIFT, 0):
+            mind.step(observation)
+        sds.append(np.sqrt(np.diag(np.linalg.inv(mind.submaps.graph().information[0]))))
+    assert (sds[0] < (0.05, 0.05, math.radians(0.5))).all()
+    assert sds[1][0] > 1.4 * sds[0][0] and sds[1][1] < sds[0][0]
+
+
 def filled(walls: list[Wall], boxes: int, seed: int, clear: Callable[[float, float], bool]) -> Floats:
     """(n, 4) walls in a hall of 10 m, and those of boxes in it whose middles are clear of a way."""
     rng, walls, empty = np.random.default_rng(seed), list(walls), len(walls)
