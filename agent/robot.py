@@ -11,9 +11,11 @@ from agent.communication.exchange import Exchange
 from agent.config import AgentConfig
 from agent.cooperation.merging import SAME_WALL_M
 from agent.cooperation.team import Team
+from agent.corner_scan import CornerScan
 from agent.exploration.explorer import Explorer
 from agent.exploration.surroundings import Situation
 from agent.mapping.drawing import Drawing
+from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
@@ -30,15 +32,6 @@ LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
-LAY_S = 0.6  # least time between two layings of merged maps over the own one; until then the scan shows what is new
-LAY_MORE_S = 0.2
-"""More of it for each map beyond two. A map of 490 walls takes 3 ms to lay: ten or more take about 20 ms of each
-second."""
-
-
-REST_S = 10.0
-"""More of it for a robot that is complete: it goes nowhere, and tells others' news that much later. Towards the end of
-a run most of a crowd are, and laid and told maps of hundreds of walls to each other that all of them knew."""
 
 
 class Step(NamedTuple):
@@ -78,13 +71,9 @@ class Robot:
         self._told_version = 0  # rises whenever what peers are told may have changed
         self._map_bytes = encode_wireframe(self.wireframe)
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
-        self._lay_ticks = round(LAY_S * spec.lidar.rate_hz)
-        self._lay_more_ticks = round(LAY_MORE_S * spec.lidar.rate_hz)
-        self._rest_ticks = round(REST_S * spec.lidar.rate_hz)
-        self._laid_tick, self._to_lay = -self._lay_ticks, False
-        self._own_to_lay = False  # whether the own map has changed since merged ones were laid over it
+        self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
-        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks
+        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks that are left of it
 
     @property
     def own(self) -> Wireframe:
@@ -115,39 +104,25 @@ class Robot:
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started, tick = time.perf_counter(), observation.tick
-        way = self.filter.way(observation.poses())
-        places = self.team.places(tick)
-        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, len(heard) > 0, places)
-        if tick % self._merge_ticks == 0:
-            self.filter.update(scan, observation.poses())
-        else:
-            self.filter.move(observation.poses(), slips=scan.touching)
-        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):
-            walls, settled = self.loops.settled()
-            self.filter.replace(records_of(walls), settled)
-        pose = self.filter.pose
-        self.perception.remember(tick, pose)
-        own_changed = self._own.update(self.filter.wireframe())
+        scan, own_changed = self._map_scan(observation, company=len(heard) > 0)
+        pose, seen = self.filter.pose, scan.wireframe()
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
             self.team.hear(tick, news, pose, scan, self.own)
-            self.team.judge(tick, self.own, pose, self._arrived)  # Z and T by the evidence so far
+            self.team.judge(tick, self.own, pose, self._arrived)  # of Z and T: what is new in Z has a drive before it
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._draw_map(tick, own_changed)
-        seen = scan.wireframe()
-        errand = None if self.team.errand is None else self.team.errand.goal
-        explorer, partners, viewpoints = self.explorer, self.team.partners(tick), self.team.views.places
-        situation = Situation(
-            tick, self.wireframe, self._map.version, pose, seen, scan.discs, errand, partners, viewpoints,
-            self.filter.place_sd_m, self.filter.map_sd_m,
-        )  # fmt: skip
-        scene = explorer.look(situation)
-        if self._looks_first():
+        explorer = self.explorer
+        scene = explorer.look(self._situation(tick, scan, seen))
+        if self._to_look > 0:
+            self._to_look -= 1
             command = explorer.stand("look round")
         elif not len(self.wireframe.edges):
             command = explorer.drive_forward(scene)
         elif contact := explorer.place_of_contact(scene):
             command = explorer.drive(scene, contact)
+        elif home := explorer.way_home(scene):
+            command = explorer.drive(scene, home)
         elif frontier := explorer.frontier(scene):
             command = explorer.drive(scene, frontier)
         else:
@@ -179,10 +154,39 @@ class Robot:
             ),
         )
 
-    def _looks_first(self) -> bool:
-        """Whether the robot still stands and looks in this tick, of which it has LOOK_S at its start."""
-        self._to_look -= 1
-        return self._to_look >= 0
+    def _map_scan(self, observation: Observation, company: bool) -> tuple[CornerScan, bool]:
+        """Perceive a scan and merge it into the own map: the corner scan, and whether that map has changed.
+
+        company: whether anybody was heard in this tick.
+        """
+        tick, poses, way = observation.tick, observation.poses(), self.filter.way(observation.poses())
+        places = self.team.places(tick)
+        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, company, places)
+        if tick % self._merge_ticks == 0:
+            self.filter.update(scan, poses)
+        else:
+            self.filter.move(poses, slips=scan.touching)
+        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):
+            walls, settled = self.loops.settled()
+            self.filter.replace(records_of(walls), settled)
+        self.perception.remember(tick, self.filter.pose)
+        return scan, self._own.update(self.filter.wireframe())
+
+    def _situation(self, tick: int, scan: CornerScan, seen: Wireframe) -> Situation:
+        """What the robot knows before it decides. seen: the scan as a wireframe."""
+        return Situation(
+            tick=tick,
+            wireframe=self.wireframe,
+            version=self._map.version,
+            pose=self.filter.pose,
+            scan=seen,
+            discs=scan.discs,
+            errand=None if self.team.errand is None else self.team.errand.goal,
+            partners=self.team.partners(tick),
+            viewpoints=self.team.views.places,
+            pose_sd_m=self.filter.place_sd_m,
+            map_sd_m=self.filter.map_sd_m,
+        )
 
     def _nbytes(self) -> int:
         """Bytes of the filter, of the submaps, and of the places seen and tried."""
@@ -191,20 +195,15 @@ class Robot:
 
     def _draw_map(self, tick: int, own_changed: bool) -> bool:
         """Lay merged maps over the own one; whether the map has changed."""
-        merged, laid_anew = self.team.merged, False
-        self._own_to_lay |= own_changed
-        new = self.own
+        merged, new, merged_anew = self.team.merged, self.own, False
         if merged:
-            self._to_lay |= self.team.changed
-            waited = tick - self._laid_tick - self._lay_more_ticks * max(0, len(merged) - 2)
-            waited -= self._rest_ticks if self.explorer.complete else 0
-            if not (self._to_lay and waited >= 0) and not (self._own_to_lay and waited >= self._lay_ticks):
+            rests = self.explorer.complete
+            if not self._laying.due(tick, len(merged), own_changed, self.team.changed, rests):
                 return False
-            laid_anew, self._laid_tick, self._to_lay = self._to_lay, tick, False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
-        self._own_to_lay = False
+            merged_anew = self._laying.merged_anew
         changed = self._map.update(new)
-        self._told_version += changed or laid_anew
+        self._told_version += changed or merged_anew
         return changed
 
     def _told_to(self) -> Callable[[str], Wireframe]:

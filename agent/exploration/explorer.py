@@ -155,6 +155,16 @@ class Explorer:
             self._errand_arrived = False
         return self.target
 
+    def way_home(self, scene: Scene) -> Target | None:
+        """Home, for a robot that does not know its place and has begun nothing else; None without need or way."""
+        if self.complete or self.target is not None or not scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
+            return None
+        for roads in self.surroundings.ways(scene):
+            home = self._way_home(scene, roads)
+            if home is not None:
+                return self._pursue(scene, home, roads, None)
+        return None
+
     def frontier(self, scene: Scene) -> Target | None:
         """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
         if self.complete or (self.target is not None and not is_end(self.target.task)):
@@ -297,11 +307,6 @@ class Explorer:
     def _choose_frontier(self, scene: Scene, old: Target | None) -> Target | None:
         """The first task of a tour through fresh ends, or else through those to be tried again; None without any."""
         begun = None if old is None else old.task
-        if scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
-            for roads in self.surroundings.ways(scene):
-                home = self._way_home(scene, roads)
-                if home is not None:
-                    return self._pursue(scene, home, roads, None)
         # close views, into slots, are tried where no other view of a fresh end can be had
         for ends, views in ((self.goals.fresh(), (False, True)), (self.goals.again(), (False,))):
             for close in views if len(ends) else ():

@@ -1,0 +1,37 @@
+"""When merged maps are laid over the own one anew (ours)."""
+
+LAY_S = 0.6  # least time from one laying to the next for what is new of own walls: until then the scan shows it
+LAY_MORE_S = 0.2
+"""More of it for each map beyond two. A map of 490 walls takes 3 ms to lay: ten or more take about 20 ms of each
+second."""
+REST_S = 10.0
+"""More of it for a robot that is complete: it goes nowhere, and tells others' news that much later. Towards the end of
+a run most of a crowd are, and laid and told maps of hundreds of walls to each other that all of them knew."""
+
+
+class Laying:
+    """What has changed since merged maps were laid last, and when. Merged maps that are new need not wait LAY_S."""
+
+    def __init__(self, rate_hz: float) -> None:
+        """rate_hz: ticks a second."""
+        self._own_ticks, self._more_ticks, self._rest_ticks = (
+            round(seconds * rate_hz) for seconds in (LAY_S, LAY_MORE_S, REST_S)
+        )
+        self._last = -self._own_ticks
+        self._own_changed = self._merged_changed = False
+        self.merged_anew = False
+        """Whether merged maps had changed before the last laying, or which of them there are."""
+
+    def due(self, tick: int, maps: int, own_changed: bool, merged_changed: bool, rests: bool) -> bool:
+        """Whether so many merged maps are to be laid in this tick, and count that as done.
+
+        own_changed, merged_changed: of what there is something new in this tick. rests: whether the robot is complete.
+        """
+        self._own_changed |= own_changed
+        self._merged_changed |= merged_changed
+        waited = tick - self._last - self._more_ticks * max(0, maps - 2) - (self._rest_ticks if rests else 0)
+        if waited < (0 if self._merged_changed else self._own_ticks) or not (self._merged_changed or self._own_changed):
+            return False
+        self._last, self.merged_anew = tick, self._merged_changed
+        self._own_changed = self._merged_changed = False
+        return True
