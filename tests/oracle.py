@@ -193,7 +193,11 @@ def step(explorer: Explorer, situation: Situation) -> Command:
     if not len(situation.wireframe.edges):
         return explorer.drive_forward(scene)
     return explorer.drive(
-        scene, explorer.place_of_contact(scene) or explorer.frontier(scene) or explorer.default_state(scene)
+        scene,
+        explorer.place_of_contact(scene)
+        or explorer.way_home(scene)
+        or explorer.frontier(scene)
+        or explorer.default_state(scene),
     )
 
 
