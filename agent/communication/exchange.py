@@ -16,7 +16,7 @@ from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
 from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
-from protocol.map_codec import encode_map
+from protocol.map_codec import Coded, encode_map
 from protocol.messages import EVERYONE, Event, Heard, Send
 from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part, in_parts
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
@@ -121,6 +121,30 @@ class Told:
             self.parts = [p for p in self.parts if p.version > ack.version]
 
 
+class MapNews:
+    """A map for all peers that have the same base, as those that were told the same since their contacts began."""
+
+    def __init__(self, wireframe: Wireframe, axis: int, base: GridMap | None, new: GridMap) -> None:
+        """new: the wireframe on the grid of an axis, as what has changed since a base, if there is one."""
+        self._of, self._axis, self._base, self.new = wireframe, axis, base, new
+        self._coded: tuple[Coded, bool] | None = None
+
+    def are_of(self, wireframe: Wireframe, axis: int, base: GridMap | None) -> bool:
+        """Whether they are of this very map, in the same form."""
+        return self._of is wireframe and self._base is base and self._axis == axis
+
+    def coded(self, likelihoods: bool) -> tuple[Coded, bool]:
+        """The shorter one of the changes and the whole map; and whether that is the whole."""
+        if self._coded is None:
+            coded, whole = encode_map(self.new, self._base, likelihoods=likelihoods), self._base is None
+            if not whole and len(coded.data) > WHOLE_BYTES * len(self.new.cells):
+                other = encode_map(self.new, likelihoods=likelihoods)
+                if len(other.data) <= len(coded.data):
+                    coded, whole = other, True
+            self._coded = coded, whole
+        return self._coded
+
+
 class Exchange:
     """One robot's part of all exchanges of maps."""
 
@@ -131,6 +155,8 @@ class Exchange:
         """Peers heard lately, in the order in which their contacts began: C of Algorithm 1."""
         self._told: defaultdict[str, Told] = defaultdict(Told)
         self._known: defaultdict[str, Known] = defaultdict(Known)
+        self._news: MapNews | None = None
+        """Of the map that was told last."""
         self._answers: list[tuple[str, Ack, int]] = []
         """Acknowledgements due: to whom, what, and how many parts there are."""
         self._events: list[Event] = []
@@ -334,14 +360,14 @@ class Exchange:
         base = told.maps.get(told.acked)
         if base is not None and base.axis != told.axis:
             base = None
-        new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
+        if self._news is None or not self._news.are_of(wireframe, told.axis, base):
+            new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
+            self._news = MapNews(wireframe, told.axis, base, new)
+        new = self._news.new
         if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):
             return []
-        coded, version = encode_map(new, base, likelihoods=config.likelihoods), told.acked if base is not None else 0
-        if base is not None and len(coded.data) > WHOLE_BYTES * len(new.cells):
-            whole = encode_map(new, likelihoods=config.likelihoods)
-            if len(whole.data) <= len(coded.data):
-                coded, version = whole, 0
+        coded, is_whole = self._news.coded(config.likelihoods)
+        version = 0 if is_whole else told.acked
         pending = told.maps.get(told.parts[0].version) if told.parts else None
         if pending is not None and pending.alike(coded.map):
             return []

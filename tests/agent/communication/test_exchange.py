@@ -2,21 +2,22 @@
 
 from collections import Counter
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.communication import receiving
+from agent.communication import exchange, receiving
 from agent.communication.config import TalkConfig
 from agent.communication.exchange import MOST_ANSWERS, Exchange
 from agent.communication.receiving import ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import MTU_BYTES, Heard, Send
-from protocol.talk import MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
+from protocol.messages import EVERYONE, MTU_BYTES, Heard, Send
+from protocol.talk import DELTA, MAP, MAX_BODY, MAX_PARTS, Ack, Beacon, Part, in_parts
 from protocol.wireframe import Wireframe
 
 RATE_HZ = 5.0
@@ -140,6 +141,32 @@ def test_changes_are_told_at_most_every_period() -> None:
         pair.run(1)
     news = [tick for tick, name, send in pair.sent if name == "a" and send.kind in ("map", "delta")]
     assert len(news) == 4 and min(np.diff(news)) >= 25
+
+
+def test_a_map_is_put_on_its_grid_and_coded_once_for_peers_that_have_the_same_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, told = [0], Counter[str]()
+
+    def counted(*given: Any) -> GridMap:
+        made[0] += 1
+        return quantise(*given)
+
+    monkeypatch.setattr(exchange, "quantise", counted)
+    robots = {name: Exchange(TalkConfig(), RATE_HZ, MTU_BYTES) for name in "abc"}
+    flying: list[tuple[str, Send]] = []
+    for tick in range(100):
+        maps, landed, flying = {"a": comb(1 + tick // 30)}, flying, []
+        for name, robot in robots.items():
+            own = maps.get(name, comb(0))
+            mine = [(sender, send) for sender, send in landed if sender != name and send.to in (EVERYONE, name)]
+            heard = [Heard(tick=tick, sender=sender, kind=send.kind, payload=send.payload) for sender, send in mine]
+            robot.hear(tick, heard)
+            sends = robot.talk(tick, (1.0, 2.0, 3.0), lambda _, own=own: own, tick // 30 if name == "a" else 0)
+            flying += [(name, send) for send in sends]
+            told += Counter(send.to for send in sends if send.kind in (MAP, DELTA))
+    assert told["b"] == told["c"] == 4
+    assert made[0] == 4 + 2  # b and c once each, to find that they have nothing to tell
 
 
 @pytest.mark.parametrize(("others", "most"), [(2, 7), (5, 4), (8, 3)])
