@@ -29,7 +29,7 @@ class SubmapConfig(Config):
     way_share: Positive = 0.2
     """Share of the scans' covariances, summed along the way, by which a submap's end is unsure in its frame: scans of
     one place err alike, and walls hold each against several before. In halls, where walls hold all scans, loops then
-    bend nothing; at doorways, where few do, they may. With 0.5 two ways of nine in made-up halls were bent."""
+    bend nothing; at doorways, where few do, they may. With 0.5 one way of twelve in made-up halls was bent."""
     way_sd_m: Positive = 0.03
     """Metres by which it is unsure beside. (With 0.06 m and 1 degree, and no share, one false loop bent a hall by
     metres.)"""
