@@ -151,7 +151,8 @@ def perceive(
         pieces, explained = pieces_of(range_scan, cuts, sums)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)
-    return CornerScan(pieces, sight, discs, _touching(ranges, spec), stood)
+    touching = stood == 0 and _touching(ranges, spec)  # the median has no range where the lidar cuts some off
+    return CornerScan(pieces, sight, discs, touching, stood)
 
 
 @kernel

@@ -77,6 +77,17 @@ def test_what_the_range_cuts_off_is_not_measured() -> None:
     assert np.array_equal(standing.median(), [math.nan, 3.0], equal_nan=True)
 
 
+def test_what_the_range_cuts_off_is_not_touched() -> None:
+    """A robot in the middle of `hall` took its wheels to have slipped while it stood, and was lost before it moved."""
+    perception, rng = Perception(PerceptionConfig(), SPEC), np.random.default_rng(0)
+    lidar = Lidar(np.array([(3.42, -2.0, 3.42, 2.0), WALL]), SPEC.lidar)
+    for tick in range(50):
+        ranges = lidar.measured(lidar.cast(np.array([HERE])), [rng])[0]
+        seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=HERE)
+        scan = perception.see(seen, np.zeros((2, 3)), HERE, Wireframe())
+    assert scan.stood == 50 and not scan.touching
+
+
 @pytest.mark.parametrize(("odometry", "touching"), [((0.01, 0.0, 0.0), False), ((0.0, 0.0, 0.0), True)])
 def test_who_has_moved_or_may_be_pushed_stands_no_more(odometry: tuple[float, float, float], touching: bool) -> None:
     standing = Standing(LidarSpec())
