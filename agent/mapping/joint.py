@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import OCCLUSION
+from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, TENTATIVE, WALL, related, set_tip, spread, squares_beside, tip_at
@@ -24,6 +24,12 @@ WALLS = 10
 """Row of the first wall. Each has four: its offset to the left, m, at the point that its record holds, its direction,
 rad, and how far along it its tail and its head are, m. What is not known, or exact, has zeros."""
 PER_WALL = 4
+SLACK_SD = 0.5
+"""Standard deviation of an end in one scan, as a share of its slack: 0.46 to 0.65 in 10,000 views of columns, of half a
+beam's worth or of a hundred. Were all places within the slack alike it would be 0.29, but beams are mixed or lost."""
+SURE_FACE = 0.3
+"""Share of an end's slack up to which hits on the next face may have lengthened its piece. Such ends seem too far out
+by 0 to 0.3 of the distance of two beams (medians), others by 0.5 to 1.6 of it: by 40 to 90 mm from 2.5 m away."""
 MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
 MAX_JOINT = 512  # walls beyond have no rows: 34 MB of covariances
 
@@ -104,6 +110,18 @@ def _relate(wall: Record, row: int, joint: Floats, pose: Pose) -> None:
 def is_landmark(wall: Record, side: int) -> bool:
     """Whether an end has rows of its own: a corner of which one wall is known, and that often enough."""
     return bool(wall.label[side] == OCCLUSION and wall.link[side] < 0 and wall.strength[side] >= MIN_VIEWS)
+
+
+@kernel
+def tells_end(p: Record, side: int) -> bool:
+    """Whether a piece of a scan tells where its wall ends: the face beyond is out of sight, or its hits lie apart."""
+    return bool(p.label[side] == OCCLUSION and p.face[side] <= SURE_FACE * p.slack[side])
+
+
+@kernel
+def end_sd(slack: float, noise: float) -> float:
+    """Standard deviation of an end that lies somewhere in so much slack, metres. noise: of a near range."""
+    return math.hypot(slack, NOISE_FLOOR_M + noise)
 
 
 @kernel

@@ -5,7 +5,7 @@ wall. It reads a particle and changes nothing, so it also judges maps that are n
 is the log-odds, in nats, of what a scan shows if the particle is right against if it is wrong.
 """
 
-from agent.corner_scan import NOMINAL, OCCLUSION
+from agent.corner_scan import NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost
@@ -53,12 +53,12 @@ def _corner_odds(edges: Records, pieces: Records, walls: Ints, k: int) -> float:
 @kernel
 def _wrong_ends(wall: Record, piece: Record, margin: float) -> int:
     """How many ends of a piece go on behind a corner of the wall, or end before the wall does."""
-    wrong, t = 0, along(wall, piece.x, piece.y)
+    wrong, t, tells = 0, along(wall, piece.x, piece.y), piece.hits >= TELLING_HITS
     for side in range(2):
         outward = 1.0 if side == 1 else -1.0
         beyond = outward * (t + piece.end[side] - tip_at(wall, side))
         wrong += wall.label[side] == NOMINAL and beyond > margin
-        wrong += piece.label[side] == OCCLUSION and beyond + piece.slack[side] < -margin
+        wrong += tells and piece.label[side] == OCCLUSION and beyond + piece.slack[side] < -margin
     return wrong
 
 

@@ -7,7 +7,7 @@ show too few beams to be walls, wheels would turn it by 5 degrees a metre.
 
 import math
 
-from agent.corner_scan import NOMINAL, OCCLUSION
+from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, cost, overlap
@@ -164,6 +164,8 @@ def become_wall(wall: Record, p: Record, own: bool) -> None:
         wall.slack[side] = p.slack[side]
         # a corner links two walls, and the other may still be tentative
         wall.label[side] = OCCLUSION if p.label[side] == NOMINAL else p.label[side]
+        if p.label[side] == OCCLUSION and p.hits < TELLING_HITS:
+            wall.label[side] = FRONTIER
         set_tip(wall, side, t + p.end[side])
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE, TELLING_HITS
+from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
 from agent.perception.beams import Beams, width_of
@@ -96,7 +96,7 @@ def _with_corners(scan: RangeScan, cuts: Ints, ends: Ints, totals: Floats, worth
     for k in range(len(cuts)):
         for side in range(2):
             p = pieces[k]
-            if p.label[side] != NOMINAL and p.hits >= TELLING_HITS:
+            if p.label[side] != NOMINAL:
                 p.label[side], decided = _predicted_label(scan, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
                     p.face[side] = _on_small_face(p, scan, ends[k, side], side)

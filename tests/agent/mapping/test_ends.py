@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from agent.corner_scan import OCCLUSION
+from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
 from agent.mapping.edges import EDGE, WALL, set_tip, tip_at
 from agent.mapping.ends import see_end
+from agent.mapping.tentative import become_wall
 
 
 @pytest.mark.parametrize(("seen_m", "end_m"), [(5.0, 45.0), (44.0, 44.0)])
@@ -17,3 +18,13 @@ def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(see
     for _ in range(6):
         see_end(edges, 0, 1, OCCLUSION, seen_m, 0.0, 0.0, 1.0)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
+
+
+@pytest.mark.parametrize(("hits", "label"), [(3.0, OCCLUSION), (0.3, FRONTIER)])
+def test_a_wall_has_no_end_where_few_noisy_beams_show_one(hits: float, label: int) -> None:
+    """In the middle of a long wall every third such end is none."""
+    edges, pieces = np.zeros(1, EDGE), np.zeros(1, PIECE)
+    pieces["hits"], pieces["end"], pieces["label"], pieces["slack"] = hits, (-0.2, 0.2), OCCLUSION, 0.05
+    edges["ux"] = 1.0
+    become_wall(edges[0], pieces[0], own=True)
+    assert edges["label"][0].tolist() == [label, label]

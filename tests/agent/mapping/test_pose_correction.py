@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.corner_scan import OCCLUSION, PIECE
+from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
 from agent.mapping.joint import AXIS, know_walls, relate, row_of
@@ -16,10 +16,11 @@ NOT_TENTATIVE = np.zeros(2, np.bool_)
 OFF_M = 0.05
 
 
-def moved_by(side: int, off: float) -> float:
+def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0) -> float:
     """By how much the robot moves along a wall from 2 to 4 m ahead, one end of which (side) is seen `off` m farther.
 
-    It knows its place to 0.1 m and the wall well.
+    It knows its place to 0.1 m and the wall well. face: metres of the piece that may be of the face beyond, by a slack
+    of 0.01 m. hits: beams of the piece, as near ones count.
     """
     edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
     wall = edges[0]
@@ -34,7 +35,7 @@ def moved_by(side: int, off: float) -> float:
     pieces = np.zeros(1, PIECE)
     piece = pieces[0]
     piece["hits"], piece["x"], piece["y"], piece["ux"], piece["spread"], piece["moment"] = (
-        30.0,
+        hits,
         3.0,
         -1.0,
         1.0,
@@ -43,32 +44,37 @@ def moved_by(side: int, off: float) -> float:
     )
     piece["end"], piece["label"] = (-1.0, 1.0), -1
     piece["end"][side] += off
-    piece["label"][side] = OCCLUSION
+    piece["label"][side], piece["slack"][side], piece["face"][side] = OCCLUSION, 0.01, face
     shift = np.zeros(len(joint))
     gates = Gates(NOISE, OFFSET_GATE_M)
     correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
     return float(shift[0])
 
 
-def test_an_end_that_points_away_holds_the_robot_along_its_wall() -> None:
-    assert moved_by(1, OFF_M) == pytest.approx(-OFF_M, abs=0.005)
+@pytest.mark.parametrize("hits", [30.0, 0.2])
+@pytest.mark.parametrize("side", [0, 1])
+def test_an_end_holds_the_robot_along_its_wall_however_few_beams_show_it(side: int, hits: float) -> None:
+    assert moved_by(side, OFF_M, hits=hits) == pytest.approx(-OFF_M, abs=0.008)
 
 
-def test_an_end_that_points_at_the_robot_does_not() -> None:
-    assert moved_by(0, OFF_M) == 0.0
+def test_an_end_beyond_which_hits_may_be_of_the_next_face_does_not() -> None:
+    """It seems too far out, and pulled the robot along."""
+    assert moved_by(0, OFF_M, face=0.02) == 0.0
 
 
 def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:
     assert moved_by(1, -1.0) == 0.0
 
 
-def test_a_piece_of_unsure_direction_tells_little_of_the_place_and_nothing_of_the_heading() -> None:
+def test_a_piece_that_may_be_of_two_faces_tells_little_of_the_place_and_nothing_of_the_heading() -> None:
+    """Where it shares a corner with the next piece, or lies in the middle of its wall, it is of one."""
     known_m, turned = [], []
-    for spread in (1.0, 0.005):  # m2: the direction is known to 0.6 and to 8 degrees
+    unsure = 0.005  # m2: the direction is known to 8 degrees, with 1 m2 to 0.6
+    for spread, half_m, label in ((1.0, 0.5, -1), (unsure, 0.5, -1), (unsure, 0.5, NOMINAL), (unsure, 5.0, -1)):
         edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
         wall = edges[0]
         wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 1e4, 0.0, -2.0, 1.0, 1e4
-        wall["tip"], wall["link"] = [(-1.0, -2.0), (1.0, -2.0)], -1
+        wall["tip"], wall["link"] = [(-half_m, -2.0), (half_m, -2.0)], -1
         joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
         know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
         joint[1, 1], joint[2, 2] = 0.1**2, 0.02**2
@@ -76,7 +82,8 @@ def test_a_piece_of_unsure_direction_tells_little_of_the_place_and_nothing_of_th
         pieces = np.zeros(1, PIECE)
         piece = pieces[0]
         piece["hits"], piece["y"], piece["spread"], piece["moment"] = 1.0, -2.0, spread, 1.0
-        piece["ux"], piece["uy"], piece["end"], piece["label"] = math.cos(0.02), math.sin(0.02), (-0.5, 0.5), -1
+        piece["ux"], piece["uy"], piece["end"] = math.cos(0.02), math.sin(0.02), (-0.5, 0.5)
+        piece["label"] = label, -1
         shift = np.zeros(len(joint))
         gates = Gates(NOISE, OFFSET_GATE_M)
         correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
@@ -84,7 +91,9 @@ def test_a_piece_of_unsure_direction_tells_little_of_the_place_and_nothing_of_th
         turned.append(shift[2])
     assert known_m[0] == pytest.approx(0.0104, rel=0.02)
     assert known_m[1] == pytest.approx(0.0303, rel=0.02)
+    assert known_m[2] == known_m[3] == pytest.approx(known_m[0], rel=0.02)
     assert turned[0] < -0.01 and turned[1] == pytest.approx(0.0, abs=1e-6)
+    assert turned[2] == turned[3] < -2e-4
 
 
 def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it() -> None:
