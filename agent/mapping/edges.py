@@ -47,12 +47,13 @@ EDGE = np.dtype(
         ("through", "f4"),  # scans in a row that saw through the wall
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
+        ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
         ("twin", "i8"),  # of what a scan has cut off another wall: that one's number and 1
     ],
     align=True,
 )
 """One wall. An aligned record, so that numba reads its fields like attributes."""
-EDGE_BYTES = EDGE.itemsize - EDGE["relative"].itemsize - EDGE["twin"].itemsize
+EDGE_BYTES = EDGE.itemsize - sum(EDGE[name].itemsize for name in ("relative", "held", "twin"))
 """Bytes that a wall needs between scans; what is left out is worked out anew in each."""
 
 
@@ -65,6 +66,7 @@ def check_records(edges: Records) -> None:
         "label": (0, 2),
         "link": (-1, len(edges) - 1),
         "twin": (0, len(edges)),
+        "held": (0, 1),
         "probation": (0, 1),
     }
     if not all((np.abs(values) <= LARGEST).all() for values in numbers):

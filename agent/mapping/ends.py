@@ -68,7 +68,7 @@ def see_end(
             set_end(e, side, label, slack, 1.0)
             set_tip(e, side, t)
     elif label == FRONTIER:  # the wall goes on at least as far as this
-        if was != NOMINAL and seen > known:
+        if was != NOMINAL and seen > known and e.held[side] == 0:
             set_tip(e, side, t if was == FRONTIER else outward * min(seen, reach))
             e.slack[side] = max(reach - seen, 0.0)
     elif was == FRONTIER:
@@ -81,6 +81,9 @@ def see_end(
             low, high = max(known, seen - face), min(reach, seen + slack)
             if low > high:
                 low = high = 0.5 * (low + high)
+            if e.held[side] == 1:  # its middle is where the joint estimate has it
+                middle, half = 0.5 * (known + reach), 0.5 * (high - low)
+                low, high = middle - half, middle + half
             set_tip(e, side, outward * low)
             e.slack[side] = high - low
             e.strength[side] += 1.0

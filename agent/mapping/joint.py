@@ -83,10 +83,14 @@ def observe(
 
 @kernel
 def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
-    """Write into each wall how well its line is known from where the robot is."""
+    """Write into each wall how well its line is known from where the robot is, and which ends are known."""
     for e in range(min(count, has_rows(joint))):
+        edges[e].held[:] = 0
         if edges[e].alive != FREE and joint[row_of(e), row_of(e)] > 0.0:
             _relate(edges[e], row_of(e), joint, pose)
+            for side in range(2):
+                end = row_of(e) + 2 + side
+                edges[e].held[side] = 1 if joint[end, end] > 0.0 and is_landmark(edges[e], side) else 0
 
 
 @kernel

@@ -20,6 +20,17 @@ def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(see
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
 
 
+def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_it() -> None:
+    """A robot that is 4 cm off along a column took the column's ends along, and was as far off for good."""
+    edges = np.zeros(1, EDGE)
+    edges["alive"], edges["ux"], edges["link"], edges["label"], edges["slack"] = WALL, 1.0, -1, OCCLUSION, 0.04
+    edges["held"] = 1
+    set_tip(edges[0], 1, 0.4)
+    see_end(edges, 0, 1, OCCLUSION, 0.42, 0.04, 0.0, 1.0)
+    see_end(edges, 0, 1, FRONTIER, 0.43, 0.0, 0.0, 1.0)
+    assert tip_at(edges[0], 1) == pytest.approx(0.41) and edges["slack"][0, 1] == pytest.approx(0.02)
+
+
 @pytest.mark.parametrize(("hits", "label"), [(3.0, OCCLUSION), (0.3, FRONTIER)])
 def test_a_wall_has_no_end_where_few_noisy_beams_show_one(hits: float, label: int) -> None:
     """In the middle of a long wall every third such end is none."""
