@@ -5,11 +5,18 @@ beams each have met, and are tentative still after ten seconds. A tentative wall
 and the heading of the frame with it.
 """
 
-from agent.corner_scan import FRONTIER
+import math
+
+import numpy as np
+
+from agent.corner_scan import FRONTIER, NOISE_FLOOR_M, NOMINAL, OCCLUSION, TELLING_HITS
+from agent.geometry.lines import along
 from agent.kernels import kernel
-from agent.mapping.edges import TENTATIVE, WALL, set_end
-from agent.mapping.tentative import is_steady
-from protocol.arrays import Ints, Records
+from agent.mapping.association import Gates, associate
+from agent.mapping.edges import TENTATIVE, WALL, set_end, set_tip
+from agent.mapping.joint import has_rows, is_landmark, place_end, row_of, tells_end
+from agent.mapping.tentative import is_steady, tentative_of
+from protocol.arrays import Floats, Ints, Records
 
 LEAST_SCANS = 10.0  # scans that must have hit a wall of the first look: mixed readings at edges show in one or two
 
@@ -18,8 +25,8 @@ LEAST_SCANS = 10.0  # scans that must have hit a wall of the first look: mixed r
 def keep_first_look(edges: Records, counts: Ints, noise: float) -> None:
     """Let tentative walls that were seen steadily be walls of every particle: edges (p, e), counts (p,).
 
-    The joint estimate knows them already (`joint.know_walls`). They end as far as they were seen; nearer views will
-    tell where. noise: m, standard deviation of a range.
+    The joint estimate knows them already (`joint.know_walls`). Where an end does not hold the robot, they end as far as
+    they were seen, and nearer views will tell where. noise: m, standard deviation of a range.
     """
     for p in range(len(counts)):
         for e in range(counts[p]):
@@ -28,4 +35,32 @@ def keep_first_look(edges: Records, counts: Ints, noise: float) -> None:
                 continue
             w.alive, w.own, w.misses, w.through = WALL, 1, 0.0, 0.0
             for side in range(2):
-                set_end(w, side, FRONTIER, 0.0, 0.0)
+                if not is_landmark(w, side):
+                    set_end(w, side, FRONTIER, 0.0, 0.0)
+
+
+@kernel
+def hold_first_ends(edges: Records, counts: Ints, joint: Floats, pieces: Records, gates: Gates, views: float) -> None:
+    """Let ends that the first look shows hold the robot: edges (p, e), counts (p,), joint (p, m, m), pieces (k,).
+
+    The pose is exact, so they err by themselves alone: within their slack, of which the median of many scans has all
+    places alike, and where two faces meet as the lines of both do. views: how many scans the pieces are of.
+    """
+    exact, dice = (np.zeros(0, np.int64), np.zeros(0)), np.zeros(len(pieces))
+    for p in range(len(counts)):
+        walls = associate(edges[p], counts[p], pieces, gates, dice)
+        for k in range(len(pieces)):
+            piece = pieces[k]
+            e = walls[k] if walls[k] >= 0 else tentative_of(edges[p], counts[p], piece, gates)
+            if e < 0 or e >= has_rows(joint[p]) or joint[p, row_of(e), row_of(e)] == 0.0 or piece.hits < TELLING_HITS:
+                continue
+            w = edges[p, e]
+            for side in range(2):
+                tip = along(w, piece.x, piece.y) + piece.end[side]
+                if w.link[side] >= 0 or not (tells_end(piece, side) or piece.label[side] == NOMINAL):
+                    continue
+                set_tip(w, side, tip)
+                set_end(w, side, OCCLUSION, piece.slack[side], views)
+                of_lines = gates.noise if piece.label[side] == NOMINAL else 0.0
+                sd = math.hypot(piece.slack[side] / math.sqrt(12.0), NOISE_FLOOR_M + of_lines)
+                place_end(joint[p], row_of(e) + 2 + side, exact[0], exact[1], sd * sd)

@@ -15,7 +15,7 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
 from agent.mapping.exactness import map_sd_m
-from agent.mapping.first_look import keep_first_look
+from agent.mapping.first_look import hold_first_ends, keep_first_look
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
@@ -198,6 +198,8 @@ class WireframeFilter:
         self._weigh(scores)
         if scan.stood and self._noisy:
             self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
+            gates = Gates(self._noise, OFFSET_GATE_M)
+            hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.stood)
             return
         walls, count = self.edges[self.best], int(self.counts[self.best])
         see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share)

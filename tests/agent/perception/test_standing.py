@@ -7,6 +7,7 @@ import pytest
 
 from agent.corner_scan import CornerScan
 from agent.mapping.config import FilterConfig
+from agent.mapping.joint import PER_WALL, WALLS
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.config import PerceptionConfig
 from agent.perception.perceive import Perception, perceive
@@ -86,6 +87,15 @@ def test_what_the_range_cuts_off_is_not_touched() -> None:
         seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=HERE)
         scan = perception.see(seen, np.zeros((2, 3)), HERE, Wireframe())
     assert scan.stood == 50 and not scan.touching
+
+
+def test_far_ends_of_the_first_look_hold_the_robot() -> None:
+    """They tell how the frame lies better than the directions of the faces do, which are known to some degrees."""
+    mapping = looked(0, together=True)
+    joint, count = mapping.joint[0], int(mapping.counts[0])
+    ends = np.sqrt(joint.diagonal()[WALLS : WALLS + PER_WALL * count].reshape(-1, PER_WALL)[:, 2:])
+    assert (ends > 0.0).sum() >= 2
+    assert ends.max() < 0.03
 
 
 @pytest.mark.parametrize(("odometry", "touching"), [((0.01, 0.0, 0.0), False), ((0.0, 0.0, 0.0), True)])
