@@ -8,7 +8,8 @@ import pytest
 from agent.corner_scan import FRONTIER
 from agent.mapping.config import FilterConfig
 from agent.mapping.edges import length, new_slot, set_tip
-from agent.mapping.particle_filter import WireframeFilter, systematic
+from agent.mapping.joint import AXIS
+from agent.mapping.particle_filter import STILL_SCANS, WireframeFilter, systematic
 from agent.perception.disc_memory import SeenDiscs
 from agent.perception.perceive import perceive
 from protocol.geometry import Pose, seen_from, wrapped
@@ -244,6 +245,20 @@ def test_far_columns_seen_before_the_first_move_hold_the_heading_against_wheels_
         told = math.radians(6.0) * way  # they are told to bend the way by 6 degrees a metre, which is straight
         walk.see((way, 0.0, 0.0), (way, 0.5 * told * way, told))
     assert abs(walk.filter.pose[2]) < math.radians(1.0)
+
+
+def test_scans_of_a_robot_that_stands_tell_no_more_and_more_of_pose_and_walls() -> None:
+    """They err alike, and turned the maps of robots that had parked."""
+    walk = Walk(ROOM, LidarSpec(noise_share=0.0175), 1, OdometrySpec(noisy=True))
+    for k in range(30):
+        walk.see((2.5 + 0.02 * k, 0.7, 0.0), (0.02 * k, 0.0, 0.0))
+    known = []
+    for _ in range(2 * STILL_SCANS):
+        walk.see((3.08, 0.7, 0.0), (0.58, 0.0, 0.0))
+        known.append(float(walk.filter.joint[0][AXIS, AXIS]))
+    assert known[0] > known[STILL_SCANS - 2] and known[STILL_SCANS - 1] == known[-1]
+    walk.see((3.1, 0.7, 0.0), (0.6, 0.0, 0.0))
+    assert walk.filter.joint[0][AXIS, AXIS] < known[-1]
 
 
 def test_who_is_pushed_around_by_a_teammate_knows_where_it_is_by_what_it_sees() -> None:
