@@ -31,6 +31,10 @@ SURE_FACE = 0.3
 """Share of an end's slack up to which hits on the next face may have lengthened its piece. Such ends seem too far out
 by 0 to 0.3 of the distance of two beams (medians), others by 0.5 to 1.6 of it: by 40 to 90 mm from 2.5 m away."""
 MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
+END_SIGMAS = 5.0
+"""Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
+corridor 30 m away from that wall's corner; where the robot's place is uncertain, Cauchy's weight let that pull it by
+0.15 m."""
 MAX_JOINT = 512  # walls beyond have no rows: 34 MB of covariances
 
 
@@ -216,9 +220,8 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
                 new[number] = e
                 number += 1
             for side in range(2):
-                if joint[row + 2 + side, row + 2 + side] > 0.0 and not is_landmark(wall, side):
-                    joint[row + 2 + side] = 0.0
-                    joint[:, row + 2 + side] = 0.0
+                if not is_landmark(wall, side) and wall.link[side] < 0:
+                    _forget(joint, row + 2 + side)
             continue
         if joint[row, row] > 0.0:
             joint[row : row + PER_WALL] = 0.0
@@ -236,6 +239,54 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
         wall.twin = 0
         _relate(wall, row, joint, pose)
     return new[:number]
+
+
+@kernel
+def _forget(joint: Floats, row: int) -> None:
+    """Take its row away from what is not known any more."""
+    if joint[row, row] > 0.0:
+        joint[row] = 0.0
+        joint[:, row] = 0.0
+
+
+@kernel
+def middle_of_end(wall: Record, side: int) -> float:
+    """Coordinate along its wall at which an end is taken to be: the middle of its slack."""
+    return float(tip_at(wall, side) + (0.5 if side == 1 else -0.5) * wall.slack[side])
+
+
+@kernel
+def corner_slopes(wall: Record, other: Record, tip: float, x: float, y: float) -> Floats:
+    """(4,) by how much a corner at (x, y), `tip` along its wall, lies less far on, by errors of both walls' lines."""
+    sine, cosine = other.ux * wall.uy - other.uy * wall.ux, other.ux * wall.ux + other.uy * wall.uy
+    slopes: Floats = np.array((cosine, cosine * tip, -1.0, -along(other, x, y))) / sine
+    return slopes
+
+
+@kernel
+def hold_corners(edges: Records, before: Records, joint: Floats, shift: Floats, noise: float) -> None:
+    """Let known ends that have become corners say where the other wall lies: joint (m, m) and shift (m,) in place.
+
+    Else what is known of the end were lost with its row, and the corner as well known as the newer wall. before: (k,)
+    the walls before the scan was merged.
+    """
+    rows, slopes = np.zeros(5, np.int64), np.full(5, -1.0)
+    for e in range(min(len(before), has_rows(joint), (len(shift) - WALLS) // PER_WALL)):
+        w = edges[e]
+        for side in range(2):
+            f, end = w.link[side], row_of(e) + 2 + side
+            if f < 0 or joint[end, end] == 0.0:
+                continue
+            if before[e].held[side] == 1 and related(w) and related(edges[f]):
+                tip = tip_at(w, side)
+                off = along(w, before[e].tip[side, 0], before[e].tip[side, 1]) - tip
+                off += middle_of_end(before[e], side) - tip_at(before[e], side)
+                rows[0], rows[1], rows[2], rows[3], rows[4] = end, row_of(e), row_of(e) + 1, row_of(f), row_of(f) + 1
+                slopes[1:] = -corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
+                sd = NOISE_FLOOR_M + noise
+                observe(joint, shift, rows, slopes, off, sd * sd, END_SIGMAS)
+            _forget(joint, end)
+            shift[end] = 0.0
 
 
 @kernel

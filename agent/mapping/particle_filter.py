@@ -24,6 +24,7 @@ from agent.mapping.joint import (
     WALLS,
     carry,
     has_rows,
+    hold_corners,
     know_walls,
     move_walls,
     relate,
@@ -103,12 +104,14 @@ def update_particles(
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
-        tentative = edges[p]["alive"][: counts[p]] == TENTATIVE
+        before = edges[p, : counts[p]].copy()
+        tentative = before["alive"] == TENTATIVE
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
         if not exact:
             fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
             shift = _rows(counts[p], joint[p])
+            hold_corners(edges[p], before, joint[p], shift, noise)
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
             _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
     return scores

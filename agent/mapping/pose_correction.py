@@ -18,8 +18,10 @@ from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
+    END_SIGMAS,
     MIN_VIEWS,
     SLACK_SD,
+    corner_slopes,
     end_sd,
     has_rows,
     is_landmark,
@@ -53,10 +55,6 @@ UNSURE_WORTH = 0.1
 """What the place of such a piece counts, as scans that err alike tell less than so many. Its direction counts for
 nothing: at this worth it turned robots, and told no more of their heading (36 starts in `hall`: maps turned by 0.30
 degrees, now by 0.24, and their walls 6.7 mm off in themselves, now 4.9; rms)."""
-END_SIGMAS = 5.0
-"""Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
-corridor 30 m away from that wall's corner; where the robot's place is uncertain, Cauchy's weight let that pull it by
-0.15 m."""
 
 
 class Axis(NamedTuple):
@@ -229,10 +227,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         sd = end_sd(SLACK_SD * (p.slack[side] + w.slack[side]), noise)
         lengthwise, f = (w.ux, w.uy, w.uy * ex - w.ux * ey), w.link[side]
         if f >= 0 and related(edges[f]):
-            v = edges[f]
-            sine, cosine = v.ux * w.uy - v.uy * w.ux, v.ux * w.ux + v.uy * w.uy  # of the turn from that wall to this
-            at = along(v, w.tip[side, 0], w.tip[side, 1])
-            corner = np.array((cosine, cosine * tip, -1.0, -at)) / sine
+            corner = corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
             rows = np.array((row, row + 1, row_of(f), row_of(f) + 1))
             _observe(joint, shift, p.moment, lengthwise, rows, corner, off, sd * sd, END_SIGMAS)
         elif is_landmark(w, side):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agent.mapping.edges import EDGE, TENTATIVE, WALL, line_sd, related
-from agent.mapping.joint import WALLS, carry, know_walls, move_walls, observe, relate, row_of
+from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, observe, relate, row_of
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 
@@ -137,3 +137,22 @@ def test_a_tentative_wall_that_comes_and_goes_holds_no_robot() -> None:
     know_walls(edges, 2, joint, POSE, NOISE, NOT_TENTATIVE)
     assert not related(edges[1])
     assert not joint[row_of(1) :].any()
+
+
+def test_a_known_end_that_becomes_a_corner_says_where_the_other_wall_lies() -> None:
+    """A new wall is known as the pose is that it was seen from, and the end that it meets was seen from the start."""
+    edges, joint = mapped()
+    wall, other = edges[0], edges[1]  # y = 2, from x = 1 to -1, and x = 2, whose head meets the tail of the first
+    end = row_of(0) + 2
+    wall["tip"][0], other["tip"][1], wall["held"][0] = (1.9, 2.0), (2.0, 2.0), 1
+    joint[end, end] = 1e-6
+    before = edges[:2].copy()
+    wall["link"][0], other["link"][1], wall["tip"][0] = 1, 0, (2.0, 2.0)
+    joint[row_of(0) : row_of(0) + 2] = joint[:, row_of(0) : row_of(0) + 2] = 0.0
+    joint[row_of(0), row_of(0)] = joint[row_of(0) + 1, row_of(0) + 1] = 1e-8
+    relate(edges, 2, joint, POSE)
+    shift = np.zeros(len(joint))
+    hold_corners(edges, before, joint, shift, NOISE)
+    assert shift[row_of(1)] == pytest.approx(0.1, abs=0.02)  # to the left of a wall that goes up: to x = 1.9
+    assert math.sqrt(joint[row_of(1), row_of(1)]) < 0.05
+    assert not joint[end].any()
