@@ -174,7 +174,7 @@ class WireframeFilter:
         self.log_weights, self.standing = np.zeros(n), np.zeros(n)
         self.best = 0
         self._noise, self._noise_share = range_noise(spec.lidar), spec.lidar.noise_share
-        self._odometry = np.zeros(3)  # (x, y, theta) where the robot's frame begins, also for one that starts late
+        self._odometry = np.zeros(3)  # (x, y, theta) where the own frame begins, also for one that starts late
         self._still = 0  # scans since the robot moved
         self._noisy = spec.odometry.noisy and config.correct_pose
         self.poses, self._axes = np.zeros((n, 3)), np.zeros(n)
@@ -190,7 +190,7 @@ class WireframeFilter:
     def update(self, scan: CornerScan, odometry: Floats | Pose) -> None:
         """Merge a corner scan into every particle, weigh and resample them.
 
-        odometry: (k, 3) poses (m, rad) since the last scan, or the last one alone, robot's frame.
+        odometry: (k, 3) poses (m, rad) since the last scan, or the last one alone, in the odometry's frame.
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
