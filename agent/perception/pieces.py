@@ -144,8 +144,8 @@ def _beam(scan: RangeScan, j: int) -> int:
 def _split_at_gaps(scan: RangeScan, cuts: Ints) -> Ints:
     """Cut pieces where neighbouring hits are too far apart on the wall to show that it goes on between them.
 
-    Sparse beams meet a wall far ahead a metre apart, and it is those hits that tell its direction best. Pieces seen from
-    behind are left out: the lidar passed a wall's line on the way to the stamp.
+    Sparse beams meet a wall far ahead a metre apart, and it is those hits that tell its direction best. Pieces seen
+    from behind are left out: the lidar passed a wall's line on the way to the stamp.
     """
     m, count = len(scan.used), 0
     out = np.empty((m + 1, 2), np.int64)

@@ -30,7 +30,7 @@ from agent.mapping.submaps.matching import (
 from agent.mapping.submaps.merging import merge, united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import SEGMENT, every, moved, samples_along, segments_in, segments_of
-from agent.mapping.submaps.tiles import Tiles
+from agent.mapping.submaps.tiles import SegmentTiles
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative, wrapped
 
@@ -340,7 +340,7 @@ class Submaps:
         return walls
 
 
-def _unlikely(last_view: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> float:
+def _unlikely(last_view: Submap, tiles: SegmentTiles, samples: Floats, pose: Floats) -> float:
     """What speaks against a pose (3,) of samples (k, 5), by those of the walls that the last view should show there."""
     known, _ = due(last_view, tiles, samples, pose)
     cost = float(costs_around(samples[known], tiles, pose[None], GATES_M[-1])[0])

@@ -23,7 +23,7 @@ from agent.mapping.submaps.matching import (
     tiles_of,
 )
 from agent.mapping.submaps.segments import SAMPLE_M, every
-from agent.mapping.submaps.tiles import Tiles
+from agent.mapping.submaps.tiles import SegmentTiles
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import pose_of, relative, wrapped
 
@@ -72,7 +72,7 @@ class Found(NamedTuple):
 
 
 @kernel
-def on_walls(tiles: Tiles, samples: Floats, pose: Floats) -> Bools:
+def on_walls(tiles: SegmentTiles, samples: Floats, pose: Floats) -> Bools:
     """(k,) which samples (k, 5) at a pose lie on walls."""
     out = np.zeros(len(samples), np.bool_)
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -83,7 +83,7 @@ def on_walls(tiles: Tiles, samples: Floats, pose: Floats) -> Bools:
 
 
 @kernel
-def due(place: Submap, tiles: Tiles, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
+def due(place: Submap, tiles: SegmentTiles, samples: Floats, pose: Floats) -> tuple[Bools, Bools]:
     """(k,) which samples (k, 5) at a pose some view of a place should show, and (k,) which of them are on walls.
 
     tiles: of the place's walls.

@@ -9,7 +9,7 @@ from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.submaps.segments import samples_along
-from agent.mapping.submaps.tiles import Tiles, tiled
+from agent.mapping.submaps.tiles import SegmentTiles, tiled
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
@@ -36,21 +36,22 @@ class Match(NamedTuple):
 
 
 @shared_kernel
-def tiles_of(walls: Records) -> Tiles:
+def tiles_of(walls: Records) -> SegmentTiles:
     """Walls (n,) as all below takes them, with gates of up to `GATES_M[0]`."""
     return tiled(walls, math.hypot(GATES_M[0], BESIDE_M))
 
 
 @kernel
-def nearest_wall(tiles: Tiles, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
+def nearest_wall(tiles: SegmentTiles, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
     """Wall that a sample lies on, or -1, and its signed distance from that wall's line, metres."""
     best, found, distance = gate, -1, 0.0
-    column, row = (x - tiles.x) * tiles.per_m, (y - tiles.y) * tiles.per_m
-    if not (0.0 <= column < tiles.columns and 0.0 <= row < tiles.rows):
+    at = tiles.tiles
+    column, row = (x - at.x) * at.per_m, (y - at.y) * at.per_m
+    if not (0.0 <= column < at.columns and 0.0 <= row < at.rows):
         return found, distance
-    tile = int(row) * tiles.columns + int(column)
-    for j in range(tiles.listed[tile], tiles.listed[tile + 1]):
-        k = tiles.listed[j]
+    tile = int(row) * at.columns + int(column)
+    for j in range(at.listed[tile], at.listed[tile + 1]):
+        k = at.listed[j]
         w = tiles.walls[k]
         if w.ux * ux + w.uy * uy < FACING:
             continue
@@ -63,7 +64,7 @@ def nearest_wall(tiles: Tiles, x: float, y: float, ux: float, uy: float, gate: f
 
 
 @kernel
-def refine(samples: Floats, tiles: Tiles, start: Floats, prior: Floats, gates: Floats, rounds: int) -> Match:
+def refine(samples: Floats, tiles: SegmentTiles, start: Floats, prior: Floats, gates: Floats, rounds: int) -> Match:
     """Gauss-Newton on the samples (k, 5) of `samples_along` from a start (3,), with an information (3, 3) about it.
 
     gates: metres, a distance beyond which a sample counts little, one after the other, `rounds` steps each.
@@ -101,7 +102,7 @@ def refine(samples: Floats, tiles: Tiles, start: Floats, prior: Floats, gates: F
 
 
 @kernel
-def share_beside(tiles: Tiles, segments: Records, gate: float) -> float:
+def share_beside(tiles: SegmentTiles, segments: Records, gate: float) -> float:
     """Share of the length of segments (k,) that lies beside walls of their frame, within the gate, metres."""
     samples, on = samples_along(segments), 0
     for k in range(len(samples)):
@@ -110,7 +111,7 @@ def share_beside(tiles: Tiles, segments: Records, gate: float) -> float:
 
 
 @kernel
-def truncated_cost(samples: Floats, tiles: Tiles, pose: Floats, gate: float) -> float:
+def truncated_cost(samples: Floats, tiles: SegmentTiles, pose: Floats, gate: float) -> float:
     """Sum over the samples of their squared distance from walls over the gate's, at most 1 each."""
     total = 0.0
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -122,7 +123,7 @@ def truncated_cost(samples: Floats, tiles: Tiles, pose: Floats, gate: float) -> 
 
 
 @kernel
-def costs_around(samples: Floats, tiles: Tiles, poses: Floats, gate: float) -> Floats:
+def costs_around(samples: Floats, tiles: SegmentTiles, poses: Floats, gate: float) -> Floats:
     """(n,) truncated costs at poses (n, 3)."""
     out = np.empty(len(poses))
     for n in range(len(poses)):
