@@ -1,6 +1,6 @@
 """Whole runs of three robots: how exact accepted transforms are, and how much wrong wall a merge adds."""
 
-from itertools import permutations
+from itertools import combinations, permutations
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ RUNS = 1000
 LIMIT_S = 600.0  # simulated seconds of a run
 LATER_S = 10.0  # after which an accepted transform must be exact
 SETTLED_S = 30.0  # after which a merge may have added no wrong wall
-TOGETHER_S = 30.0  # between both directions of a pair
+TOGETHER_S = 30.0  # of contact, between both directions of a pair
 WRONG_M = 0.05  # from any true wall
 SAMPLE_M = 0.05
 PAIRS_MERGED, TWINS_MERGED = 0.95, 0.8  # of pairs that met
@@ -63,9 +63,11 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
     """One run: errors of accepted transforms at once and later, wrong wall that merges added, and pairs merged."""
     merges: dict[tuple[str, str], dict[str, Any]] = {}  # those that stand
     done: list[dict[str, Any]] = []  # all
+    mutual = Mutual()
 
     def look(run: Explored) -> bool:
         t = run.episode.t
+        mutual.look(run)
         for one, two in permutations(run.robots, 2):
             mind, merge = run.robots[one], merges.get((one, two))
             if two not in mind.team.merged_ticks:
@@ -95,7 +97,7 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
         "false": sum(not right(*merge["at_once"]) for merge in done),
         "met": len(heard),
         "merged": len(heard & merged),
-        "both": _apart(done),
+        "both": mutual.waits(),
         "bytes": sum(robot["bytes_sent"] for robot in summary.values()),
         "t_99": [robot["t_99"] for robot in summary.values()],
     }
@@ -121,17 +123,31 @@ def wrong_wall(wireframe: Wireframe, frame: tuple[float, float, float], truth: T
     return float(stands_for[distance_to(points, ways, truth.outline) > WRONG_M].sum())
 
 
-def _apart(merges: list[dict[str, Any]]) -> list[float | None]:
-    """Seconds between the first merges of both directions of each pair that merged; None where one never did."""
-    first: dict[tuple[str, str], float] = {}
-    for merge in merges:
-        first.setdefault((merge["robot"], merge["peer"]), merge["t"])
-    apart: list[float | None] = []
-    for (one, two), t in first.items():
-        back = first.get((two, one))
-        if back is None or one < two:
-            apart.append(None if back is None else abs(t - back))
-    return apart
+class Mutual:
+    """How long each pair is in contact while only one of the two has merged the other.
+
+    Simulated seconds of contact: who is out of range can tell nobody what it has merged.
+    """
+
+    def __init__(self) -> None:
+        self.one_sided: dict[tuple[str, str], float] = {}  # pairs, the smaller name first, that wait for the other way
+        self.mutual: dict[tuple[str, str], float] = {}  # how long those that have merged both ways had waited
+
+    def look(self, run: Explored) -> None:
+        """Look at the run after a tick."""
+        for pair in combinations(sorted(run.robots), 2):
+            ways = [two in run.robots[one].team.merged_ticks for one, two in (pair, pair[::-1])]
+            if any(ways) and pair not in self.mutual:
+                heard = any(two in run.robots[one].exchange.contacts for one, two in (pair, pair[::-1]))
+                waited = self.one_sided.get(pair, 0.0)
+                if all(ways):
+                    self.mutual[pair] = waited
+                self.one_sided[pair] = waited + heard / run.episode.config.spec.lidar.rate_hz
+
+    def waits(self) -> list[float]:
+        """Seconds of all pairs that merged, but of those that were not in contact for as long as they have."""
+        open_still = {pair: waited for pair, waited in self.one_sided.items() if pair not in self.mutual}
+        return [*self.mutual.values(), *(waited for waited in open_still.values() if waited > TOGETHER_S)]
 
 
 def _quantile(key: str, part: int | None, share: float) -> Reduce:
@@ -146,9 +162,9 @@ def _quantile(key: str, part: int | None, share: float) -> Reduce:
 
 
 def _soon(runs: Runs, _: str) -> float | None:
-    """Share of the pairs whose two directions merged soon after each other."""
-    apart = [seconds for run in runs for seconds in run["both"]]
-    return sum(seconds is not None and seconds <= TOGETHER_S for seconds in apart) / len(apart) if apart else None
+    """Share of the pairs that had the time whose two directions merged soon after each other."""
+    waits = [seconds for run in runs for seconds in run["both"]]
+    return sum(seconds <= TOGETHER_S for seconds in waits) / len(waits) if waits else None
 
 
 def _table(name: str, title: str, twins: bool) -> Table:
@@ -156,7 +172,8 @@ def _table(name: str, title: str, twins: bool) -> Table:
     heads = columns(
         f"world; runs count; false total <= 0; pairs >= {TWINS_MERGED if twins else PAIRS_MERGED}: pairs merged; "
         "m_95 <= 0.02: 95 % m; worst_m <= 0.04; deg_95 <= 0.1: 95 % deg; worst_deg <= 0.3; "
-        "wrong_99 <= 0.5: wrong wall 99 % m; wrong <= 2: worst m; soon >= 0.95: both ways in 30 s; bytes median",
+        "wrong_99 <= 0.5: wrong wall 99 % m; wrong <= 2: worst m; soon >= 0.95: both ways in 30 s of contact; "
+        "bytes median",
         pairs=over("merged", "met"),
         m_95=_quantile("later", 0, 0.95),
         worst_m=_quantile("later", 0, 1.0),
