@@ -6,7 +6,6 @@ given up. One pair of maps is aligned in a tick, and only where one of them has 
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
+from agent.cooperation.errand import STILL_HEARD_S, Errand, ProposalQueue
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
 from agent.cooperation.merging import (
     REFUSED_MAPS,
@@ -56,27 +56,6 @@ NEARER_M = 1.0
 EMPTY_LOOKS = 4
 """Looks in a row at free floor where a merged teammate must be before the merge is undone: one in ten misses it."""
 
-DETOURS = 4
-"""Other places that the robot drives to when the place of contact has decided nothing."""
-STILL_HEARD_S = 10.0
-"""The robot drives to the peer itself if its place is not older: the peer drives 2.2 m in the time."""
-HERE_M = 0.6
-"""Places nearer than this show the robot nothing new."""
-IN_FRONT_M = 0.8
-"""Distance from a wall at which the robot stands to see it."""
-
-
-@dataclass(frozen=True)
-class Errand:
-    """The drive to verify the first proposal of the queue."""
-
-    goal: Floats
-    """(2,) metres, the robot's own frame."""
-    since: int
-    """Tick of setting out to the place of contact."""
-    detours: int = 0
-    """Other places that the robot has driven to since."""
-
 
 class Team:
     """What one robot knows of all others, and makes of their maps."""
@@ -88,10 +67,8 @@ class Team:
         self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
         self.peers = Peers()
-        self.queue: list[Proposed] = []
-        """Z, in the order in which they were proposed."""
-        self.errand: Errand | None = None
-        """To verify the first of the queue; None without proposal."""
+        self.queue = ProposalQueue(config.verification.time_out_s, spec.lidar.rate_hz)
+        """Z."""
         self.changed = False
         """Whether a layer of the map has changed in this tick."""
         self.views = TeamViews()
@@ -104,6 +81,11 @@ class Team:
     def merged(self) -> list[Merged]:
         """Peers whose maps are part of the robot's, by name."""
         return self.peers.merged
+
+    @property
+    def errand(self) -> Errand | None:
+        """The drive to verify the first proposal of the queue; None without proposal."""
+        return self.queue.errand
 
     @property
     def proposed(self) -> list[Proposed]:
@@ -149,7 +131,7 @@ class Team:
         """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
         found = []
         for peer in self.merged:
-            if self._is_heard(tick, peer):
+            if tick - peer.log.pose_tick <= self._ticks(STILL_HEARD_S):
                 (x, y, _), drive_m = self._last_pose(tick, peer)
                 found.append((x, y, DISC_GATE_M + drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
@@ -381,7 +363,7 @@ class Team:
             self._weigh(trial, sighting)
         proposed = self.peers[log.name] = Proposed(log, log.map, trial, transform_sd_m(alignment))
         self._ask_thirds(proposed)
-        self.queue.append(proposed)
+        self.queue.add(proposed)
         self._say("proposed", log, how, transform, figures)
         return proposed
 
@@ -400,9 +382,9 @@ class Team:
         for peer in self.proposed:
             if peer.waits_since is not None and peer.waits_since is not peer.log.contact:
                 peer.waits_since = None
-                self.queue.append(peer)
-        if self.queue:
-            self._set_goal(tick, self.queue[0], pose, arrived)
+                self.queue.add(peer)
+        if ended := self.queue.set_goal(tick, pose, arrived):
+            self._end_drive(*ended)
 
     def _decide(self, tick: int, own: Wireframe) -> None:
         """Accept and reject the proposals whose evidence suffices."""
@@ -432,57 +414,16 @@ class Team:
         peer.log.circles_open = -balance
         self.propose(Unaligned(peer.log), pose_of(peer.transform), own, figures, how="on trial again")
 
-    def _set_goal(self, tick: int, peer: Proposed, pose: Pose, arrived: bool | None) -> None:
-        """To the place of contact, then to others; a drive that has decided nothing ends in a rejection."""
-        errand = self.errand
-        if errand is None:
-            assert peer.log.contact is not None
-            self.errand = Errand(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
-        elif tick - errand.since > self.config.verification.time_out_s * self.spec.lidar.rate_hz:
-            self._end_drive(peer, "it took too long")
-        elif arrived is False and not errand.detours:
-            self._end_drive(peer, "unreachable")
-        elif peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
-            self._end_drive(peer, "undecided")
-        elif arrived is not None:
-            place = self._elsewhere(tick, peer, pose, errand.detours)
-            if place is None or errand.detours >= DETOURS:
-                self._end_drive(peer, "undecided")
-            else:
-                self.errand = Errand(place, errand.since, errand.detours + 1)
-
-    def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
-        """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
-        unseen = peer.trial.walls.unseen()
-        if self._is_heard(tick, peer) and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_sighting):
-            return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
-        stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
-        stands = apply(peer.transform, stands)
-        away = np.hypot(stands[:, 0] - pose[0], stands[:, 1] - pose[1])
-        stands, away = stands[away >= HERE_M], away[away >= HERE_M]
-        return np.asarray(stands[away.argmin()]) if len(stands) else None
-
-    def _is_heard(self, tick: int, peer: Peer) -> bool:
-        """Whether a peer was heard so lately that a drive to it may meet it."""
-        return tick - peer.log.pose_tick <= STILL_HEARD_S * self.spec.lidar.rate_hz
-
     def _end_drive(self, peer: Proposed, reason: str) -> None:
         """A drive has decided nothing: the proposal waits for a sighting, if that is all that is missing, or ends."""
         if peer.trial.asks_for_a_sighting:
-            self._leave_queue(peer)
+            self.queue.remove(peer)
             peer.waits_since = peer.log.contact
         else:
             self._reject(peer, reason)
 
-    def _leave_queue(self, peer: Proposed) -> None:
-        """Z = Z - proposal, if it is not out of it already."""
-        if self.queue[:1] == [peer]:
-            self.errand = None
-        if peer in self.queue:
-            self.queue.remove(peer)
-
     def _reject(self, peer: Proposed, reason: str) -> None:
-        self._leave_queue(peer)
+        self.queue.remove(peer)
         self._forget_transform(peer)
         self._say("rejected", peer.log, reason, peer.transform, peer.trial.figures())
 
@@ -492,7 +433,7 @@ class Team:
 
     def merge(self, peer: Proposed, tick: int, own: Wireframe) -> Merged:
         """Make the map of a peer of the queue part of the robot's: T = T + transform, fitted on all walls."""
-        self._leave_queue(peer)
+        self.queue.remove(peer)
         merged = self.peers[peer.log.name] = merge(peer, tick, own)
         self.changed = True
         return merged

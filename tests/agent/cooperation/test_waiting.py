@@ -33,12 +33,12 @@ def on_trial(ground: float) -> tuple[Team, Proposed]:
 
 def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again() -> None:
     team, proposed = on_trial(GROUND_MOST_NATS)
-    assert team.errand is None and not team.queue and team.proposed == [proposed]
+    assert team.errand is None and not team.queue.proposals and team.proposed == [proposed]
     team.judge(LATER + 1, EMPTY, HERE, None)
     assert team.errand is None  # the same contact, long over
     proposed.log.contact, proposed.log.pose_tick = Encounter(HERE, (0.0, 2.0, 0.0)), LATER + 2
     team.judge(LATER + 2, EMPTY, HERE, None)
-    assert team.queue == [proposed] and team.errand is not None and team.errand.goal.tolist() == [0.0, 2.0]
+    assert team.queue.proposals == [proposed] and team.errand is not None and team.errand.goal.tolist() == [0.0, 2.0]
 
 
 @pytest.mark.parametrize("sighting", [DISC_NATS, -4 * DISC_NATS])
