@@ -359,7 +359,7 @@ def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
 
 def test_no_way_through_an_unseen_wall_is_tried_twice():
     """A pane of glass, which no scan shows, leaves 0.8 m of a room 4 m wide: found by touch, and passed by."""
-    hall = chain([(-3, -2), (3, -2), (3, 2), (-3, 2), (-3, -2)])
+    hall = chain([(-3, -2), (4, -2), (4, 2), (-3, 2), (-3, -2)])
     glass_x, gap_y = 0.5, 1.2
     robot = explorer(default_state="interior-sweep")
     pose, events, crossed = np.array([-2.0, -0.5, 0.0]), [], False

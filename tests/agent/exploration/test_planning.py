@@ -176,6 +176,11 @@ def test_what_a_teammate_has_swept_on_its_lattice_is_swept_on_any(turn: float) -
     assert not sweep.tasks(sweep.unseen(other, looked_from(NOWHERE, there)), Roads(other, there[0], ROOMY_M))
 
 
+def test_a_lidar_that_mixes_readings_at_edges_sees_less_far():
+    clean, mixing = (Sweep(0.06, LidarSpec(mixed=mixed)).radius for mixed in (0.0, 0.2))
+    assert mixing == pytest.approx(1.43, abs=0.01) and clean > mixing
+
+
 def test_the_free_face_leaves_out_what_is_solid():
     pillar = [(1, 1), (1, 2), (2, 2), (2, 1), (1, 1)]
     face = free_face(chain(room(4, 4), pillar), np.array([[0.5, 0.5]]), 3.0)
@@ -194,8 +199,8 @@ def test_around_walls_that_hold_no_robot_free_area_goes_on():
 
 
 def test_what_poses_see_within_the_radius_is_no_longer_unseen():
-    sweep = Sweep(0.1, LidarSpec(), object_beams=3)
-    assert sweep.radius == pytest.approx(1.91, abs=0.01)  # every scan has three beams there
+    sweep = Sweep(0.06, LidarSpec())
+    assert sweep.radius == pytest.approx(1.72, abs=0.01)  # where it has two beams
     wall = [(2.0, 0.0), (2.0, 2.0), (2.02, 2.0), (2.02, 0.0)]  # a screen that hides a part from the pose
     wireframe = chain([(0, 0), *wall, (4, 0), (4, 4), (0, 4), (0, 0)])
     pose = np.array([[1.0, 1.0]])
