@@ -9,13 +9,17 @@ import csv
 import io
 import json
 import zlib
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
+from rich.console import Console
+from rich.progress import track
 
 from agent.communication.config import TalkConfig
 from deploy.bandwidth.books import NoRunError, read_books
@@ -59,6 +63,10 @@ class Update(NamedTuple):
     bytes: dict[str, int]
 
 
+Charged = tuple[list[Update], float]
+"""A robot's updates, and the free area that its grid has at its end, m2."""
+
+
 @dataclass(frozen=True)
 class Measurement:
     """The map traffic of a run in all forms."""
@@ -87,8 +95,11 @@ class Measurement:
         }
 
 
-def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
-    """Measure a run directory; config: of the run, None to read it there. Raises NoRunError."""
+def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None = None) -> Measurement:
+    """Measure a run directory; config: of the run, None to read it there. Raises NoRunError.
+
+    pool: its robots are divided among these processes, and a terminal shows how many are done.
+    """
     config = config or config_of(run)
     seen = seen_again(run, config)
     period_s = 1 / config.spec.lidar.rate_hz
@@ -107,16 +118,10 @@ def measure(run: Path, config: WorldConfig | None = None) -> Measurement:
     )
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
-    def charged(robot: str) -> tuple[list[Update], float]:
-        """A robot's updates, and the free area that its grid has at its end."""
-        mine = _Forms(live[robot], config)
-        own = sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"])
-        updates = [update for line in own for update in mine.charge(line)]
-        return updates, float((mine.states(len(live[robot].ranges) - 1) == 1).sum() * CELL_M**2)
-
-    with ThreadPoolExecutor() as pool:  # compressing takes most of the time, and other threads run beside it
-        found = dict(zip(live, pool.map(charged, live), strict=True))
-    updates = [update for own, _ in found.values() for update in own]
+    own = [sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]) for robot in live]
+    charged = (pool.map if pool else map)(partial(_charged, config), live.values(), own)
+    found = dict(zip(live, _watched(charged, len(live)) if pool else charged, strict=True))
+    updates = [update for mine, _ in found.values() for update in mine]
     explored = {robot: found[robot][1] if robot in found else 0.0 for robot in seen}
     updates.sort(key=lambda update: update.t)
     return Measurement(updates, sent, beacons, views, frames, explored)
@@ -127,6 +132,19 @@ def write(run: Path, measurement: Measurement) -> None:
     path = run / "bandwidth.json"
     books = json.loads(path.read_text(encoding="utf-8"))
     write_whole(path, json.dumps(books | measurement.as_dict(), indent=1, allow_nan=False) + "\n")
+
+
+def _watched(done: Iterable[Charged], total: int) -> Iterable[Charged]:
+    """The same, with a bar on a terminal."""
+    console = Console(stderr=True)
+    return track(done, "bandwidth", total, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _charged(config: WorldConfig, seen: Seen, lines: Iterable[Mapping[str, Any]]) -> Charged:
+    """A robot's updates by its lines of updates.jsonl, in order, and the free area that its grid has at its end."""
+    forms = _Forms(seen, config)
+    updates = [update for line in lines for update in forms.charge(line)]
+    return updates, float((forms.states(len(seen.ranges) - 1) == 1).sum() * CELL_M**2)
 
 
 class _Forms:
@@ -151,7 +169,7 @@ class _Forms:
         self._next = max(self._next, tick + 1)
         return self._grid.add(ranges, self._seen.rays(new)).states()
 
-    def charge(self, line: dict[str, Any]) -> list[Update]:
+    def charge(self, line: Mapping[str, Any]) -> list[Update]:
         """Updates of one line of updates.jsonl, one for each peer."""
         tick = int(line["tick"])
         states = self.states(tick)
@@ -167,7 +185,7 @@ class _Forms:
         return updates
 
 
-def _whole_map(fields: dict[str, Any], talk: TalkConfig) -> dict[str, int]:
+def _whole_map(fields: Mapping[str, Any], talk: TalkConfig) -> dict[str, int]:
     """`full` on the grid and with the likelihoods that the robots sent, or the two would not be of one map."""
     points = np.array(fields["vertices"], np.float64).reshape(-1, 2)
     edges = np.array(fields["edges"], np.int32).reshape(-1, 2)

@@ -117,9 +117,11 @@ def leave(run: Path) -> None:
 def measure_bandwidth(run: Path) -> Measurement:
     """What other forms of the maps would have cost, added to bandwidth.json, and its plots."""
     from deploy.bandwidth.plots import draw
+    from deploy.bandwidth.pool import processes
     from deploy.bandwidth.representations import measure, write
 
-    measurement = measure(run)
+    with processes() as pool:
+        measurement = measure(run, pool=pool)
     write(run, measurement)
     draw(run, measurement)
     return measurement

@@ -2,7 +2,9 @@
 
 import csv
 import json
+import os
 import shutil
+import time
 import warnings
 import zlib
 from collections.abc import Sequence
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 from typer.testing import CliRunner
 
@@ -18,6 +21,7 @@ from agent.robot import Robot, Step
 from deploy import inprocess
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.plots import draw
+from deploy.bandwidth.pool import processes
 from deploy.bandwidth.replay import seen_again
 from deploy.bandwidth.representations import NAMES, Measurement, _changed_cells, measure, write
 from deploy.cli import app
@@ -100,6 +104,20 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
     sends = {(row["tick"], row["sender"]) for row in rows if row["kind"] == "beacon"}
     assert measured.beacon_bytes == 15 * len(sends)
     assert 5.0 < measured.explored_m2["r1"] < 11.2  # the room has 3.8 m x 2.8 m
+
+
+def test_divided_among_processes_it_is_the_same(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
+    out, config, _ = recorded
+    with processes() as pool:
+        assert measure(out, config, pool) == measure(out, config)
+
+
+def test_processes_end_where_something_is_raised() -> None:
+    with pytest.raises(KeyError), processes() as pool:
+        number = pool.submit(os.getpid).result()
+        pool.submit(time.sleep, 60.0)
+        raise KeyError
+    assert not psutil.pid_exists(number) or psutil.Process(number).status() == psutil.STATUS_ZOMBIE
 
 
 def test_full_is_coded_as_the_robots_code(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:
