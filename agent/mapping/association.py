@@ -22,6 +22,7 @@ fuse steps of 3 to 5 cm, and the map would be torn down and rebuilt for ever."""
 ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
 MOST_TURN = 0.5  # rad that piece and wall may differ by, however unsure their directions are
 _SURELY = 1.000001 * NOISE_SIGMAS**2  # of a variance: a piece so far off a wall is, however numbers are rounded
+_SIGMAS = 1.001 * NOISE_SIGMAS  # the same of standard deviations, of which sums are taken
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -101,49 +102,78 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
     return shared if -shared <= bridge else -math.inf
 
 
-@kernel
-def lines_of(edges: Records, count: int, more: int, gates: Gates) -> Floats:
-    """(count + more, 10): of each wall what tells quickly that a piece is not on it, side by side in memory.
+class Lines(NamedTuple):
+    """What tells quickly that a piece is not on a wall, side by side in memory: records are ten times as long."""
 
-    Records are ten times as long, and a quarter of a map is parallel to each piece. more: rows for walls to come.
-    """
-    lines = np.zeros((count + more, 10))
+    discs: Floats
+    """(4, n) of each record: x and y of a wall's centroid, inf where it is no wall; how far from there the middle of a
+    piece may be, metres, and how much farther for each metre that the piece reaches."""
+    rows: Floats
+    """(n, 10): direction, centroid, coordinates of both ends, how far the wall may be bridged, and the three
+    coefficients of its line's variance at a coordinate."""
+
+
+@kernel
+def lines_of(edges: Records, count: int, more: int, gates: Gates) -> Lines:
+    """The lines of `count` records, with room for `more`."""
+    lines = Lines(np.zeros((4, count + more)), np.zeros((count + more, 10)))
+    lines.discs[0] = math.inf
     for e in range(count):
         set_line(lines, edges, e, gates)
     return lines
 
 
 @kernel
-def set_line(lines: Floats, edges: Records, k: int, gates: Gates) -> None:
-    """Set the row of record k, which may have changed.
+def set_line(lines: Lines, edges: Records, k: int, gates: Gates) -> None:
+    """Set what is told of record k, which may have changed.
 
-    Direction, which is zero where the record is no wall; centroid, coordinates of both ends, how far it may be bridged,
-    and the three coefficients of its line's variance at a coordinate.
+    A line's standard deviation grows by `slope` a metre from its centroid at most, so no piece off the disc is on it.
     """
-    e = edges[k]
+    e, discs, row = edges[k], lines.discs, lines.rows[k]
     if e.alive != WALL:
-        lines[k, :2] = 0.0
+        discs[0, k] = math.inf
         return
-    lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3] = e.ux, e.uy, e.x, e.y
-    lines[k, 4], lines[k, 5] = tip_at(e, 0), tip_at(e, 1)
-    lines[k, 6] = max(BRIDGE_M, gates.offset + max(e.slack[0], e.slack[1]))
+    row[0], row[1], row[2], row[3] = e.ux, e.uy, e.x, e.y
+    row[4], row[5] = tip_at(e, 0), tip_at(e, 1)
+    row[6] = max(BRIDGE_M, gates.offset + max(e.slack[0], e.slack[1]))
     if related(e):
-        lines[k, 7], lines[k, 8], lines[k, 9] = e.relative[0], 2.0 * e.relative[1], e.relative[2]
+        row[7], row[8], row[9] = e.relative[0], 2.0 * e.relative[1], e.relative[2]
     else:
-        lines[k, 7], lines[k, 8], lines[k, 9] = gates.noise**2 / e.hits, 0.0, gates.noise**2 / spread(e)
+        row[7], row[8], row[9] = gates.noise**2 / e.hits, 0.0, gates.noise**2 / spread(e)
+    sd = math.sqrt(row[7])
+    slope = max(math.sqrt(max(row[9], 0.0)), 0.5 * abs(row[8]) / sd)
+    far = max(abs(row[4]), abs(row[5])) + row[6]
+    discs[0, k], discs[1, k] = e.x, e.y
+    discs[2, k], discs[3, k] = far + gates.offset + _SIGMAS * (sd + slope * far), 1.0 + _SIGMAS * slope
 
 
 @kernel
-def is_off(line: Floats, p: Record, gates: Gates) -> bool:
-    """Whether a piece is clearly off a wall that faces as it does: `overlap` or `cost` would say so, too.
+def walls_near(lines: Lines, count: int, p: Record, gates: Gates, near: Ints) -> int:
+    """Put into `near` which of `count` walls, rising, a piece is not far from; how many.
 
-    line: its row of `lines_of`.
+    Most are, of which a processor guesses right. Which way a wall goes it does not, so that is asked of these alone.
     """
-    dx, dy = p.x - line[2], p.y - line[3]
-    t, off = dx * line[0] + dy * line[1], abs(dy * line[0] - dx * line[1]) - gates.offset
-    if max(t + p.end[0], line[4]) - min(t + p.end[1], line[5]) > line[6]:
+    xs, ys, most, more = lines.discs[0], lines.discs[1], lines.discs[2], lines.discs[3]
+    x, y, reach, found = p.x, p.y, max(-p.end[0], p.end[1]), 0
+    own = _SIGMAS * gates.noise / math.sqrt(p.hits)
+    for e in range(count):
+        dx, dy, far = xs[e] - x, ys[e] - y, most[e] + more[e] * reach + own
+        if dx * dx + dy * dy <= far * far:
+            near[found] = e
+            found += 1
+    return found
+
+
+@kernel
+def is_off(row: Floats, p: Record, gates: Gates) -> bool:
+    """Whether a piece is clearly no part of a wall: `overlap` or `cost` would say so, too. row: of `Lines`."""
+    if row[0] * p.ux + row[1] * p.uy < FACING:
         return True
-    variance = gates.noise**2 / p.hits + max(line[7] + t * line[8] + t * t * line[9], 0.0)
+    dx, dy = p.x - row[2], p.y - row[3]
+    t, off = dx * row[0] + dy * row[1], abs(dy * row[0] - dx * row[1]) - gates.offset
+    if max(t + p.end[0], row[4]) - min(t + p.end[1], row[5]) > row[6]:
+        return True
+    variance = gates.noise**2 / p.hits + max(row[7] + t * row[8] + t * t * row[9], 0.0)
     return bool(off > 0.0 and off * off > _SURELY * variance)
 
 
@@ -155,27 +185,27 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
     their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does.
     """
     out = np.full(len(pieces), -1)
-    lines, chi2 = lines_of(edges, count, 0, gates), np.empty(count)
+    lines, near, chi2 = lines_of(edges, count, 0, gates), np.empty(count, np.int64), np.empty(count)
     for k in range(len(pieces)):
-        best, ux, uy = math.inf, pieces[k].ux, pieces[k].uy
-        for e in range(count):
-            chi2[e] = math.inf
-            if lines[e, 0] * ux + lines[e, 1] * uy < FACING or is_off(lines[e], pieces[k], gates):
+        best, found = math.inf, walls_near(lines, count, pieces[k], gates, near)
+        for j in range(found):
+            e, chi2[j] = near[j], math.inf
+            if is_off(lines.rows[e], pieces[k], gates):
                 continue
             shared = overlap(edges[e], pieces[k], gates)
             if math.isfinite(shared):
-                chi2[e] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
-                if chi2[e] < best:
-                    best, out[k] = chi2[e], e
+                chi2[j] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
+                if chi2[j] < best:
+                    best, out[k] = chi2[j], e
         if dice[k] == 0.0 or not math.isfinite(best):
             continue
         total = 0.0
-        for e in range(count):
-            total += math.exp(-0.5 * (chi2[e] - best))
+        for j in range(found):
+            total += math.exp(-0.5 * (chi2[j] - best))
         left = dice[k] * total
-        for e in range(count):
-            left -= math.exp(-0.5 * (chi2[e] - best))
-            if left < 0 and math.isfinite(chi2[e]):
-                out[k] = e
+        for j in range(found):
+            left -= math.exp(-0.5 * (chi2[j] - best))
+            if left < 0 and math.isfinite(chi2[j]):
+                out[k] = near[j]
                 break
     return out

@@ -6,6 +6,8 @@ scans. What was confirmed often is changed only by as many more views, else dist
 
 import math
 
+import numpy as np
+
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
@@ -153,12 +155,18 @@ def inner_ends_give_way(edges: Records, e: int, f: int, patience: float) -> bool
 @kernel
 def close_open_corners(edges: Records, count: int) -> None:
     """Link an open head and an open tail whose lines meet where both walls end."""
+    tails = np.empty(count, np.int64)
+    found = 0
+    for f in range(count):
+        if edges[f].alive == WALL and edges[f].link[0] < 0:
+            tails[found] = f
+            found += 1
     for e in range(count):
         if edges[e].alive != WALL or edges[e].link[1] >= 0:
             continue
         best, winner = CLOSE_CORNER_M, -1
-        for f in range(count):
-            if f == e or edges[f].alive != WALL or edges[f].link[0] >= 0:
+        for f in tails[:found]:
+            if f == e or edges[f].link[0] >= 0:
                 continue
             off = _ends_off_corner(edges[e], edges[f])
             if off < best and not has_slot(edges, e, f):

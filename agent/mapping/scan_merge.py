@@ -7,7 +7,7 @@ import numpy as np
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import FACING, Gates, cost, is_off, lines_of, overlap, set_line
+from agent.mapping.association import Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
 from agent.mapping.edges import (
     WALL,
     add_hits,
@@ -41,20 +41,22 @@ def merge_scan(
     probability; 0.5 takes the likelier side. patience: the particle's own, as a factor. own: whether the robot saw the
     pieces itself, and not a peer.
     """
-    axis, trust = main_axis(edges, count)
+    # where all pieces become walls, nobody asks which way walls go
+    axis, trust = main_axis(edges, count) if (dice >= 0.0).any() else (0.0, 0.0)
     lines, bent = lines_of(edges, count, len(pieces), gates), np.empty(len(pieces), np.bool_)
+    near = np.empty(count + len(pieces), np.int64)
     for k in range(len(pieces)):
         p = pieces[k]
         bent[k] = is_bent(p.end[1] - p.end[0], p.hits, p.residual, gates.noise)
         if walls[k] < 0:
-            if bent[k] or cuts_corner(edges, count, p):
+            if bent[k] or cuts_corner(edges, near[: walls_near(lines, count, p, gates, near)], p):
                 continue
             walls[k], count = take_piece(edges, count, p, gates)
             if walls[k] >= 0 and dice[k] < wall_probability(edges[walls[k]], axis, trust, gates.noise):
                 become_wall(edges[walls[k]], p, own)
                 set_line(lines, edges, walls[k], gates)
             continue
-        _unite_all(edges, count, lines, p, walls, walls[k], gates, patience)
+        _unite_all(edges, count, lines, near, p, walls, walls[k], gates, patience)
         w = edges[walls[k]]
         if not bent[k]:
             take_hits(w, p)
@@ -95,27 +97,31 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
 
 @kernel
 def _unite_all(
-    edges: Records, count: int, lines: Floats, p: Record, walls: Ints, e: int, gates: Gates, patience: float
+    edges: Records, count: int, lines: Lines, near: Ints, p: Record, walls: Ints, e: int, gates: Gates, patience: float
 ) -> None:
-    """Join into wall e all walls on its line that its piece p lies on, too. lines: of all walls, which are kept up."""
-    ux, uy = p.ux, p.uy
-    for f in range(count):
-        if lines[f, 0] * ux + lines[f, 1] * uy < FACING or f == e or is_off(lines[f], p, gates):
+    """Join into wall e all walls on its line that its piece p lies on, too.
+
+    lines: of all walls, which are kept up. near: (count,) room for the numbers of some.
+    """
+    found, k = walls_near(lines, count, p, gates, near), 0
+    while k < found:
+        f, k = near[k], k + 1
+        if f == e or is_off(lines.rows[f], p, gates) or overlap(edges[f], p, gates) <= END_MARGIN_M:
             continue
-        if overlap(edges[f], p, gates) <= END_MARGIN_M or overlap(edges[e], p, gates) <= END_MARGIN_M:
-            continue
-        if not math.isfinite(cost(edges[f], p, gates)):
+        if overlap(edges[e], p, gates) <= END_MARGIN_M or not math.isfinite(cost(edges[f], p, gates)):
             continue
         if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
             a, b = edges[e].link, edges[f].link
             moved = e, f, a[0], a[1], b[0], b[1]  # the corners that they shared with others, too
             _unite(edges, e, f)
-            for k in moved:
-                if k >= 0:
-                    set_line(lines, edges, k, gates)
+            for j in moved:
+                if j >= 0:
+                    set_line(lines, edges, j, gates)
             for j in range(len(walls)):
                 if walls[j] == f:
                     walls[j] = e
+            found = walls_near(lines, count, p, gates, near)
+            k = int(np.searchsorted(near[:found], f + 1))
 
 
 @kernel

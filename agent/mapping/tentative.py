@@ -26,7 +26,7 @@ from agent.mapping.edges import (
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M
-from protocol.arrays import Records
+from protocol.arrays import Ints, Records
 
 MAX_DIRECTION_SD = math.radians(5.0)
 """rad, how well a new wall's direction must be known: 3 of it are 15 degrees. With 10 degrees, smears over steps
@@ -177,18 +177,19 @@ def is_bent(size: float, hits: float, squares: float, noise: float) -> bool:
 
 
 @kernel
-def cuts_corner(edges: Records, count: int, p: Record) -> bool:
+def cuts_corner(edges: Records, near: Ints, p: Record) -> bool:
     """Whether a piece is of a few beams across a known corner or step, which fit a line, too.
 
     It begins on one known wall and ends on the next, or, short and oblique, on one beside it that goes the same way.
+    near: (n,) all walls on which it may begin or end.
     """
     short = p.end[1] - p.end[0] < SMEAR_M
-    for e in range(count):
+    for e in near:
         a = edges[e]
         if a.alive != WALL or a.ux * p.ux + a.uy * p.uy < 0 or not _ends_on(a, p, 0):
             continue
         steps = short and min(abs(a.ux * p.uy - a.uy * p.ux), a.ux * p.ux + a.uy * p.uy) > math.sin(OFF_AXIS)
-        for f in range(count):
+        for f in near:
             b = edges[f]
             if f == e or b.alive != WALL or b.ux * p.ux + b.uy * p.uy < 0:
                 continue
