@@ -18,17 +18,19 @@ STUDIES = {"trust": "alignment", "maps": "filter", "exploration": "exploration",
 PUBLISHED = ROOT / "results"
 
 
-def study(name: str, folder: Path, jobs: int | None) -> Status:
+def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Status:
     """Make the published tables of an experiment again and compare them; as `Benchmark.run`.
 
-    Raises InputError where there is nothing to compare with.
+    quick: as little of each as shows that all works, so that few values come out the same. Raises InputError where
+    there is nothing to compare with.
     """
     published = PUBLISHED / f"{STUDIES[name]}.json"
     if not published.is_file() or folder.resolve() == PUBLISHED:
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
     before = json.loads(published.read_text(encoding="utf-8"))
-    status = Benchmark(STUDIES[name], before["sections"]).run(False, folder, jobs)
-    now = json.loads((folder / published.name).read_text(encoding="utf-8"))
+    status = Benchmark(STUDIES[name], before["sections"]).run(quick, folder, jobs)
+    made = folder / f"{published.stem}{'-quick' if quick else ''}.json"
+    now = json.loads(made.read_text(encoding="utf-8"))
     comparison(before, now).section({}).print(Console())
     return status
 

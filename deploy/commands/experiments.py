@@ -100,13 +100,14 @@ def compare(
 @commands.command(epilog="Example: wireswarm study trust --results studies")
 def study(
     name: Annotated[Literal["trust", "maps", "exploration", "radio"], Argument(help="Which tables.", metavar="NAME")],
+    quick: Quick = False,
     results: Results = Path("studies"),
     jobs: Jobs = None,
 ) -> None:
     """Make a published experiment again: trust, maps, exploration or radio; hours, as its benchmark takes."""
     from deploy.bench.study import study
 
-    raise Exit(study(name, results, jobs))
+    raise Exit(study(name, results, jobs, quick))
 
 
 def _measure(

@@ -14,6 +14,7 @@ from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.commands.experiments import BENCHMARKS
 from deploy.revision import ROOT
 from protocol.errors import InputError
+from protocol.status import Status
 
 
 @pytest.mark.parametrize("name", BENCHMARKS)
@@ -109,6 +110,14 @@ def test_a_study_is_compared_with_what_is_published(name: str) -> None:
     del now["sections"][rows[1]["table"]]
     again = comparison(before, now).section({}).rows
     assert again[0]["same"] == rows[0]["same"] - 1 and again[1]["same"] == 0 and again[2:] == rows[2:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_quick_study_runs_to_its_end(name: str, tmp_path: Path) -> None:
+    assert study(name, tmp_path, 1, quick=True) in (Status.OK, Status.NOT_MET)
+    made = json.loads((tmp_path / f"{STUDIES[name]}-quick.json").read_text())
+    assert made["sections"] and not made["failed"]
 
 
 def test_a_study_does_not_overwrite_what_it_is_compared_with() -> None:
