@@ -48,7 +48,7 @@ EDGE = np.dtype(
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
         ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
-        ("twin", "i8"),  # of what a scan has cut off another wall: that one's number and 1
+        ("twin", "i8"),  # of what a scan has cut off another wall, or joined into it: that one's number and 1
     ],
     align=True,
 )

@@ -16,6 +16,7 @@ from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
 from agent.mapping.exactness import map_sd_m
 from agent.mapping.first_look import hold_first_ends, keep_first_look
+from agent.mapping.joined import hold_joined
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
@@ -109,6 +110,10 @@ def update_particles(
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
         if not exact:
+            shift = _rows(counts[p], joint[p])
+            if hold_joined(edges[p], before, joint[p], shift):
+                _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
+                pose = (poses[p, 0], poses[p, 1], poses[p, 2])
             fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
             shift = _rows(counts[p], joint[p])
             hold_corners(edges[p], before, joint[p], shift, noise)

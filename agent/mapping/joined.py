@@ -1,0 +1,40 @@
+"""Walls that turn out to be parts of one: what was known of each line is known of all (ours).
+
+Behind a post or a column a long wall shows in parts, each of a direction known to a third of a degree. Their places are
+known to millimetres, metres apart, so together they tell the direction ten times better. That is most of what a first
+look tells of how the frame lies, and it was lost when parts were joined and only one of them kept its rows.
+"""
+
+import math
+
+import numpy as np
+
+from agent.corner_scan import NOISE_FLOOR_M
+from agent.geometry.lines import above, along
+from agent.kernels import kernel
+from agent.mapping.edges import FREE, WALL, related
+from agent.mapping.joint import has_rows, observe, row_of
+from protocol.arrays import Floats, Records
+
+
+@kernel
+def hold_joined(edges: Records, before: Records, joint: Floats, shift: Floats) -> bool:
+    """Let walls that a scan has joined into others lie on their lines: joint (m, m) and shift (m,) in place.
+
+    before: (k,) the walls before the scan was merged. Returns whether there are any. Only the place of a part is taken
+    as a number, since parts that were joined by mistake differ in direction, and Cauchy's weight asks one number only.
+    """
+    rows, slopes, found = np.zeros(3, np.int64), np.array((1.0, -1.0, 0.0)), False
+    for f in range(min(len(before), has_rows(joint))):
+        e = edges[f].twin - 1
+        if edges[f].alive != FREE or before[f].alive != WALL or e < 0 or e >= min(len(before), has_rows(joint)):
+            continue
+        part, wall = before[f], before[e]
+        if not (related(part) and related(wall) and joint[row_of(f), row_of(f)] > 0.0):
+            continue
+        t = along(wall, part.x, part.y)
+        rows[0], rows[1], rows[2], slopes[2] = row_of(f), row_of(e), row_of(e) + 1, -t
+        observe(joint, shift, rows, slopes, -above(wall, part.x, part.y), NOISE_FLOOR_M**2, math.inf)
+        shift[row_of(f) : row_of(f) + 4] = 0.0
+        found = True
+    return found

@@ -1,0 +1,48 @@
+"""What is known of the parts of a wall is known of the whole once they are joined."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agent.corner_scan import FRONTIER, PIECE
+from agent.mapping.association import OFFSET_GATE_M, Gates
+from agent.mapping.edges import EDGE, FREE, WALL
+from agent.mapping.joined import hold_joined
+from agent.mapping.joint import move_walls, relate, row_of
+from agent.mapping.scan_merge import merge_scan
+
+NOISE, FAR_M, PLACE_SD_M, DIRECTION_SD = 0.01, 2.0, 0.002, math.radians(0.3)
+
+
+def test_parts_of_a_wall_tell_its_direction_together_once_they_are_joined() -> None:
+    """Each is turned by a deviation of its own direction, and millimetres off; they are 4 m apart."""
+    edges, joint = np.zeros(4, EDGE), np.zeros((row_of(4), row_of(4)))
+    joint[:3, :3] = np.eye(3) * 1e-9
+    for e, x in enumerate((-FAR_M, FAR_M)):
+        wall, row = edges[e], row_of(e)
+        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["seen"] = WALL, 200.0, x, 2.0, 50.0
+        wall["ux"], wall["uy"] = -math.cos(DIRECTION_SD), -math.sin(DIRECTION_SD)
+        wall["xx"], wall["label"], wall["link"] = 200.0, FRONTIER, -1
+        wall["tip"] = [(x - wall["ux"] * s, 2.0 - wall["uy"] * s) for s in (1.0, -1.0)]
+        joint[row, row], joint[row + 1, row + 1] = PLACE_SD_M**2, DIRECTION_SD**2
+    relate(edges, 2, joint, (0.0, 0.0, 0.0))
+    pieces = np.zeros(1, PIECE)
+    pieces["hits"], pieces["y"], pieces["ux"], pieces["spread"], pieces["end"] = 100.0, 2.0, -1.0, 100.0, (-3.0, 3.0)
+    pieces["label"], pieces["link"] = FRONTIER, -1
+    before, gates = edges[:2].copy(), Gates(NOISE, OFFSET_GATE_M)
+    merge_scan(edges, 2, pieces, np.zeros(1, np.int64), np.full(1, 0.5), gates, 1.0, True)
+    assert edges["alive"].tolist() == [WALL, FREE, FREE, FREE]
+    shift = np.zeros(len(joint))
+    assert hold_joined(edges, before, joint, shift)
+    move_walls(edges, shift)
+    assert math.sqrt(joint[row_of(0) + 1, row_of(0) + 1]) < 0.25 * DIRECTION_SD
+    assert edges["uy"][0] == pytest.approx(0.0, abs=0.2 * DIRECTION_SD)
+    assert not shift[row_of(1) :].any()
+
+
+def test_walls_that_a_scan_leaves_apart_say_nothing_of_each_other() -> None:
+    edges, joint = np.zeros(2, EDGE), np.eye(row_of(2))
+    edges["alive"], shift = WALL, np.zeros(row_of(2))
+    assert not hold_joined(edges, edges.copy(), joint, shift)
+    assert not shift.any()
