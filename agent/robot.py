@@ -184,6 +184,7 @@ class Robot:
             errand=None if self.team.errand is None else self.team.errand.goal,
             partners=self.team.partners(tick),
             viewpoints=self.team.views.places,
+            glimpses=self.filter.glimpses,
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,
         )

@@ -11,7 +11,18 @@ from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
 
 TaskKind = Literal[
-    "frontier", "occlusion", "sweep", "edge", "vertex", "perimeter", "home", "errand", "retreat", "wait", "park"
+    "frontier",
+    "occlusion",
+    "sweep",
+    "glimpse",
+    "edge",
+    "vertex",
+    "perimeter",
+    "home",
+    "errand",
+    "retreat",
+    "wait",
+    "park",
 ]
 
 TOUR_TASKS = 40

@@ -8,6 +8,7 @@ import numpy as np
 from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
+from agent.exploration.glimpses import Glimpses
 from agent.exploration.goals import GoalMemory
 from agent.exploration.path import length_of
 from agent.exploration.planning import Roads, circle
@@ -29,6 +30,7 @@ class DefaultStates:
 
     def __init__(self, config: ExplorationConfig, sweep: Sweep, rng: np.random.Generator) -> None:
         self.config, self.sweep, self.rng = config, sweep, rng
+        self.glimpses = Glimpses()
         self._edges = GoalMemory()
         self._lap: Floats | None = None
         self._vertices, self._vertex_version = 0, -1
@@ -57,6 +59,8 @@ class DefaultStates:
         """The task is not to be proposed again: the robot stood where it asked, or could not."""
         if task.kind == "sweep":
             self.sweep.stood(task.stand)
+        elif task.kind == "glimpse":
+            self.glimpses.done(task)
         elif task.kind == "edge":
             self._edges.note(task.place, task.along).attempts += 1
         elif task.kind == "perimeter" and self._lap is not None:
@@ -70,8 +74,12 @@ class DefaultStates:
         return self.sweep.tasks(samples, roads, begun.stand if begun is not None and begun.kind == "sweep" else None)
 
     def _sweep(self, scene: Scene, roads: Roads, viewpoints: Viewpoints) -> Task | None:
-        """First of a short tour of the standing points that show all that is unseen, and are left to no teammate."""
+        """First of a short tour of the standing points that show all that is unseen, and are left to no teammate.
+
+        What was glimpsed from too far counts as unseen.
+        """
         tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, viewpoints), roads)
+        tasks += self.glimpses.tasks(scene.wireframe, roads)
         tasks = not_nearer_to(scene.partners, tasks, roads) or tasks  # nobody idles
         return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 

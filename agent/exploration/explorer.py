@@ -27,7 +27,9 @@ from agent.state import State, checked
 from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
-LOOKS_S = 0.8  # near a standing point before a goal counts as unresolved: a map changes its mind after three scans
+LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
+"""Seconds near a standing point before a goal counts as unresolved: a map changes its mind after three scans. A face of
+0.1 m becomes a wall after a dozen."""
 ARRIVED_M = 0.08  # nearer is there: half of what two ticks drive at full speed, so that no robot overshoots
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
@@ -35,7 +37,6 @@ PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, 
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
 HOME = np.zeros(2)  # where the robot began, in its own frame
-HOME_S = 3.0  # that it looks from there
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
@@ -89,7 +90,8 @@ class Explorer:
     @property
     def nbytes(self) -> int:
         """Bytes of what is kept of the places seen and tried."""
-        return self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.goals.memory.nbytes
+        kept = self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.states.glimpses.nbytes
+        return kept + self.goals.memory.nbytes
 
     def look(self, situation: Situation) -> Scene:
         """Take in the situation. The target is dropped where it is resolved, in vain, or to be compared anew."""
@@ -98,6 +100,7 @@ class Explorer:
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
         self._take_viewpoints(scene, situation.viewpoints)
+        self.states.glimpses.keep(situation.glimpses)
         if not len(scene.wireframe.edges):
             return scene
         read_ticks = self.goals.read(scene)
@@ -360,7 +363,7 @@ class Explorer:
         """Make the task the target; where it is the old one's, go on with its deadline and counts."""
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
-        looks_due = self._ticks(LOOKS_S) if is_end(task) else self._ticks(HOME_S) if task.kind == "home" else 1
+        looks_due = self._ticks(LOOKS_S[task.kind]) if task.kind in LOOKS_S else 1
         self._was_home = task.kind == "home"
         self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):

@@ -15,7 +15,7 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
 from agent.mapping.exactness import map_sd_m
-from agent.mapping.first_look import hold_first_ends, keep_first_look
+from agent.mapping.first_look import LEAST_SCANS, hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
 from agent.mapping.joint import (
     AXIS,
@@ -359,6 +359,13 @@ class WireframeFilter:
         joint = self.joint[self.best]
         turned = float(joint[:2, AXIS] @ joint[:2, AXIS]) / joint[AXIS, AXIS] if joint[AXIS, AXIS] > 0.0 else 0.0
         return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
+
+    @property
+    def glimpses(self) -> Floats:
+        """(g, 2) metres: middles of what was hit again and again in one place, and is no wall yet."""
+        walls = self._walls()
+        glimpsed = walls[(walls["alive"] == TENTATIVE) & (walls["seen"] >= LEAST_SCANS)]
+        return np.asarray(glimpsed["tip"].mean(1))
 
     def map_sd_m(self) -> float:
         """Standard deviation in metres of a wall in the robot's own frame."""

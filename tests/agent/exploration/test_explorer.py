@@ -327,6 +327,28 @@ def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_be
     assert commands[-1].complete
 
 
+@pytest.mark.parametrize("place", [(3.0, 1.0), (3.0, 1.8)])
+def test_what_was_glimpsed_and_is_no_wall_of_the_map_is_looked_at_once_from_close_by(place):
+    room, pose = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)]), np.array((-2.0, -1.0, 0.5))
+    seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])  # by teammates: nothing to sweep
+    robot, commands, away = explorer(default_state="interior-sweep"), [], []
+    for tick in range(600):
+        glimpses = np.array([place]) if tick < 3 else NOBODY
+        situation = Situation(tick, room, 1, pose_of(pose), Wireframe(), NOBODY, viewpoints=seen, glimpses=glimpses)
+        commands.append(step(robot, situation))
+        ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        away.append(math.hypot(*(pose[:2] - place)))
+        if commands[-1].complete:
+            break
+    assert commands[-1].complete
+    if place[1] > 1.75:  # it is of the wall behind it
+        assert len(commands) < 4
+    else:
+        assert sum(metres < 0.8 for metres in away) >= 15  # three seconds
+        assert [command.reason for command in commands].count("glimpse") > 50
+
+
 @pytest.mark.parametrize("helps", [False, True])
 def test_a_lost_robot_goes_home_before_it_looks_at_an_open_end_and_not_again_where_that_did_not_help(helps):
     opened, pose = chain([(-2, -2), (4, -2), (4, 2), (0.5, 2)], labels=Label.FRONTIER), np.array((3.0, 1.0, 2.0))
