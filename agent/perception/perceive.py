@@ -174,8 +174,21 @@ def _teammates(
         unmeasured, teammates = hidden, beams_on(beams, expected, radius, DISC_MARGIN_M)
         hidden = unmeasured | hidden_beams(beams, discs, radius) | teammates
         unseen = places[~_are_at(places, discs)]
-        hidden |= peeping_beams(beams, hidden, teammates | unmeasured, unseen, radius)
+        hidden |= peeping_beams(beams, hidden, teammates | _in_gap(unmeasured), unseen, radius)
     return discs, hidden, np.flatnonzero(np.isfinite(beams.ranges) & ~hidden)
+
+
+@kernel
+def _in_gap(unmeasured: Bools) -> Bools:
+    """(n,) which of the beams that were not measured have a neighbour that was not: behind these somebody may stand.
+
+    One alone hides nobody. The seam of a revolution is one, straight ahead of a robot that goes and looks at a post: in
+    company it was never seen from there.
+    """
+    out = np.zeros(len(unmeasured), np.bool_)
+    for k in range(len(out)):
+        out[k] = unmeasured[k] and (unmeasured[k - 1] or unmeasured[(k + 1) % len(out)])
+    return out
 
 
 @kernel

@@ -324,3 +324,15 @@ def test_sparse_hits_of_a_sure_line_are_one_wall_where_it_is_bridged(hits: int, 
     ahead = np.arange(56, 56 + hits)  # at 22 degrees and more off the heading, half a metre and more apart on the wall
     ranges[ahead] = 3.0 / np.sin(angles[ahead])
     assert len(perceive(ranges, RobotSpec(lidar=lidar), alone=True, bridge_m=bridge_m).pieces) == pieces
+
+
+@pytest.mark.parametrize("bearing_deg", [-4.5, -1.5, 0.0, 2.5, 90.0])
+def test_a_post_straight_ahead_is_seen_in_company_though_the_seam_of_a_revolution_is_there(bearing_deg: float) -> None:
+    spec = RobotSpec(lidar=LidarSpec(turning=True))
+    off = (spec.lidar.bearings() - math.radians(bearing_deg) + math.pi) % (2 * math.pi) - math.pi
+    on_post = (np.abs(0.7 * np.tan(off)) <= 0.05) & (np.abs(off) < 1.0)
+    on_wall = np.abs(off) > 2.5  # 1 m behind the robot
+    ranges = np.where(on_post, 0.7 / np.cos(off), np.where(on_wall, -1.0 / np.cos(off), np.inf))
+    alone, in_company = (perceive(ranges, spec, company=company).pieces for company in (False, True))
+    assert (alone["x"] > 0.0).any() or (alone["y"] > 0.5).any()
+    assert np.array_equal(alone, in_company)
