@@ -116,8 +116,21 @@ def piecewise(ranges: Floats, bearings: Floats, noise: Floats) -> tuple[Ints, Fl
     m, sums = len(ranges), doubled_sums(ranges, bearings, noise)
     begin = _true_cut(sums, m // 4, m - m // 4)
     if begin < 0:
-        begin = max(_true_cut(sums, 0, m), 0)
+        begin = _true_cut(sums, 0, m)
+    if begin < 0:
+        begin = _after_widest_gap(bearings)
     return _cheapest_cut(sums, begin, begin + m), sums
+
+
+@kernel
+def _after_widest_gap(bearings: Floats) -> int:
+    """The beam after the widest gap of a ring's (m,): where a lone post is all that is in view, it is cut behind it."""
+    best, widest = 0, bearings[0] + 2.0 * math.pi - bearings[-1]
+    for k in range(1, len(bearings)):
+        gap = bearings[k] - bearings[k - 1]
+        if gap > widest:
+            best, widest = k, gap
+    return best
 
 
 @kernel

@@ -336,3 +336,11 @@ def test_a_post_straight_ahead_is_seen_in_company_though_the_seam_of_a_revolutio
     alone, in_company = (perceive(ranges, spec, company=company).pieces for company in (False, True))
     assert (alone["x"] > 0.0).any() or (alone["y"] > 0.5).any()
     assert np.array_equal(alone, in_company)
+
+
+@pytest.mark.parametrize("bearing_deg", [-2.5, 0.0, 1.5, 180.0])
+def test_a_lone_post_is_one_piece_wherever_the_ring_of_beams_begins(bearing_deg: float) -> None:
+    off = (SPEC.bearings() - math.radians(bearing_deg) + math.pi) % (2 * math.pi) - math.pi
+    on_post = (np.abs(0.7 * np.tan(off)) <= 0.05) & (np.abs(off) < 1.0)
+    piece = perceive(np.where(on_post, 0.7 / np.cos(off), np.inf), RobotSpec()).pieces
+    assert np.diff(piece["end"]).tolist() == [[pytest.approx(0.09, abs=0.01)]]
