@@ -1,8 +1,8 @@
 """Walls that turn out to be parts of one: what was known of each line is known of all (ours).
 
-Behind a post or a column a long wall shows in parts, each of a direction known to a third of a degree. Their places are
-known to millimetres, metres apart, so together they tell the direction ten times better. That is most of what a first
-look tells of how the frame lies, and it was lost when parts were joined and only one of them kept its rows.
+Behind a post or a column a long wall shows in parts, each of a direction known to a tenth to a third of a degree. Their
+places are known to millimetres, metres apart, so together they tell the direction several times better. That is most of
+what a first look tells of how the frame lies, and it was lost when parts were joined and only one kept its rows.
 """
 
 import math
@@ -21,8 +21,8 @@ from protocol.arrays import Floats, Records
 def hold_joined(edges: Records, before: Records, joint: Floats, shift: Floats) -> bool:
     """Let walls that a scan has joined into others lie on their lines: joint (m, m) and shift (m,) in place.
 
-    before: (k,) the walls before the scan was merged. Returns whether there are any. Only the place of a part is taken
-    as a number, since parts that were joined by mistake differ in direction, and Cauchy's weight asks one number only.
+    before: (k,) the walls before the scan was merged. Returns whether there are any. The directions of parts, known so
+    much worse than their places tell, are left out.
     """
     rows, slopes, found = np.zeros(3, np.int64), np.array((1.0, -1.0, 0.0)), False
     for f in range(min(len(before), has_rows(joint))):
