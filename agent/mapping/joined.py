@@ -13,7 +13,7 @@ from agent.corner_scan import NOISE_FLOOR_M
 from agent.geometry.lines import above, along
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, WALL, related
-from agent.mapping.joint import has_rows, observe, row_of
+from agent.mapping.joint import PER_WALL, has_rows, observe, row_of
 from protocol.arrays import Floats, Records
 
 
@@ -35,6 +35,6 @@ def hold_joined(edges: Records, before: Records, joint: Floats, shift: Floats) -
         t = along(wall, part.x, part.y)
         rows[0], rows[1], rows[2], slopes[2] = row_of(f), row_of(e), row_of(e) + 1, -t
         observe(joint, shift, rows, slopes, -above(wall, part.x, part.y), NOISE_FLOOR_M**2, math.inf)
-        shift[row_of(f) : row_of(f) + 4] = 0.0
+        shift[row_of(f) : row_of(f) + PER_WALL] = 0.0
         found = True
     return found
