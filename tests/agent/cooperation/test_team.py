@@ -73,7 +73,7 @@ def test_forced_wrong_proposals_are_not_accepted() -> None:
     [
         (0, "own scans contradict it"),
         (3, "own scans contradict it"),
-        (8, "its later maps contradict it"),  # the robot drives where the wrong walls are not
+        (6, "its later maps contradict it"),  # the robot drives where the wrong walls are not
     ],
 )
 def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> None:
