@@ -1,5 +1,8 @@
 """Numbers as few bits: writing and reading a string of bits, most significant first."""
 
+import numpy as np
+
+from protocol.arrays import Ints
 from protocol.errors import ProtocolError
 
 MAX_PREFIX = 28  # zeros before an exponential-Golomb number; a larger number stands in no map (ours)
@@ -13,6 +16,18 @@ def folded(value: int) -> int:
 def bits_of(value: int, k: int) -> int:
     """Bits that a number >= 0 takes in exponential-Golomb code of order k."""
     return 2 * (value + (1 << k)).bit_length() - 1 - k
+
+
+def bits_of_each(values: Ints, k: Ints | int) -> Ints:
+    """The same of many numbers, and orders."""
+    lengths = np.frexp(values + 2.0**k)[1]  # as int.bit_length tells them
+    return np.asarray(2 * lengths - 1 - k, np.int64)
+
+
+def packed(values: Ints, counts: Ints) -> bytes:
+    """The lowest bits of values (n,) >= 0, as many of each as counts (n,) says; the last byte is filled with zeros."""
+    bits = np.unpackbits(values.astype(">u8").view(np.uint8).reshape(-1, 8), axis=1)
+    return np.packbits(bits[np.arange(64) >= 64 - counts[:, None]]).tobytes()
 
 
 class BitWriter:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from protocol.bits import BitReader, BitWriter, bits_of, folded
+from protocol.bits import BitReader, bits_of, bits_of_each, folded, packed
 from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, LEVELS, MAX_CELL_MM, GridMap, check_places, check_size
 from protocol.map_changes import VertexOrigin, VertexRun, changes
@@ -40,6 +40,7 @@ USUAL_ORDERS = (6, 6, 0)
 """Orders of their exponential-Golomb codes, which suit a change of some vertices."""
 WIDTHS = (4, 4, 2)
 """Bits of each order in a message that brings its own orders."""
+CHOSEN = len(WIDTHS)
 
 
 class Coded(NamedTuple):
@@ -73,7 +74,7 @@ def encode_map(grid_map: GridMap, base: GridMap | None = None, *, likelihoods: b
         script.bits(grid_map.cell_mm != USUAL_CELL_MM, 1)
         if grid_map.cell_mm != USUAL_CELL_MM:
             script.bits(grid_map.cell_mm, MAX_CELL_MM.bit_length())
-    head = len(script.tokens)
+    head = len(script.values)
     built, dropped = changes(grid_map, known)
     told = [_told(grid_map, chain, runs) for chain, runs in built.items()]
     there = _Walk(script, known, likelihoods).map(told, dropped)
@@ -117,11 +118,13 @@ class _Script:
     """The bits and numbers of a message, before the orders of its numbers are chosen. Returns what it is told."""
 
     def __init__(self) -> None:
-        self.tokens: list[tuple[int, int, bool]] = []
-        """A value with its count of bits; or, where the last is True, a number with its row of the orders."""
+        self.values: list[int] = []
+        self.sizes: list[int] = []
+        """Of each value its count of bits; or, where an order is to be chosen, its row of them less `CHOSEN`."""
 
     def bits(self, value: int, count: int) -> int:
-        self.tokens.append((int(value), count, False))
+        self.values.append(value)
+        self.sizes.append(count)
         return value
 
     def three(self, value: int) -> int:
@@ -138,33 +141,24 @@ class _Script:
 
     def chosen(self, value: int, which: int) -> int:
         """A number of any sign whose order the message may choose: that of row `which` of the orders."""
-        self.tokens.append((folded(value), which, True))
+        self.bits(folded(value), which - CHOSEN)
         return value
 
     def data(self, head: int) -> bytes:
-        """The bytes. The message's own orders follow `head` tokens, where they save more than they cost."""
+        """The bytes. The message's own orders follow `head` values, where they save more than they cost."""
+        values, sizes = np.array(self.values, np.int64), np.array(self.sizes, np.int64)
+        numbers = [sizes == which - CHOSEN for which in range(CHOSEN)]
         own, saved = [], -sum(WIDTHS)
-        for which, (width, usual) in enumerate(zip(WIDTHS, USUAL_ORDERS, strict=True)):
-            values = np.array([value for value, row, chosen in self.tokens if chosen and row == which], np.float64)
-            tried = np.arange(1 << width)
-            lengths = np.frexp(values[:, None] + 2.0**tried)[1]  # as int.bit_length tells them
-            costs = (2 * lengths - 1 - tried).sum(0).tolist()  # as bits_of tells them
-            own.append(costs.index(min(costs)) if len(values) else usual)
+        for width, usual, these in zip(WIDTHS, USUAL_ORDERS, numbers, strict=True):
+            costs = bits_of_each(values[these][:, None], np.arange(1 << width)).sum(0).tolist()
+            own.append(costs.index(min(costs)) if these.any() else usual)
             saved += costs[usual] - min(costs)
         orders = tuple(own) if saved > 0 else USUAL_ORDERS
-        writer = BitWriter()
-        for value, count, _ in self.tokens[:head]:
-            writer.bits(value, count)
-        writer.bits(orders != USUAL_ORDERS, 1)
-        if orders != USUAL_ORDERS:
-            for order, width in zip(orders, WIDTHS, strict=True):
-                writer.bits(order, width)
-        for value, size, chosen in self.tokens[head:]:
-            if chosen:
-                writer.number(value, orders[size])
-            else:
-                writer.bits(value, size)
-        return writer.data()
+        for order, these in zip(orders, numbers, strict=True):
+            sizes[these] = bits_of_each(values[these], order)
+            values[these] += 1 << order
+        told, widths = ([0], [1]) if orders == USUAL_ORDERS else ([1, *orders], [1, *WIDTHS])
+        return packed(np.insert(values, head, told), np.insert(sizes, head, widths))
 
 
 class _Reader:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats, Ints
-from protocol.bits import BitReader, BitWriter, bits_of
+from protocol.bits import BitReader, BitWriter, bits_of, bits_of_each
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose
 from protocol.talk import POSE_BYTES, check_version, first_byte, pose_bytes, take_pose, take_varint, varint
@@ -90,8 +90,7 @@ def _size(cells: Ints) -> int:
     """Bits that `_write` makes of cells (k, 2), without making them."""
     numbers, orders = _numbers(cells), np.full(2 * len(cells), _STEP)
     orders[:2] = _FIRST
-    lengths = np.frexp(numbers + 2.0**orders)[1]  # as int.bit_length tells them
-    return bits_of(len(cells), _COUNT) + int((2 * lengths - 1 - orders).sum())  # as bits_of tells them
+    return bits_of(len(cells), _COUNT) + int(bits_of_each(numbers, orders).sum())
 
 
 def _read(reader: BitReader) -> Ints:

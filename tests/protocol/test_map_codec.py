@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.bits import BitReader, BitWriter
+from protocol.bits import BitReader, BitWriter, packed
 from protocol.errors import ProtocolError
 from protocol.grid_map import AXIS_STEPS, MAX_REACH_M, MAX_TOLD, GridMap, main_axis, matched, quantise
 from protocol.map_codec import decode_map, encode_map
@@ -55,6 +55,15 @@ def test_numbers_come_back_in_every_order(numbers: list[tuple[int, int]]) -> Non
     reader = BitReader(writer.data())
     assert [reader.number(order) for _, order in numbers] == [value for value, _ in numbers]
     reader.finish()
+
+
+@given(st.lists(st.tuples(st.integers(0, 2**20), st.integers(0, 49)), max_size=20))
+def test_bits_packed_at_once_are_those_written_one_after_the_other(told: list[tuple[int, int]]) -> None:
+    writer = BitWriter()
+    for value, count in told:
+        writer.bits(value, count)
+    values, counts = np.array(told, np.int64).reshape(-1, 2).T
+    assert packed(values, counts) == writer.data()
 
 
 @given(grid_maps(), st.booleans())
