@@ -60,6 +60,12 @@ def rehearse() -> None:
         _align()
 
 
+def rehearse_carried() -> None:
+    """Load all kernels that a mind which is carried calls, of itself and with peers."""
+    _close_a_loop()
+    _align()
+
+
 def compile_kernels() -> None:
     """Compile all kernels, in two processes where there are two cores.
 

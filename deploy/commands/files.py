@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from pathlib import Path
 from typing import Annotated, Literal
@@ -55,6 +56,7 @@ def map_(
     quiet: Quiet = False,
 ) -> None:
     """Map recorded lidar logs, each by a mind of its own that is not asked to drive. Several are a team."""
+    from agent.warmup import rehearse_carried
     from deploy.launch.launcher import run_directory
     from deploy.recorded.lidar_log import Given
     from deploy.recorded.mapping import map_logs
@@ -67,6 +69,8 @@ def map_(
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
     team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
     refer(team, reference or [])
+    rehearse_carried()
+    gc.freeze()  # what is loaded lives on: looking it through for garbage took 60 ms of a scan
     with run_directory(out, "", 0) as directory:
         summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
         print_mapped(directory, summary)
