@@ -15,6 +15,7 @@ from agent.geometry.matrix3 import inverse
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
+from agent.mapping.submaps.gathered import NONE, Gathered
 from agent.mapping.submaps.length_scale import LengthScale
 from agent.mapping.submaps.loops import AGAIN_PRIOR, CONFIRMED, Submap, due, find, look_again
 from agent.mapping.submaps.matching import (
@@ -27,14 +28,13 @@ from agent.mapping.submaps.matching import (
     share_beside,
     tiles_of,
 )
-from agent.mapping.submaps.merging import merge, united
+from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.submaps.segments import SEGMENT, every, moved, samples_along, segments_in, segments_of
+from agent.mapping.submaps.segments import every, moved, samples_along, segments_in, segments_of
 from agent.mapping.submaps.tiles import SegmentTiles
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative, wrapped
 
-ROOM = 64  # records by which a submap's array grows, at least
 ROUNDS = 6  # Gauss-Newton steps for each gate
 TRACKING_GATES_M = np.array((*GATES_M, 0.2))
 """Of a scan, whose odometry is nearer than a loop's guess. With the third gate, clutter beside known walls pulls less
@@ -98,14 +98,16 @@ class Submaps:
         self._candidates: list[tuple[int, Floats, Floats]] = []  # as in `_look_for_loops`
         self._loops_relaxed = 0
         self._path: list[tuple[int, Floats]] = []  # of each scan: its submap, and the pose in that
-        self._behind = np.zeros(0, SEGMENT)  # walls of the last submap, in the frame of the present one
         self._overruled: list[Floats] = []
         """(3,) where odometry had the last scan, if walls did not say so; else nothing."""
-        self._begin()
+        self._begin(NONE)
 
-    def _begin(self) -> None:
-        """Start an empty submap at the robot's place."""
-        self._walls, self._count = np.zeros(ROOM, SEGMENT), 0
+    def _begin(self, behind: Records) -> None:
+        """Start an empty submap at the robot's place; behind: walls of the last one, in the frame of that place."""
+        self._own = Gathered()  # walls of the present submap
+        self._near = Gathered(behind)
+        """The same with those of the last one: what scans are matched against. Each wall stands there once: of two that
+        are the same, a sample would be held by the one to which the odometry has put it."""
         self._local = np.zeros(3)  # the robot's pose in the present submap
         self._views, self._since_view, self._way = [np.zeros(3)], 0.0, 0.0
         self._since_merged = math.inf
@@ -120,7 +122,7 @@ class Submaps:
     def nbytes(self) -> int:
         """Bytes of the submaps and the graph."""
         kept = sum(place.walls.nbytes + place.samples.nbytes + place.views.nbytes for place in self.finished)
-        return kept + self._count * SEGMENT.itemsize + self.poses.nbytes + len(self._ends) * 120
+        return kept + self._own.walls.nbytes + self._near.walls.nbytes + self.poses.nbytes + len(self._ends) * 120
 
     def path(self) -> Floats:
         """(scans, 3) pose of each scan, by what is known now."""
@@ -133,7 +135,7 @@ class Submaps:
         guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]
         self._local, self._overruled = guesses[0], []
         seen = segments_of(scan.pieces)
-        walls = np.concatenate((self._behind, self._walls[: self._count]))
+        walls = self._near.walls
         prior = self._by_odometry(by)
         known = prior
         if len(seen) and len(walls):
@@ -143,8 +145,10 @@ class Submaps:
         self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
         travel = travelled(by)
         self._since_merged += travel
-        if self._since_merged >= MERGE_AFTER_M or not self._count:
-            self._merge(seen)
+        if self._since_merged >= MERGE_AFTER_M or not len(self._own.walls):
+            for gathered in (self._own, self._near):
+                gathered.add(moved(seen, self._local))
+            self._since_merged = 0.0
         self._path.append((len(self.poses) - 1, self._local))
         self._way += math.hypot(by[0], by[1])
         self._since_view += travel
@@ -155,14 +159,6 @@ class Submaps:
             self.close()
         elif self.is_comparing:
             self._compare()
-
-    def _merge(self, seen: Records) -> None:
-        """Add segments of a scan, in the robot's frame, to the present submap."""
-        if self._count + len(seen) > len(self._walls):
-            more = max(ROOM, len(self._walls), len(seen))
-            self._walls = np.concatenate((self._walls, np.zeros(more, SEGMENT)))
-        self._count = merge(self._walls, self._count, moved(seen, self._local))
-        self._since_merged = 0.0
 
     def _by_odometry(self, by: Pose) -> Floats:
         """(3, 3) information of a pose that odometry tells, after a motion."""
@@ -214,7 +210,7 @@ class Submaps:
         scan of freiburg-079 that took longest took 20 ms of an idle core, of 0.7 in the median.
         """
         self.compare_all()
-        walls, new = self._walls[: self._count].copy(), len(self.finished)
+        walls, new = united([self._own.walls]), len(self.finished)
         sure = walls[walls["seen"] >= CONFIRMED]
         place = Submap(walls, samples_along(sure), np.array(self._views), self._config.view_m, self._half_view)
         self.finished.append(place)
@@ -222,14 +218,14 @@ class Submaps:
         sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
         known = np.asarray(np.linalg.inv(self._unsure + np.diag(sd**2)), np.float64)
         self._add_edge(new, new + 1, self._local, known, False)
-        self._behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
+        behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
         self._overruled = [np.array(relative(pose_of(self._local), pose_of(pose))) for pose in self._overruled]
-        self._begin()
+        self._begin(behind)
         self._candidates = self._look_for_loops(new)
 
     def finish(self) -> None:
         """Close the last submap and measure all loops again from where the graph has put the submaps."""
-        if self._count:
+        if len(self._own.walls):
             self.close()
         self.compare_all()
         if not self.loops:
@@ -333,7 +329,7 @@ class Submaps:
 
         Of layers, maps of others in the own frame, those walls are added that do not lie beside own ones.
         """
-        parts = [place.walls for place in self.finished] + [self._walls[: self._count]]
+        parts = [place.walls for place in self.finished] + [self._own.walls]
         walls = united([moved(part, pose) for part, pose in zip(parts, self.poses, strict=True)])
         for layer in layers:
             walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
