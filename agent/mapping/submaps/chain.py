@@ -17,45 +17,15 @@ from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
 from agent.mapping.submaps.gathered import NONE, Gathered
 from agent.mapping.submaps.length_scale import LengthScale
-from agent.mapping.submaps.loops import AGAIN_PRIOR, CONFIRMED, Submap, due, find, look_again
-from agent.mapping.submaps.matching import (
-    COARSE_GATE_M,
-    GATES_M,
-    SAMPLE_SD_M,
-    costs_around,
-    poses_around,
-    refine,
-    share_beside,
-    tiles_of,
-)
+from agent.mapping.submaps.loops import AGAIN_PRIOR, CONFIRMED, Submap, find, look_again
+from agent.mapping.submaps.matching import SAMPLE_SD_M, TRUST, share_beside, tiles_of
 from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
-from agent.mapping.submaps.segments import every, moved, samples_along, segments_in, segments_of
-from agent.mapping.submaps.tiles import SegmentTiles
+from agent.mapping.submaps.segments import moved, samples_along, segments_in, segments_of
+from agent.mapping.submaps.tracking import track
 from protocol.arrays import Floats, Records
-from protocol.geometry import Pose, apply, compose, pose_of, relative, wrapped
+from protocol.geometry import Pose, apply, compose, pose_of, relative
 
-ROUNDS = 6  # Gauss-Newton steps for each gate
-TRACKING_GATES_M = np.array((*GATES_M, 0.2))
-"""Of a scan, whose odometry is nearer than a loop's guess. With the third gate, clutter beside known walls pulls less
-at the pose: paths of intel-drift and csail-drift err by a twentieth less; with 0.15 m those of csail-drift do not."""
-LOST_SHARE = 0.6
-"""Of a scan's samples that the last scan should have shown, those on walls, below which the pose is searched for, too.
-Counted over all samples, a lidar of half a turn that was turned by 50 degrees was lost, and the search put new walls
-onto old ones."""
-HELD_SHARE = 0.25
-"""The same of all samples. Where a turn brings a new room into view, a few known walls fit a wrong pose as well as the
-right one: of 588 made-up slips by 20 degrees on ways through a doorway 14 were believed, now none."""
-SEARCH, SEARCH_STEP = np.array((0.4, 0.4, math.radians(24.0))), np.array((0.2, 0.2, math.radians(4.0)))
-"""m, m and rad to either side of the odometry's pose, and from one pose that is tried to the next."""
-SPARSE = 25  # samples that are enough to tell those poses apart
-TRIED = 4  # of those poses, the best are refined
-SAMPLE_WEIGHT = 0.5  # of a sample in the search, against the odometry: neighbours on one wall err alike
-UNKNOWN = 0.5
-"""Cost of a sample that the last scan could not show from a pose: between those of one on a wall and of one on none.
-With none at all the search is for poses that hide what is seen. Asked of all poses alike, by what odometry's had in
-view, wheels that slipped by 9 degrees were believed: half of the scan lay where nobody had looked."""
-SLIP = 7.0  # what it costs to believe that odometry has slipped, whatever the way: one scan in a thousand
 VIEW_M = 0.4  # of way, or twice this in radians, from one kept view to the next: a dozen a submap
 MERGE_AFTER_M = 0.2  # of way, or twice this in radians: scans from one place show its walls with the same errors
 SKIPPED = 2  # submaps before a finished one hold it by the way already and are no loops
@@ -72,7 +42,6 @@ LAID_M = 0.3  # a received wall so near beside an own one is the same: transform
 HELD_BY = 2.0
 """Samples, 0.4 m of wall, that must hold a loop in a direction. Short smears lie oblique to a corridor's walls and hold
 a loop along it by a fourth of a sample: loops that were believed there were 1.6 to 4.4 m off."""
-TRUST = 0.25  # weight of a match's information: samples are not independent
 
 
 def travelled(by: Pose) -> float:
@@ -134,12 +103,15 @@ class Submaps:
         before = self._local
         guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]
         self._local, self._overruled = guesses[0], []
-        seen = segments_of(scan.pieces)
-        walls = self._near.walls
-        prior = self._by_odometry(by)
-        known = prior
+        seen, walls, prior = segments_of(scan.pieces), self._near.walls, self._by_odometry(by)
+        known, held = prior, False
         if len(seen) and len(walls):
-            self._local, known = self._tracked(samples_along(seen), walls, by, before, guesses, prior)
+            samples = samples_along(seen)
+            last_view = Submap(walls, samples, before[None], self._config.view_m, self._half_view)
+            self._local, known, held, overruled = track(samples, last_view, guesses, prior)
+            self._overruled = guesses[:1] if overruled else []
+        if held:
+            self._scale.learn(by, before, self._local, prior, known)
         else:
             self._scale.lose()
         self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
@@ -166,37 +138,6 @@ class Submaps:
         place = config.distance_sd**2 * far + config.still_sd_m**2
         heading = math.radians(config.heading_sd_deg) ** 2 * far + config.turn_sd**2 * abs(by[2])
         return np.diag((1 / place, 1 / place, 1 / (heading + math.radians(config.still_sd_deg) ** 2)))
-
-    def _tracked(
-        self, samples: Floats, walls: Records, by: Pose, before: Floats, guesses: Sequence[Floats], prior: Floats
-    ) -> tuple[Floats, Floats]:
-        """The pose (3,) in the present submap by samples of a scan, with the odometry's prior; and its information.
-
-        Where few that the last scan should have shown lie on walls, it is searched for around the odometry's, which may
-        have slipped. guesses: poses (3,) by odometry; a second one where that was overruled at the last scan, as that
-        scan's stamp may have been wrong, and not the wheels: three scans of csail-drift are off by 10 to 20 degrees.
-        """
-        guess, tiles = guesses[0], tiles_of(walls)
-        match = refine(samples, tiles, guess, prior, TRACKING_GATES_M, ROUNDS)
-        last_view = Submap(walls, samples, before[None], self._config.view_m, self._half_view)
-        known, met = due(last_view, tiles, samples, match.pose)
-        if met.sum() >= max(LOST_SHARE * known.sum(), HELD_SHARE * len(samples)):
-            information = TRUST * (match.information - prior) + prior
-            self._scale.learn(by, before, match.pose, prior, information)
-            if _against(match.pose[None], guesses, prior)[0] >= SLIP:
-                self._overruled = [guess]
-            return match.pose, information
-        self._scale.lose()
-        self._overruled = [guess]
-        poses = np.vstack([poses_around(one, SEARCH, SEARCH_STEP) for one in guesses])
-        few = every(samples, len(samples) // SPARSE)
-        costs = len(samples) / len(few) * costs_around(few, tiles, poses, COARSE_GATE_M)
-        best = np.argsort(SAMPLE_WEIGHT * costs + _against(poses, guesses, prior), kind="stable")[:TRIED]
-        found = [refine(samples, tiles, pose, prior, TRACKING_GATES_M[1:], ROUNDS).pose for pose in poses[best]]
-        tried = np.array((match.pose, *found))
-        costs = np.array([_unlikely(last_view, tiles, samples, pose) for pose in tried])
-        costs = SAMPLE_WEIGHT * costs + _against(tried, guesses, prior)
-        return np.asarray(tried[np.argmin(costs)]), prior
 
     @property
     def is_comparing(self) -> bool:
@@ -334,22 +275,6 @@ class Submaps:
         for layer in layers:
             walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
         return walls
-
-
-def _unlikely(last_view: Submap, tiles: SegmentTiles, samples: Floats, pose: Floats) -> float:
-    """What speaks against a pose (3,) of samples (k, 5), by those of the walls that the last view should show there."""
-    known, _ = due(last_view, tiles, samples, pose)
-    cost = float(costs_around(samples[known], tiles, pose[None], GATES_M[-1])[0])
-    return cost + UNKNOWN * float(len(samples) - known.sum())
-
-
-def _against(poses: Floats, guesses: Sequence[Floats], prior: Floats) -> Floats:
-    """(n,) what speaks against poses (n, 3) that are off those by odometry, (3,) each. prior: its information."""
-    against = np.full(len(poses), SLIP)
-    for guess in guesses:
-        off = np.column_stack((poses[:, :2] - guess[:2], wrapped(poses[:, 2] - guess[2])))
-        against = np.minimum(against, 0.5 * np.einsum("ni,ij,nj->n", off, prior, off))
-    return against
 
 
 @kernel

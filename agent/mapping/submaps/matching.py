@@ -26,6 +26,7 @@ so its direction is known better than SAMPLE_SD_M lets them tell: where a few wa
 sixth of the odometry's error came in. With 0.04 csail-drift gains half as much, with 0.02 nothing."""
 LINE_M = 3.0  # of a segment, at most, that tell its direction: without, csail-drift with 91 beams gains a third less
 LINE_GATE = math.sin(math.radians(5.0))  # the sine of a turn beyond which a direction counts little: of another wall
+TRUST = 0.25  # weight of a match's information: samples are not independent
 
 
 class Match(NamedTuple):

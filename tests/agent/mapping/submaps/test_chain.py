@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.mapping.submaps import chain
+from agent.mapping.submaps import chain, tracking
 from agent.mapping.submaps.loops import Found, Submap, find
 from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
@@ -19,7 +19,7 @@ from agent.passenger import Passenger
 from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply, compose, relative, wrapped
-from protocol.messages import Observation, RobotSpec
+from protocol.messages import LidarSpec, Observation, RobotSpec
 from tests.carried import DRIFT, HALF_TURN, Wall, observations, outline, path_error, ring_corridor
 
 SIDE, WIDTH = 18.0, 2.2
@@ -143,9 +143,9 @@ def two_rooms(seed: int) -> Floats:
     return filled(walls, 10, seed, lambda x, y: abs(y - 5) > 1.2 and abs(x - 5) > 0.8)
 
 
-def mapped(seen: Sequence[Observation], scan: int, slip_deg: float) -> Floats:
+def mapped(seen: Sequence[Observation], scan: int, slip_deg: float, lidar: LidarSpec = HALF_TURN) -> Floats:
     """(n, 3) path by observations, where wheels slip before one of the scans."""
-    mind, at = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), seen[scan].odometry
+    mind, at = Passenger(RobotSpec(lidar=lidar), AgentConfig()), seen[scan].odometry
     slipped = compose(at, (0.0, 0.0, math.radians(slip_deg)))
     for k, observation in enumerate(seen):
         odometry = observation.odometry if k < scan else compose(slipped, relative(at, observation.odometry))
@@ -173,16 +173,29 @@ def test_a_slip_where_few_samples_lie_on_known_walls_turns_nothing(
     assert np.abs(wrapped(path[:, 2] - (way[:, 2] - way[0, 2]))).max() < math.radians(1.0)
 
 
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+def test_walls_leave_nothing_of_what_odometry_errs_at_a_doorway(seed: int) -> None:
+    """With a lidar of 2.5 m only the door's jambs and some boxes are in view of both sides."""
+    lidar, xs = HALF_TURN.model_copy(update={"range_max_m": 2.5}), np.arange(1.5, 8.6, 1.0)
+    way = np.column_stack((xs, np.full(len(xs), 5.0), np.zeros(len(xs))))
+    seen = observations(two_rooms(seed), way, lidar, DRIFT, seed)
+    left, right = (mapped(seen, 3, turn, lidar)[-1, 2] for turn in (6.0, -6.0))
+    assert abs(wrapped(left - right)) < math.radians(0.1)
+
+
 def test_a_robot_that_faces_back_in_its_submap_is_as_near_to_the_odometry_as_one_that_faces_ahead() -> None:
     """A pose of 179 degrees by odometry, and one of -179 by walls."""
     off = np.array([[0.0, 0.0, math.radians(2.0)], [0.0, 0.0, math.radians(2.0 - 360.0)]])
-    ahead, back = chain._against(off, [np.zeros(3)], np.diag((1.0, 1.0, 1000.0))).tolist()
+    ahead, back = tracking.against(off, [np.zeros(3)], np.diag((1.0, 1.0, 1000.0))).tolist()
     assert back == pytest.approx(ahead) and 0.0 < ahead < 1.0
 
 
 @pytest.mark.parametrize(
     ("seed", "nods_deg", "scan", "off_deg"),
-    [(1, 25.0, 7, -20.0), (1, 50.0, 5, -20.0), (1, 50.0, 7, 20.0), (2, 50.0, 3, 20.0), (3, 50.0, 3, -20.0)],
+    [
+        *((1, 25.0, 7, -20.0), (1, 50.0, 5, -20.0), (1, 50.0, 7, 20.0), (2, 50.0, 3, 20.0), (3, 50.0, 3, -20.0)),
+        *((2, 60.0, 3, 12.0), (7, 60.0, 7, 20.0)),
+    ],
 )
 def test_a_scan_with_a_wrong_stamp_bends_nothing_after_it(
     seed: int, nods_deg: float, scan: int, off_deg: float

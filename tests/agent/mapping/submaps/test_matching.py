@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from agent.mapping.submaps.chain import ROUNDS, TRACKING_GATES_M
 from agent.mapping.submaps.matching import refine, tiles_of
 from agent.mapping.submaps.segments import samples_along
+from agent.mapping.submaps.tracking import ROUNDS, TRACKING_GATES_M
 from tests.agent.mapping.submaps.test_chain import segments
 
 PRIOR_SD = np.array((0.1, 0.1, math.radians(4.4)))  # of odometry after a metre and a quarter turn
