@@ -36,6 +36,11 @@ def relative(a: Pose, b: Pose) -> Pose:
     return c * dx + s * dy, c * dy - s * dx, wrapped(b[2] - a[2])
 
 
+def inverted(pose: Pose) -> Pose:
+    """How the frame in which a pose is given lies in the pose's own."""
+    return relative(pose, (0.0, 0.0, 0.0))
+
+
 def pose_of(row: Floats) -> Pose:
     """A row (3,) as a pose."""
     x, y, theta = row.tolist()

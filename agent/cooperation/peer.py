@@ -28,6 +28,12 @@ ENCOUNTERS_KEPT = 60
 """Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
 
 
+MOST_SPEED = 1.5
+"""Times a robot's top speed: who seems to have driven faster was started anew. Less is its map that put it right."""
+GIVEN_SD_M, CORNER_SD_M = 0.1, 0.01
+"""Standard error of a transform that no alignment gave, and least one of a corner in it: that of a range."""
+
+
 @dataclass
 class PeerLog:
     """What a peer told so far, and what alignment made of it. Poses, maps and viewpoints are in the peer's frame."""
@@ -119,7 +125,7 @@ class PeerLog:
         if self.contact is None or since >= self.pose_tick:
             self.contact, self.encounters = encounter, []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
-        if math.dist(sighting.theirs[:2], self.pose[:2]) > 1.5 * may_have_driven + DISC_MOVED_M:
+        if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
         self.pose, self.pose_tick = sighting.theirs, pose_tick
@@ -250,4 +256,6 @@ Figures = Mapping[str, object]
 
 def transform_sd_m(alignment: Alignment | None) -> float:
     """Standard error in metres of a transform by its alignment; None: of one that is given."""
-    return 0.1 if alignment is None else max(alignment.residual, 0.01) / math.sqrt(max(alignment.inliers, 1))
+    if alignment is None:
+        return GIVEN_SD_M
+    return max(alignment.residual, CORNER_SD_M) / math.sqrt(max(alignment.inliers, 1))

@@ -50,6 +50,11 @@ STRANGER_S = 20.0
 """A peer counts as a stranger for this long after it was merged: it may not know the robot's frame yet."""
 PLACE_KNOWN_S = 60.0
 """A teammate silent for longer has no part in the division of work: it drives 13 m in the time."""
+TOLD_SD = 0.01
+"""Standard deviation, m and rad, of a pose that a teammate tells: of those of robots in their maps."""
+STRAIGHT_SDS, TURNED_M = 3.0, 0.5
+"""Since then it may have driven straight on, which counts as so many deviations, and turned by a radian each so many
+metres: round the corner of a doorway."""
 NEARER_M = 1.0
 """A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since."""
 
@@ -114,8 +119,8 @@ class Team:
             if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
                 continue
             pose, drive_m = self._last_pose(tick, peer)
-            # it may have driven straight on, at three deviations, and turned by a radian in half a metre
-            spread, turn = math.hypot(0.01 + peer.transform_sd_m, drive_m / 3.0), min(math.pi, 0.01 + drive_m / 0.5)
+            spread = math.hypot(TOLD_SD + peer.transform_sd_m, drive_m / STRAIGHT_SDS)
+            turn = min(math.pi, TOLD_SD + drive_m / TURNED_M)
             known.append(
                 TeammatePose(
                     robot=name,

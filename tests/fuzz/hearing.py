@@ -12,7 +12,7 @@ from agent.robot import Robot
 from deploy.bench.alignment.pairs import moved
 from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames
-from protocol.geometry import relative
+from protocol.geometry import inverted
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import Heard, Observation, RobotSpec
@@ -124,7 +124,7 @@ def _parts(version: int, base: int, told: GridMap, since: GridMap | None, size: 
 @cache
 def _map(strewn: int, seed: int) -> GridMap:
     """The robot's own map in a peer's frame, with so many short walls more, own or not."""
-    honest = moved(_begun().own, relative(FRAME, (0.0, 0.0, 0.0)))
+    honest = moved(_begun().own, inverted(FRAME))
     grid, rng = quantise(honest, 10, 0), np.random.default_rng(seed)
     starts = rng.uniform(-12.0, 12.0, (strewn, 1, 2))
     ends = Wireframe(

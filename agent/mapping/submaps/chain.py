@@ -24,7 +24,7 @@ from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import moved, samples_along, segments_in, segments_of
 from agent.mapping.submaps.tracking import track
 from protocol.arrays import Floats, Records
-from protocol.geometry import Pose, apply, compose, pose_of, relative
+from protocol.geometry import Pose, apply, compose, inverted, pose_of, relative
 
 VIEW_M = 0.4  # of way, or twice this in radians, from one kept view to the next: a dozen a submap
 MERGE_AFTER_M = 0.2  # of way, or twice this in radians: scans from one place show its walls with the same errors
@@ -159,7 +159,7 @@ class Submaps:
         sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
         known = np.asarray(np.linalg.inv(self._unsure + np.diag(sd**2)), np.float64)
         self._add_edge(new, new + 1, self._local, known, False)
-        behind = moved(walls, np.array(relative(pose_of(self._local), (0.0, 0.0, 0.0))))
+        behind = moved(walls, np.array(inverted(pose_of(self._local))))
         self._overruled = [np.array(relative(pose_of(self._local), pose_of(pose))) for pose in self._overruled]
         self._begin(behind)
         self._candidates = self._look_for_loops(new)

@@ -15,7 +15,7 @@ from agent.mapping.submaps.loops import RIVAL_SCORE, on_walls
 from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.segments import moved
 from protocol.arrays import Floats, Records
-from protocol.geometry import Pose, compose, pose_of, relative, wrapped
+from protocol.geometry import Pose, compose, inverted, pose_of, relative, wrapped
 
 TORN_M = 0.15  # between where a loop and the filter have a submap; matches of submaps err by 0.05 m
 TORN_RAD = math.radians(3.0)
@@ -81,7 +81,7 @@ class LoopClosing:
             a, b = ends[k].tolist()
             measured = pose_of(self.submaps.graph().measured[k])
             # of the filter's frame, that puts the later submap where the loop has it
-            moved_by = compose(compose(self._frames[a], measured), relative(self._frames[b], (0.0, 0.0, 0.0)))
+            moved_by = compose(compose(self._frames[a], measured), inverted(self._frames[b]))
             at = self._frames[b]
             if any(_agree(compose(moved_by, at), compose(other, at)) for other in self._against):
                 return True

@@ -25,7 +25,7 @@ from agent.mapping.submaps.matching import (
 from agent.mapping.submaps.segments import SAMPLE_M, every
 from agent.mapping.submaps.tiles import SegmentTiles
 from protocol.arrays import Bools, Floats, Records
-from protocol.geometry import pose_of, relative, wrapped
+from protocol.geometry import inverted, pose_of, wrapped
 
 MATCHED_M = 3.6  # metres of wall that must lie on the earlier submap's, at least
 EXPLAINED = 0.6  # share of what the earlier views should show of the later submap that must lie on a wall
@@ -185,7 +185,7 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
         expected, met = (int(which.sum()) for which in due(earlier, tiles, samples, match.pose))
         through = 0
         if met * SAMPLE_M >= MATCHED_M and met >= EXPLAINED * expected:
-            back = np.array(relative(pose_of(match.pose), (0.0, 0.0, 0.0)))
+            back = np.array(inverted(pose_of(match.pose)))
             through = _seen_through(earlier, samples, match.pose) + _seen_through(later, earlier.samples, back)
         explained = met / max(expected + through, 1)
         answers.append((met * explained, match, met * SAMPLE_M, explained, through <= SEEN_THROUGH * met))

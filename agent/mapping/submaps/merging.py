@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.corner_scan import BRIDGE_M
 from agent.geometry.lines import Record, above, along, pool
 from agent.geometry.wall_tiles import MOST, TILE_M
 from agent.kernels import kernel
@@ -14,7 +15,6 @@ from protocol.arrays import Ints, Records
 
 MERGE_M = 0.08  # a piece this near to a segment's line is of that segment: a cupboard's face keeps apart from its wall
 MERGE_COSINE = math.cos(math.radians(8.0))  # and turned against it by no more
-MERGE_GAP_M = 0.25  # two on one line are one across such a gap, as in a scan (`corner_scan.BRIDGE_M`)
 MARGIN_M, MARGIN_SHARE = 0.4, 0.02
 """The boxes about two segments that are merged are no farther apart than this, and this share of the new one's length:
 the gap, the distance from the line, and by how much a turn of 8 degrees shortens a projection."""
@@ -141,7 +141,7 @@ def _apart(e: Record, p: Record) -> float:
     if e.ux * p.ux + e.uy * p.uy < MERGE_COSINE:
         return math.inf
     t = along(e, p.x, p.y)
-    if t + p.low > e.high + MERGE_GAP_M or t + p.high < e.low - MERGE_GAP_M:
+    if t + p.low > e.high + BRIDGE_M or t + p.high < e.low - BRIDGE_M:
         return math.inf
     # at both ends of what they share, or of the gap: lines of short pieces swing far out beyond
     a, b = max(t + p.low, e.low), min(t + p.high, e.high)

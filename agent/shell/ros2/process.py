@@ -25,7 +25,7 @@ from protocol import keys
 from protocol.codec import encode
 from protocol.command import say
 from protocol.errors import InputError, ProtocolError
-from protocol.geometry import compose, relative
+from protocol.geometry import compose, inverted
 from protocol.inbox import Arrival
 from protocol.session import open_ros2_client
 from protocol.settings import MAX_NUMBER
@@ -315,7 +315,7 @@ class Ros2Shell:
         if step.map is not None:
             self._map, self._map_is_new = decode_wireframe(step.map.wireframe), True
         pose = step.pose.pose
-        odometry = relative(seen.odometry, (0.0, 0.0, 0.0))
+        odometry = inverted(seen.odometry)
         places = [(self._ros2.map_frame, self._sensing.wheels.frame, compose(pose, odometry))]
         self._tf.put(showing.transforms_of(places, seen.stamp_s))
         self._seen_area.look(pose, self._map)

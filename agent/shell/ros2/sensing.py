@@ -13,7 +13,7 @@ import numpy as np
 
 from agent.shell.ros2.laser_scan import APART_S, LEVEL, Bearings, LaserScan, stamp_of
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, relative, wrapped
+from protocol.geometry import Pose, compose, inverted, relative, wrapped
 from protocol.messages import LidarSpec, Observation, RobotSpec
 from protocol.settings import MAX_NUMBER
 
@@ -94,7 +94,7 @@ class Wheelpath:
             if far or abs(turn) > JUMP_RAD + 2 * self._spec.max_turn_rps * passed_s:
                 self._skip("times at which odometry began anew")
                 own, turn = (last[0], last[1], wrapped(last[2])), 0.0
-                self._fix = compose(own, relative(pose, (0.0, 0.0, 0.0)))
+                self._fix = compose(own, inverted(pose))
             own = (own[0], own[1], last[2] + turn)
         self._rows.append((stamp_s, *own))
         if len(self._rows) > MOST_KEPT or self._rows[0][0] < stamp_s - 2 * KEPT_S:

@@ -14,7 +14,7 @@ from deploy.bench.alignment.recordings import whole_map
 from deploy.bench.cases import Case, Figures
 from deploy.bench.explored import explore
 from deploy.bench.tables import Table, whole
-from protocol.geometry import compose, relative
+from protocol.geometry import compose, inverted
 from protocol.grid_map import quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation
@@ -70,7 +70,7 @@ class _Besieged(Robot):
             if self.kinds[name] != "shifted":
                 self.swallowed.add(name)
             else:  # the good map may be merged, but then it must stay where it was
-                moved_m = math.dist(peer.transform[:2], relative(self.frames[name], (0.0, 0.0, 0.0))[:2])
+                moved_m = math.dist(peer.transform[:2], inverted(self.frames[name])[:2])
                 self.moved_m = max(self.moved_m, moved_m)
         sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of these peers
         return step._replace(sends=sends, action=step.action.model_copy(update={"sent": len(sends), "merged": {}}))

@@ -11,7 +11,7 @@ import numpy as np
 from deploy.bench.alignment.recordings import Recording, Snapshot
 from deploy.bench.errors import errors, right
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply, compose, relative
+from protocol.geometry import Pose, apply, compose, inverted
 from protocol.wireframe import Wireframe
 
 MIN_CORNERS = 16  # true corners that both maps have, in the main tables (the issue's)
@@ -62,7 +62,7 @@ class Pair(NamedTuple):
     def elsewhere(self, by: Pose) -> "Pair":
         """The same with their frame moved: by takes the old into the new."""
         theirs = self.theirs._replace(pose=compose(by, self.theirs.pose), wireframe=moved(self.theirs.wireframe, by))
-        two = self.two._replace(frame=compose(self.two.frame, relative(by, (0.0, 0.0, 0.0))))
+        two = self.two._replace(frame=compose(self.two.frame, inverted(by)))
         return self._replace(two=two, theirs=theirs)
 
 

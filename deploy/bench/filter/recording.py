@@ -16,7 +16,7 @@ from deploy.bench.explored import explore
 from deploy.metrics import Truth
 from deploy.sensing import REAL
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply, pose_of, relative
+from protocol.geometry import Pose, apply, inverted, pose_of, relative
 from protocol.messages import Observation, RobotSpec
 
 HERE: Pose = (0.0, 0.0, 0.0)  # pose of the frame of a recording's truth, for a score: it is the robot's own
@@ -84,7 +84,7 @@ def record(
 
 def _moved(truth: Truth, frame: Pose) -> Truth:
     """The truth in the frame of this pose."""
-    back = relative(frame, HERE)
+    back = inverted(frame)
     points = {name: apply(back, getattr(truth, name)) for name in ("corners", "seen_points", "seen_corners")}
     outline = apply(back, truth.outline.reshape(-1, 2)).reshape(-1, 4)
     return replace(truth, outline=outline, seen_directions=apply((0.0, 0.0, back[2]), truth.seen_directions), **points)

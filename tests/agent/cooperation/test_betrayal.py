@@ -16,7 +16,7 @@ from agent.robot import Robot, Step
 from deploy.bench.alignment.pairs import moved, random_pose
 from deploy.bench.explored import explore
 from protocol.errors import ProtocolError
-from protocol.geometry import compose, relative
+from protocol.geometry import compose, inverted
 from protocol.grid_map import MAX_TOLD, quantise
 from protocol.map_codec import encode_map
 from protocol.messages import EVERYONE, Heard, Observation, Send
@@ -89,7 +89,7 @@ class Betrayed(Robot):
         self.most_walls = max(self.most_walls, len(self.wireframe.edges))
         peer = self.team.peers.get("x")
         if isinstance(peer, Unaligned) and peer.log.map is not None and len(self.own.edges) > 8:
-            there = relative(self.frame, (0.0, 0.0, 0.0))
+            there = inverted(self.frame)
             self.team.merge(self.team.propose(peer, there, self.own, {}), tick, self.own)
         assert len(step.sends) <= 256 and len(self.wireframe.points) < MAX_VERTICES
         sends = [send for send in step.sends if send.to == EVERYONE]  # the world knows nothing of this peer
