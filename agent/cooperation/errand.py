@@ -70,7 +70,7 @@ class ProposalQueue:
             return peer, "it took too long"
         elif arrived is False and not errand.detours:
             return peer, "unreachable"
-        elif peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
+        elif peer.trial.asks_for_a_sighting and not peer.log.heard_within(tick, self._still_heard):
             return peer, "undecided"
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, errand.detours)
@@ -81,15 +81,11 @@ class ProposalQueue:
 
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
-        unseen = peer.trial.walls.unseen()
-        if self._is_heard(tick, peer) and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_sighting):
+        unseen, heard = peer.trial.walls.unseen(), peer.log.heard_within(tick, self._still_heard)
+        if heard and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_sighting):
             return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])
         stands = apply(peer.transform, stands)
         away = np.hypot(stands[:, 0] - pose[0], stands[:, 1] - pose[1])
         stands, away = stands[away >= HERE_M], away[away >= HERE_M]
         return np.asarray(stands[away.argmin()]) if len(stands) else None
-
-    def _is_heard(self, tick: int, peer: Proposed) -> bool:
-        """Whether a drive to the peer may meet it."""
-        return tick - peer.log.pose_tick <= self._still_heard

@@ -102,6 +102,10 @@ class PeerLog:
             self.placed = transform, self.pose, compose(pose_of(transform), self.pose)
         return self.placed[2]
 
+    def heard_within(self, tick: int, ticks: float) -> bool:
+        """Whether it was heard at most so many ticks ago."""
+        return tick - self.pose_tick <= ticks
+
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
         claim = inverse(np.array(mine_in_theirs))

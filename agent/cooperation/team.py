@@ -136,7 +136,7 @@ class Team:
         """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
         found = []
         for peer in self.merged:
-            if tick - peer.log.pose_tick <= self._ticks(STILL_HEARD_S):
+            if peer.log.heard_within(tick, STILL_HEARD_S * self.spec.lidar.rate_hz):
                 (x, y, _), drive_m = self._last_pose(tick, peer)
                 found.append((x, y, DISC_GATE_M + drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
@@ -151,7 +151,7 @@ class Team:
         """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it."""
         found = []
         for peer in self.shares_work_with:
-            if tick - peer.log.pose_tick <= self._ticks(PLACE_KNOWN_S):
+            if peer.log.heard_within(tick, self._ticks(PLACE_KNOWN_S)):
                 (x, y, _), drive_m = self._last_pose(tick, peer)
                 found.append((x, y, NEARER_M + 0.5 * drive_m))
         return np.array(found, np.float64).reshape(-1, 3)

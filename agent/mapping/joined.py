@@ -25,9 +25,10 @@ def hold_joined(edges: Records, before: Records, joint: Floats, shift: Floats) -
     much worse than their places tell, are left out.
     """
     rows, slopes, found = np.zeros(3, np.int64), np.array((1.0, -1.0, 0.0)), False
-    for f in range(min(len(before), has_rows(joint))):
+    known = min(len(before), has_rows(joint))
+    for f in range(known):
         e = edges[f].twin - 1
-        if edges[f].alive != FREE or before[f].alive != WALL or e < 0 or e >= min(len(before), has_rows(joint)):
+        if edges[f].alive != FREE or before[f].alive != WALL or e < 0 or e >= known:
             continue
         part, wall = before[f], before[e]
         if not (related(part) and related(wall) and joint[row_of(f), row_of(f)] > 0.0):

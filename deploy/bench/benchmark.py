@@ -53,13 +53,17 @@ class Benchmark:
         made = [table.section(figures) for part in self.parts for table in part.TABLES]
         return [section for section in made if section.rows]
 
+    def stem(self, quick: bool, ideal: bool = False) -> str:
+        """How the files of its figures are called, without ending: -ideal and -quick appended to NAME where so."""
+        return f"{self.name}{'-ideal' if ideal else ''}{'-quick' if quick else ''}"
+
     def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
-        Cases are kept under folder/NAME and the tables in folder/NAME.json, with -ideal and -quick appended to NAME
-        where so. ideal: with the paper's sensing in all runs that do not set it themselves.
+        Cases are kept under folder/STEM and the tables in folder/STEM.json (`stem`). ideal: with the paper's sensing in
+        all runs that do not set it themselves.
         """
-        stem = folder / f"{self.name}{'-ideal' if ideal else ''}{'-quick' if quick else ''}"
+        stem = folder / self.stem(quick, ideal)
         for part in self.parts:
             getattr(part, "beforehand", bool)(quick)
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)

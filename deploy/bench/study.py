@@ -28,9 +28,9 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     if not published.is_file() or folder.resolve() == PUBLISHED:
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
     before = json.loads(published.read_text(encoding="utf-8"))
-    status = Benchmark(STUDIES[name], before["sections"]).run(quick, folder, jobs)
-    made = folder / f"{published.stem}{'-quick' if quick else ''}.json"
-    now = json.loads(made.read_text(encoding="utf-8"))
+    benchmark = Benchmark(STUDIES[name], before["sections"])
+    status = benchmark.run(quick, folder, jobs)
+    now = json.loads((folder / f"{benchmark.stem(quick)}.json").read_text(encoding="utf-8"))
     comparison(before, now).section({}).print(Console())
     return status
 

@@ -118,8 +118,9 @@ class Submaps:
         travel = travelled(by)
         self._since_merged += travel
         if self._since_merged >= MERGE_AFTER_M or not len(self._own.walls):
+            here = moved(seen, self._local)
             for gathered in (self._own, self._near):
-                gathered.add(moved(seen, self._local))
+                gathered.add(here)
             self._since_merged = 0.0
         self._path.append((len(self.poses) - 1, self._local))
         self._way += math.hypot(by[0], by[1])
