@@ -325,9 +325,8 @@ class Explorer:
 
     def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
-        mine = not_nearer_to(scene.partners, tasks, roads)
         pockets = self.states.pockets(scene, roads, self.viewpoints, begun)
-        mine += not_nearer_to(scene.partners, pockets, roads)
+        mine = not_nearer_to(scene.partners, tasks + pockets, roads)
         detour_m = self.config.team_detour_m if len(scene.partners) else self.config.pocket_detour_m
         # where teammates are nearer to all open ends, a robot sweeps rather than follow them
         return first_of_tour(mine or tasks, roads, detour_m, self.config.haste)
