@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION
-from agent.geometry.lines import Record, along, meet, pool
+from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet, pool
 from agent.kernels import kernel
 from agent.mapping.slots import forget_bare, slot_before
 from agent.state import LARGEST
@@ -194,10 +194,10 @@ def join(edges: Records, e: int, f: int, strength: float) -> None:
 
 @kernel
 def settle_corner(edges: Records, e: int) -> None:
-    """Move the ends that meet at the head of e to where the lines meet."""
+    """Move the ends that meet at the head of e to where the lines meet; lines that hardly cross leave them there."""
     f = edges[e].link[1]
     sine, t = meet(edges[e], edges[f])
-    if sine != 0.0:
+    if abs(sine) >= MIN_CORNER_SINE:
         set_tip(edges[e], 1, t)
         edges[f].tip[0] = edges[e].tip[1]
 

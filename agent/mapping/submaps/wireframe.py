@@ -7,7 +7,7 @@ import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL
 from agent.geometry.chains import chained
-from agent.geometry.lines import meet
+from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
 from agent.mapping.submaps.matching import share_beside, tiles_of
@@ -59,8 +59,14 @@ def wireframe_of(segments: Records) -> Wireframe:
 
 
 def records_of(segments: Records) -> Records:
-    """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm."""
+    """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm.
+
+    Its corners follow their lines, so walls whose lines hardly cross have none.
+    """
     walls, tips, following = joined(segments)
+    ux, uy = walls["ux"], walls["uy"]
+    sine = ux * uy[following] - uy * ux[following]
+    following = np.where(np.abs(sine) >= MIN_CORNER_SINE, following, -1)
     out = np.zeros(len(walls), EDGE)
     out["alive"], out["own"], out["hits"], out["tip"] = WALL, 1, HITS, tips
     for name in ("x", "y", "ux", "uy"):

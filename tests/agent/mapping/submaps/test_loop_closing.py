@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
-from agent.mapping.edges import check_records
+from agent.mapping.edges import check_records, settle_corner
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps import loop_closing
 from agent.mapping.submaps.loop_closing import LoopClosing
@@ -92,15 +92,19 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     assert length_of(wireframe) > 20.0
 
 
-@pytest.mark.parametrize(("second", "torn"), [((1.0, 0.05, 0.0), True), ((-1.0, 0.4, 0.0), False)])
-def test_only_loops_that_agree_show_that_a_map_is_torn(
-    monkeypatch: pytest.MonkeyPatch, second: Pose, torn: bool
+@pytest.mark.parametrize(
+    ("later", "second", "torn"),
+    [(3, (1.0, 0.05, 0.0), True), (3, (-1.0, 0.4, 0.0), False), (2, (1.0, 0.05, 0.0), False)],
+)
+def test_only_loops_of_two_submaps_that_agree_show_that_a_map_is_torn(
+    monkeypatch: pytest.MonkeyPatch, later: int, second: Pose, torn: bool
 ) -> None:
+    """Two of one later submap are one witness: its walls may lie turned in its frame."""
     loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
-    loops._frames = [(0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (3.0, 5.0, 1.0)]
-    off = [(1.0, 0.0, 0.0), second]  # of the last submap, as two loops have it
+    loops._frames = [(0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (3.0, 5.0, 1.0), (3.0, 5.0, 1.0)]
+    off = [(1.0, 0.0, 0.0), second]  # of the later submap, as two loops have it
     measured = [relative(loops._frames[k], compose(off[k], loops._frames[2])) for k in range(2)]
-    ends, information = np.array(((0, 2), (1, 2))), np.tile(np.eye(3), (2, 1, 1))
+    ends, information = np.array(((0, 2), (1, later))), np.tile(np.eye(3), (2, 1, 1))
     graph = Edges(ends, np.array(measured), information, np.ones(2, np.bool_))
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
     monkeypatch.setattr(loops, "_speaks_against", lambda k: True)
@@ -176,3 +180,18 @@ def test_a_loop_says_nothing_where_the_filter_knows_how_far_off_it_may_be(
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
     monkeypatch.setattr(loop_closing, "on_walls", lambda tiles, samples, pose: np.full(len(samples), not pose.any()))
     assert loops._speaks_against(0) is speaks
+
+
+def test_walls_whose_lines_hardly_cross_share_no_corner_in_the_filter() -> None:
+    """Two parts of one wall end at one place: where their lines meet is anywhere, as they are turned by noise."""
+    segments = np.zeros(2, SEGMENT)
+    segments["x"], segments["ux"], segments["high"], segments["seen"] = (-1.0, 1.05), 1.0, 1.0, 20
+    segments["low"], segments["hits"], segments["xx"] = -1.0, 100.0, 30.0
+    segments["uy"][1] = 1e-5
+    segments["y"][1] = 0.01
+    records = records_of(segments)
+    assert (records["link"] < 0).all()
+    records["link"] = ((-1, 1), (0, -1))  # as for walls that turn after they were linked
+    before = records["tip"].copy()
+    settle_corner(records, 0)
+    assert (records["tip"] == before).all()
