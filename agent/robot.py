@@ -128,7 +128,8 @@ class Robot:
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
-        looked = self.team.views.looked(tick, explorer.viewpoints.ticks, explorer.viewpoints.own)
+        eyes, ends = explorer.viewpoints, explorer.goals.in_vain
+        looked = self.team.views.looked(tick, eyes.ticks, eyes.own, ends)
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:
@@ -184,6 +185,7 @@ class Robot:
             errand=None if self.team.errand is None else self.team.errand.goal,
             partners=self.team.partners(tick),
             viewpoints=self.team.views.places,
+            in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,

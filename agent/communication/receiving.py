@@ -20,6 +20,8 @@ MAPS_AT_ONCE = 2
 """Periods' worth of maps that a peer may send at once, and later two a period (ours): reading one takes up to 40 ms."""
 KEPT_VIEWS = 6000
 """Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+KEPT_ENDS = 400
+"""Open ends of one peer that are kept, the newest (32 bytes each): as many goals as a robot remembers."""
 
 
 class ReceivedMap(NamedTuple):
@@ -40,6 +42,8 @@ class PeerViews(NamedTuple):
     """(k,) tick of the peer's map that holds what was seen from there."""
     heard: Bools = np.zeros(0, np.bool_)
     """(k,) whether others looked from there, whose maps the peer has merged."""
+    ends: Floats = np.zeros((0, 4))
+    """(g, 4) metres and unit, the peer's own frame: open ends that it looked at in vain, and where the walls go on."""
     editions: int = 0
     """How often the peer has told all anew, as some of it no longer held."""
 
@@ -131,5 +135,6 @@ class Known:
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
         need = np.concatenate((old.need, np.full(len(views.points), self.newest)))[-KEPT_VIEWS:]
         heard = np.concatenate((old.heard, np.arange(len(views.points)) >= len(views.cells)))[-KEPT_VIEWS:]
-        self.views, self.views_until = PeerViews(points, need, heard, old.editions), views.until
+        ends = np.vstack((old.ends, views.ends))[-KEPT_ENDS:]
+        self.views, self.views_until = PeerViews(points, need, heard, ends, old.editions), views.until
         return self.views

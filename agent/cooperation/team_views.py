@@ -2,6 +2,7 @@
 
 Viewpoints go as far as the walls that were seen from them: a robot tells its own and those of peers that it has merged,
 but none that those have from others. So in a crowd nobody needs to meet everybody, or to sweep what others have swept.
+Open ends that one has looked at in vain, behind furniture, the peers that have merged its map leave to it.
 """
 
 from bisect import bisect_right
@@ -48,6 +49,8 @@ class _Usable(NamedTuple):
     """(k, 2) its own ones, metres, the robot's own frame."""
     heard: Floats
     """(j, 2) from second hand, its frame."""
+    ends: Floats
+    """(g, 4) metres and unit, the robot's own frame: open ends that it looked at in vain, and where walls go on."""
 
 
 def _usable_of(peer: Merged, before: _Usable | None) -> _Usable:
@@ -57,7 +60,9 @@ def _usable_of(peer: Merged, before: _Usable | None) -> _Usable:
         return before
     usable = views.need <= tick
     first_hand = apply(transform, views.points[usable & ~views.heard])
-    return _Usable(transform, views, tick, first_hand, views.points[usable & views.heard])
+    turn = np.array((0.0, 0.0, transform[2]))
+    ends = np.hstack((apply(transform, views.ends[:, :2]), apply(turn, views.ends[:, 2:])))
+    return _Usable(transform, views, tick, first_hand, views.points[usable & views.heard], ends)
 
 
 def _cells(places: Floats) -> list[int]:
@@ -73,6 +78,8 @@ class TeamViews:
     def __init__(self) -> None:
         self.places = np.zeros((0, 2))
         """(k, 2) metres, the robot's own frame: what was seen from there is in merged maps."""
+        self.ends = np.zeros((0, 4))
+        """(g, 4) metres and unit, the same frame: open ends that peers looked at in vain, and where walls go on."""
         self._usable: dict[str, _Usable] = {}
         self._first_hand: dict[str, Floats] = {}
         self._taken: dict[str, _Taken] = {}
@@ -80,11 +87,11 @@ class TeamViews:
 
     def _begin_anew(self) -> None:
         """Tell all again, as some of it no longer holds: nobody's tick of the last one known is as late."""
-        self._looked = Looked([], [], [])
-        self._waiting = deque[tuple[float, float, str]]()
+        self._looked = Looked.nowhere()
+        self._waiting = deque[tuple[float, float, str, int]]()
         self._cells = set[int]()
         self._passed_on = dict[str, int]()  # first-hand viewpoints of each peer that were passed on, or known already
-        self._own, self._own_tick = 0, -1
+        self._own, self._own_tick, self._ends = 0, -1, 0
 
     def gather(self, merged: Sequence[Merged]) -> None:
         """Take what these peers told, where the merged maps hold what was seen from there."""
@@ -117,16 +124,28 @@ class TeamViews:
         self.places = np.vstack(
             [np.zeros((0, 2)), *self._first_hand.values(), *(taken.places for taken in self._taken.values())]
         )
+        self.ends = np.vstack([np.zeros((0, 4)), *(usable.ends for usable in self._usable.values())])
 
-    def looked(self, tick: int, own_ticks: Sequence[int], own_places: Sequence[tuple[float, float]]) -> Looked:
-        """What may be told: own viewpoints (k,) with their ticks, and merged peers' first-hand ones."""
+    def looked(
+        self,
+        tick: int,
+        own_ticks: Sequence[int],
+        own_places: Sequence[tuple[float, float]],
+        ends: Sequence[tuple[float, float, int]] = (),
+    ) -> Looked:
+        """What may be told: own viewpoints (k,) with their ticks, and merged peers' first-hand ones.
+
+        ends: (g,) x, y and turn of open ends that the robot itself looked at in vain, in the order in which it did.
+        """
         if len(own_ticks) < self._own:  # every second one was forgotten
             self._begin_anew()
         first = bisect_right(own_ticks, self._own_tick)
         if first < len(own_ticks):
-            self._waiting.extend((x, y, "") for x, y in own_places[first:])
+            self._waiting.extend((x, y, "", -1) for x, y in own_places[first:])
             self._own_tick = own_ticks[-1]
         self._own = len(own_ticks)
+        self._waiting.extend((x, y, "", turn) for x, y, turn in ends[self._ends :])
+        self._ends = len(ends)
         for name, places in self._first_hand.items():
             if len(places) > (count := self._passed_on.get(name, 0)):
                 self._passed_on[name] = len(places)
@@ -140,4 +159,4 @@ class TeamViews:
         for cell, (x, y) in zip(_cells(places), places.tolist(), strict=True):
             if cell not in self._cells and len(self._looked.ticks) + len(self._waiting) < MOST_TOLD:
                 self._cells.add(cell)
-                self._waiting.append((x, y, name))
+                self._waiting.append((x, y, name, -1))

@@ -1,6 +1,7 @@
 """The map's open ends as goals: which are there, from where they are seen on, and what became of them (ours).
 
-Goals are remembered by place and direction, as a map's vertices come and go.
+Goals are remembered by place and direction, as a map's vertices come and go. What a teammate has looked at in vain is
+left to it, to be tried again where the map changes.
 """
 
 import math
@@ -15,6 +16,7 @@ from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from protocol.arrays import Floats, Ints
 from protocol.messages import Event, RobotSpec
+from protocol.viewpoints import turn_of_end
 from protocol.wireframe import Wireframe
 
 REFRESH_M = 0.13  # open ends move with each scan: read in each drive this long, and when the map's structure changes
@@ -29,6 +31,7 @@ corner differ by 90."""
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
+TOLD = "a teammate looked at it in vain"  # the reason why a goal is left that a teammate has given up
 
 
 @dataclass(slots=True)
@@ -41,6 +44,21 @@ class Tried:
     stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
     reason: str = ""  # of the last attempt's end
     unreachable: bool = False
+    told: bool = False  # whether teammates are told that it was looked at in vain
+
+
+def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
+    """Per open end (g,) the row of the same one among others (n, 4), place and direction, or -1.
+
+    points, along: (g, 2) metres and unit.
+    """
+    if not len(others) or not len(points):
+        return np.full(len(points), -1)
+    d2 = ((points[:, None] - others[None, :, :2]) ** 2).sum(2)
+    like = along @ others[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
+    d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
+    best = d2.argmin(1)
+    return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
 
 
 class GoalMemory:
@@ -58,13 +76,7 @@ class GoalMemory:
 
     def find(self, points: Floats, along: Floats) -> Ints:
         """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
-        if not len(self.tried) or not len(points):
-            return np.full(len(points), -1)
-        d2 = ((points[:, None] - self._table[None, :, :2]) ** 2).sum(2)
-        like = along @ self._table[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
-        d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
-        best = d2.argmin(1)
-        return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
+        return same_ends(points, along, self._table)
 
     def note(self, point: Floats, along: Floats) -> Tried:
         """The record of a goal, a new one if there is none."""
@@ -87,13 +99,17 @@ class Goals:
         self.memory = GoalMemory()
         self.ends: Ends = open_ends(Wireframe())
         self.refresh_ticks = ticks_to_drive(REFRESH_M, spec)
+        self.in_vain: list[tuple[float, float, int]] = []
+        """Open ends that were looked at in vain, for teammates: x, y and the wall's direction as messages have it."""
         self._tried = np.zeros(0, np.int64)  # per open end its record in the memory, or -1
+        self._told = np.zeros(0, np.bool_)  # per open end whether a teammate looked at it in vain
         self._version, self._tick = -1, -1
 
     @property
     def reasons(self) -> list[str]:
         """Per open end why it was given up; empty where it was not."""
-        return [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
+        own = [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
+        return [reason or TOLD * told for reason, told in zip(own, self._told.tolist(), strict=True)]
 
     def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks since the last reading, 0 where none is made."""
@@ -103,6 +119,7 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
+        self._told = same_ends(self.ends.points, self.ends.along, scene.in_vain) >= 0
         if len(self._tried) > MOST_HEARD:
             self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
@@ -114,20 +131,21 @@ class Goals:
         kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
         self.ends = Ends(points[kept], along[kept], free[kept], frontier[kept], heard[kept])
-        self._tried = self._tried[kept]
+        self._tried, self._told = self._tried[kept], self._told[kept]
 
     def _recall(self) -> None:
         """Look up the record of each open end."""
         self._tried = self.memory.find(self.ends.points, self.ends.along)
 
     def fresh(self) -> Ints:
-        """Open ends that were never given up."""
-        return np.flatnonzero(self._tried < 0)
+        """Open ends that were never given up, nor looked at by a teammate in vain."""
+        return np.flatnonzero((self._tried < 0) & ~self._told)
 
     def again(self) -> Ints:
         """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
         open_again = [not record.unreachable and record.version != self._version for record in self.memory.tried]
-        return np.array([goal for goal, k in enumerate(self._tried) if k >= 0 and open_again[k]], np.int64)
+        tried = [k >= 0 and open_again[k] for k in self._tried]
+        return np.flatnonzero(np.array(tried, np.bool_) & ~self._told)
 
     def end_of(self, task: Task) -> int:
         """The open end that the task is about, or -1."""
@@ -139,9 +157,11 @@ class Goals:
         return k if d[k] < SAME_PLACE_M else -1
 
     def moved(self, task: Task) -> Task | None:
-        """The task with its open end as it was read last, None if it is no longer open."""
+        """The task with its open end as it was read last, None if it is no longer open, or a teammate's business."""
         end = self.end_of(task)
-        return None if end < 0 else task._replace(place=self.ends.points[end], along=self.ends.along[end])
+        if end < 0 or self._told[end]:
+            return None
+        return task._replace(place=self.ends.points[end], along=self.ends.along[end])
 
     def same(self, one: Task, other: Task) -> bool:
         """Whether two tasks are about the same end, or otherwise of one kind and seen from the same point."""
@@ -194,6 +214,10 @@ class Goals:
         else:
             record.attempts += 1
         record.unreachable = record.attempts >= self.attempts
+        if record.stands and not record.told and len(self.in_vain) < self.memory.size:
+            record.told = True
+            x, y = place.tolist()
+            self.in_vain.append((x, y, turn_of_end(along)))
         self._recall()
         what = "unreachable" if record.unreachable else "abandoned"
         told = {"what": what, "place": rounded(place), "reason": reason, "attempts": record.attempts}

@@ -81,7 +81,8 @@ def _message(
         case 4 if what & 8:
             return [(VIEWS, AskViews(one, ((two - 128) / 16, one / 16, two / 40)).encode())]
         case 4:
-            return [(VIEWS, Views(0, tick + one, np.array([[one, two]] * (1 + what), np.int64)).encode())]
+            views = Views(0, tick + one, np.array([[one, two]] * (1 + what), np.int64))
+            return [(VIEWS, views._replace(in_vain=np.array([[two, one, what % 16]] * two, np.int64)).encode())]
         case 5:  # something that was said, with another byte, twice or of another kind
             if said:
                 _, kind, payload = said[one % len(said)]

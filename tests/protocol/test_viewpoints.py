@@ -9,16 +9,26 @@ from agent.communication.exchange import Exchange
 from agent.communication.receiving import PeerViews
 from protocol.errors import ProtocolError
 from protocol.messages import MTU_BYTES, Heard, Send
-from protocol.viewpoints import CELL_M, VIEWS, AskViews, Looked, Views, decode_views
+from protocol.viewpoints import CELL_M, TURNS, VIEWS, AskViews, Looked, Views, decode_views, turn_of_end
 from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
 
 PLACE = st.tuples(st.integers(-90_000, 90_000), st.integers(-90_000, 90_000))
 
 
-@given(st.lists(PLACE, max_size=60), st.lists(PLACE, max_size=60), st.integers(0, 2**30), st.integers(1, 2**30))
-def test_viewpoints_arrive_as_they_were(cells, heard, since, more) -> None:
-    sent = Views(since, since + more, *(np.array(some, np.int64).reshape(-1, 2) for some in (cells, heard)))
-    if not cells and not heard:
+END = st.tuples(st.integers(-90_000, 90_000), st.integers(-90_000, 90_000), st.integers(0, TURNS - 1))
+
+
+@given(
+    st.lists(PLACE, max_size=60),
+    st.lists(PLACE, max_size=60),
+    st.lists(END, max_size=60),
+    st.integers(0, 2**30),
+    st.integers(1, 2**30),
+)
+def test_viewpoints_and_ends_arrive_as_they_were(cells, heard, ends, since, more) -> None:
+    lists = [np.array(some, np.int64).reshape(-1, k) for some, k in ((cells, 2), (heard, 2), (ends, 3))]
+    sent = Views(since, since + more, *lists)
+    if not cells and not heard and not ends:
         with pytest.raises(ProtocolError, match="without any"):
             decode_views(sent.encode())
         return
@@ -28,6 +38,7 @@ def test_viewpoints_arrive_as_they_were(cells, heard, since, more) -> None:
     assert (got.since, got.until) == (since, since + more)
     assert got.cells.tolist() == [list(cell) for cell in cells]
     assert got.heard.tolist() == [list(cell) for cell in heard]
+    assert got.in_vain.tolist() == [list(end) for end in ends]
     assert decode_views(AskViews(since).encode()) == AskViews(since)
 
 
@@ -52,6 +63,20 @@ def test_anything_else_is_refused(data: bytes) -> None:
     assert data[0] >> 4 == 1
 
 
+@pytest.mark.parametrize("turn_deg", [0.0, 44.0, 90.0, 179.0, -91.0])
+def test_an_end_arrives_to_half_a_cell_and_eleven_degrees(turn_deg: float) -> None:
+    along = np.array((np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))))
+    looked = Looked.nowhere()
+    looked.add(1, 3.04, -7.0)
+    looked.add(2, -1.23, 4.56, turn=turn_of_end(along))
+    told = looked.between(0, 9, MTU_BYTES)
+    assert told is not None and len(told.encode()) == told.nbytes < 14
+    got = decode_views(told.encode())
+    assert isinstance(got, Views) and len(got.points) == 1
+    (x, y, ux, uy) = got.ends[0].tolist()
+    assert abs(x + 1.23) < 0.051 and abs(y - 4.56) < 0.051 and along @ (ux, uy) > np.cos(np.radians(11.3))
+
+
 def driven(ticks: int) -> Looked:
     """A way with a turn every 5 m, looked from every half metre."""
     way, heading = [np.zeros(2)], np.array([0.5, 0.0])
@@ -59,7 +84,7 @@ def driven(ticks: int) -> Looked:
         if k % 10 == 0:
             heading = np.array([-heading[1], heading[0]])
         way.append(way[-1] + heading)
-    return Looked([10 * k for k in range(ticks)], [(float(x), float(y)) for x, y in way], [""] * ticks)
+    return Looked([10 * k for k in range(ticks)], [(float(x), float(y)) for x, y in way], [""] * ticks, [-1] * ticks)
 
 
 def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> None:
@@ -75,7 +100,7 @@ def test_a_viewpoint_costs_less_than_a_byte_and_long_ways_come_in_pieces() -> No
 
 
 def test_what_others_saw_is_passed_on_but_not_to_them_and_a_tick_comes_whole() -> None:
-    looked = Looked([], [], [])
+    looked = Looked.nowhere()
     for k in range(400):
         looked.add(10 + k // 10, 0.5 * k, 0.0, ("", "b", "c")[k % 3])
     told = looked.between(0, 100, 1200, "b")
@@ -101,7 +126,7 @@ class Two:
         self.flying: list[tuple[str, Send]] = []
         self.sent: list[tuple[str, Send]] = []
         self.rng, self.loss = np.random.default_rng(0), loss
-        self.looked = Looked([], [], [])
+        self.looked = Looked.nowhere()
 
     def run(self, ticks: int, ask: bool = True, kinds_lost: tuple[str, ...] = ()) -> None:
         for _ in range(ticks):
@@ -191,7 +216,7 @@ def test_a_robot_that_began_anew_tells_all_again() -> None:
     two = Two()
     two.run(200)
     two.a = Exchange(TalkConfig(), RATE_HZ, MTU_BYTES)
-    two.looked = Looked([], [], [])
+    two.looked = Looked.nowhere()
     two.run(100)
     born = 200
     assert len(two.looked.places) - 5 <= two.known <= 10

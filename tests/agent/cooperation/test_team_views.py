@@ -1,5 +1,7 @@
 """Viewpoints of a team: passed on as far as walls are, known once by whoever tells them, taken back with a merge."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from agent.communication.receiving import PeerViews, ReceivedMap
@@ -17,7 +19,7 @@ def merged(name: str, own: list[float], heard: list[float], need: int = 0, editi
     """A peer 10 m to the right that looked from (x, 0) of its frame; need: tick of the map that holds what it saw."""
     places = np.array([(x, 0.0) for x in own + heard]).reshape(-1, 2)
     is_heard = np.arange(len(places)) >= len(own)
-    log = PeerLog(name, views=PeerViews(places, np.full(len(places), need), is_heard, editions))
+    log = PeerLog(name, views=PeerViews(places, np.full(len(places), need), is_heard, editions=editions))
     empty, transform, hidden = Wireframe(), np.array([10.0, 0.0, 0.0]), np.zeros(0, np.bool_)
     layer = layer_of(empty, transform, hidden, 1.0)
     return Merged(log, ReceivedMap(empty, 5), transform, 0.0, WallEvidence(), Laid(hidden, layer, layer), 0, 0)
@@ -25,7 +27,7 @@ def merged(name: str, own: list[float], heard: list[float], need: int = 0, editi
 
 def told(views: TeamViews, asker: str, ticks: int = 20) -> set[float]:
     """Where the robot and others have looked from, as the asker hears it, m along the x axis."""
-    looked = Looked([], [], [])
+    looked = Looked.nowhere()
     for tick in range(100, 100 + ticks):
         looked = views.looked(tick, *OWN)
     said = looked.between(0, 200, 1200, asker)
@@ -76,3 +78,24 @@ def test_a_tick_s_viewpoints_fit_the_shortest_message() -> None:
     views.gather([merged("b", [0.5 * k for k in range(300)], [])])
     looked = views.looked(100, *OWN)
     assert looked.ticks.count(100) == TOLD_A_TICK
+
+
+def test_ends_that_a_peer_looked_at_in_vain_are_known_in_the_own_frame_and_taken_back_with_its_merge() -> None:
+    peer = replace(merged("b", [1.0], []), transform=np.array((10.0, 0.0, 0.5 * np.pi)))
+    peer.log.views = peer.log.views._replace(ends=np.array([(2.0, 0.0, 1.0, 0.0)]))
+    views = TeamViews()
+    views.gather([peer])
+    assert np.allclose(views.ends, [(10.0, 2.0, 0.0, 1.0)])
+    assert told(views, "d") == {0.0, 0.5, 10.0}  # they are told by who looked, and by nobody else
+    views.gather([])
+    assert not len(views.ends)
+
+
+def test_own_ends_are_told_once_and_again_to_who_is_told_all_anew() -> None:
+    views, ends = TeamViews(), [(1.0, 2.0, 3), (4.0, 5.0, 6)]
+    views.gather([merged("b", [1.0], [])])
+    for count in (1, 2, 2):
+        looked = views.looked(100 + count, *OWN, ends[:count])
+    assert [turn for turn in looked.turns if turn >= 0] == [3, 6]
+    views.gather([])  # what b saw is taken back
+    assert [turn for turn in views.looked(110, *OWN, ends).turns if turn >= 0] == [3, 6]

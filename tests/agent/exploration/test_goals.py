@@ -1,14 +1,17 @@
-"""Open ends as goals: what a robot found itself is not crowded out by what others tell."""
+"""Open ends as goals: what a robot found itself is not crowded out by what others tell, and nobody tries all anew."""
 
 import numpy as np
 
+from agent.exploration.agenda import Task
 from agent.exploration.config import DrivingConfig
 from agent.exploration.goals import MOST_ENDS, MOST_HEARD, Goals
 from agent.exploration.surroundings import Situation, Surroundings
+from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 
 SPEC = RobotSpec()
+NONE = np.zeros((0, 4))
 
 
 def strewn(own: int, heard: int) -> Wireframe:
@@ -25,9 +28,9 @@ def strewn(own: int, heard: int) -> Wireframe:
     )
 
 
-def goals_of(wireframe: Wireframe) -> Goals:
+def goals_of(wireframe: Wireframe, in_vain: Floats = NONE) -> Goals:
     goals = Goals(2, SPEC)
-    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)))
+    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), in_vain=in_vain)
     goals.read(Surroundings(DrivingConfig(), SPEC).look(situation))
     return goals
 
@@ -41,3 +44,25 @@ def test_many_near_ends_that_others_tell_of_do_not_crowd_out_far_own_ones() -> N
 def test_few_ends_are_all_goals_whoever_saw_the_walls() -> None:
     assert len(goals_of(strewn(own=5, heard=MOST_HEARD // 2)).ends.points) == 10 + MOST_HEARD
     assert len(goals_of(strewn(own=MOST_ENDS, heard=0)).ends.points) == MOST_ENDS
+
+
+def test_an_end_that_a_teammate_looked_at_in_vain_is_left_to_it() -> None:
+    """The same place counts where the wall goes on the same way: not the other end at a corner, nor one farther on."""
+    place, beside, other_way = (1.4, 0.55, 1.0, 0.0), (1.3, 0.75, 1.0, 0.0), (1.0, 0.5, 0.0, 1.0)
+    goals = goals_of(strewn(own=2, heard=0), np.array((place, beside, other_way)))
+    assert len(goals.ends.points) == 4
+    left = {tuple(point) for point in goals.ends.points[goals.fresh()].round(1).tolist()}
+    assert left == {(1.0, 0.5), (1.0, 1.0), (1.3, 1.0)}
+    assert sum(map(bool, goals.reasons)) == 1 and not len(goals.again())
+
+
+def test_an_end_is_told_once_somebody_has_looked_at_it_from_a_standing_point() -> None:
+    goals = goals_of(strewn(own=2, heard=0))
+    here, along = goals.ends.points[0], goals.ends.along[0]
+    goals.abandon(here, along, "no way to a standing point")
+    assert not goals.in_vain
+    task = Task("frontier", here, here + 0.5, along)
+    for _ in range(2):
+        goals.looked(task)
+        goals.abandon(here, along, "still open seen from 1 standing points")
+    assert [told[:2] for told in goals.in_vain] == [tuple(here.tolist())]
