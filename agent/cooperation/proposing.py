@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment.agreement import agreement, beside
+from agent.alignment.agreement import BENT_M, EXACT_M, agreement, beside
 from agent.alignment.align import Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
@@ -54,6 +54,8 @@ class Aligner:
         self.range_m = math.inf if spec.radio_range_m is None else spec.radio_range_m
         self.reach_m = self.range_m + RANGE_SLACK_M
         """How far off a peer may be when its message comes: both move while the message is under way."""
+        self._on_m = BENT_M if spec.odometry.noisy else EXACT_M
+        """How far from each other a wall of one map and the same of another may be."""
         self._own: tuple[Wireframe, PreparedMap | None] | None = None
 
     def prepared(self, own: Wireframe) -> PreparedMap | None:
@@ -94,7 +96,7 @@ class Aligner:
         if not log.contact.allows(np.array([said.transform]), *spaces, self.range_m, self.spec.radius_m)[0]:
             return replace(said, transform=None, reason="impossible")
         exact = fit_on_walls(own, log.map.wireframe, np.array(said.transform)).transform
-        if beside(mine.walls, theirs.walls, exact) > self.config.max_beside:
+        if beside(mine.walls, theirs.walls, exact, self._on_m) > self.config.max_beside:
             return replace(said, transform=None, reason="inexact")
         return self._in_reach(log, replace(said, transform=pose_of(exact), best=pose_of(exact)))
 
@@ -175,7 +177,7 @@ class Aligner:
             return False
         assert log.map is not None
         exact = fit_on_walls(own, log.map.wireframe, transform).transform
-        if beside(mine.walls, theirs.walls, exact) > self.config.max_beside:
+        if beside(mine.walls, theirs.walls, exact, self._on_m) > self.config.max_beside:
             return False
         agreed, conflict = agreement(mine.walls, theirs.walls, exact)
         return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
