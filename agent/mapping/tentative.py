@@ -43,6 +43,10 @@ into the room, both ends lie behind the middle. Of 20 that were turned by more t
 WALL_HITS = 12.0
 """Beams that a new wall must show, in one scan or over several: 0.25 m of wall from 1.2 m away, where no smear over a
 step of 0.1 m fits a line. With 6, two far views of three beams, each across two faces of a turned post, made a wall."""
+LONG_SCANS, LONG_SD = 10.0, math.radians(1.5)
+"""Scans that must have hit a wall of fewer beams, and rad of its direction's deviation, where it is longer than a smear
+and on the axis of rectilinear walls. Where noise grows with range a beam from 2.3 m counts as little as a sixteenth,
+and walls of a metre that were seen past a corner for 10 s were none yet."""
 AXIS_TRUST = 0.8  # agreement of directions above which walls are rectilinear; furnished layouts have over 0.95
 OFF_AXIS = math.radians(10.0)  # a new wall farther off the axis of rectilinear walls is suspect; true ones are within 2
 OBLIQUE_SD = math.radians(3.0)
@@ -153,20 +157,24 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
     direction_sd = noise / math.sqrt(spread(c))
     off = 4 * (math.atan2(c.uy, c.ux) - axis)
     oblique = trust >= AXIS_TRUST and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > OFF_AXIS
-    return 1.0 if c.hits >= WALL_HITS and (direction_sd <= OBLIQUE_SD or not oblique) else EARLY_WALL
+    is_long = length(c) > SMEAR_M and c.seen >= LONG_SCANS and direction_sd <= LONG_SD and trust >= AXIS_TRUST
+    if c.hits < WALL_HITS and (oblique or not is_long):
+        return EARLY_WALL
+    return 1.0 if direction_sd <= OBLIQUE_SD or not oblique else EARLY_WALL
 
 
 @kernel
 def become_wall(wall: Record, p: Record, own: bool) -> None:
-    """Make a tentative wall one of the map, which ends as its newest piece p does."""
+    """Make a tentative wall one of the map, which ends as its newest piece p does, or as far as all were seen."""
     wall.alive, wall.own, wall.misses, wall.through = WALL, 1 if own else 0, 0.0, 0.0
     t = along(wall, p.x, p.y)
     for side in range(2):
+        if p.hits < TELLING_HITS:
+            set_end(wall, side, FRONTIER, 0.0, 0.0)
+            continue
         wall.slack[side] = p.slack[side]
         # a corner links two walls, and the other may still be tentative
         wall.label[side] = OCCLUSION if p.label[side] == NOMINAL else p.label[side]
-        if p.label[side] == OCCLUSION and p.hits < TELLING_HITS:
-            wall.label[side] = FRONTIER
         set_tip(wall, side, t + p.end[side])
 
 

@@ -1,12 +1,14 @@
 """Ends of walls: what is seen against one must lie near to it."""
 
+import math
+
 import numpy as np
 import pytest
 
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
 from agent.mapping.edges import EDGE, WALL, set_tip, tip_at
 from agent.mapping.ends import see_end
-from agent.mapping.tentative import become_wall
+from agent.mapping.tentative import become_wall, wall_probability
 
 
 @pytest.mark.parametrize(("seen_m", "end_m"), [(5.0, 45.0), (44.0, 44.0)])
@@ -31,11 +33,32 @@ def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_i
     assert tip_at(edges[0], 1) == pytest.approx(0.41) and edges["slack"][0, 1] == pytest.approx(0.02)
 
 
-@pytest.mark.parametrize(("hits", "label"), [(3.0, OCCLUSION), (0.3, FRONTIER)])
-def test_a_wall_has_no_end_where_few_noisy_beams_show_one(hits: float, label: int) -> None:
-    """In the middle of a long wall every third such end is none."""
+@pytest.mark.parametrize(("hits", "label", "ends"), [(3.0, OCCLUSION, [-0.2, 0.2]), (0.3, FRONTIER, [-0.6, 0.5])])
+def test_a_wall_has_no_end_where_few_noisy_beams_show_one(hits: float, label: int, ends: list[float]) -> None:
+    """In the middle of a long wall every third such end is none. So the wall goes as far as any view has shown it."""
     edges, pieces = np.zeros(1, EDGE), np.zeros(1, PIECE)
     pieces["hits"], pieces["end"], pieces["label"], pieces["slack"] = hits, (-0.2, 0.2), OCCLUSION, 0.05
     edges["ux"] = 1.0
+    set_tip(edges[0], 0, -0.6)
+    set_tip(edges[0], 1, 0.5)
     become_wall(edges[0], pieces[0], own=True)
     assert edges["label"][0].tolist() == [label, label]
+    assert [tip_at(edges[0], side) for side in (0, 1)] == pytest.approx(ends)
+
+
+@pytest.mark.parametrize(
+    ("length_m", "turn_deg", "seen", "is_wall"),
+    [(1.0, 0.0, 12.0, True), (0.25, 0.0, 12.0, False), (1.0, 20.0, 12.0, False), (1.0, 0.0, 4.0, False)],
+)
+def test_a_long_wall_along_the_axis_is_one_though_few_noisy_beams_showed_it(
+    length_m: float, turn_deg: float, seen: float, is_wall: bool
+) -> None:
+    """A metre that is seen past a corner from 2.3 m away is worth a quarter of a near beam a scan."""
+    edges, hits, turn = np.zeros(1, EDGE), 4.0, math.radians(turn_deg)
+    edges["ux"], edges["uy"], edges["hits"] = math.cos(turn), math.sin(turn), hits
+    edges["xx"], edges["yy"] = hits * length_m**2 / 12 * np.array((math.cos(turn), math.sin(turn)))[:, None] ** 2
+    edges["xy"] = hits * length_m**2 / 12 * math.cos(turn) * math.sin(turn)
+    edges["seen"], edges["due"] = seen, seen
+    for side, end in enumerate((-0.5, 0.5)):
+        set_tip(edges[0], side, end * length_m)
+    assert (wall_probability(edges[0], 0.0, 1.0, 0.01) == 1.0) is is_wall
