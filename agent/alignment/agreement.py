@@ -111,10 +111,8 @@ def agreement(mine: Walls, theirs: Walls, transform: Floats, agree_m: float = AG
 def beside(mine: Walls, theirs: Walls, transform: Floats, on_m: float = EXACT_M) -> float:
     """Share of what both maps have under a transform (3,) fitted on all walls that lies beside its wall, not on it.
 
-    on_m: how far from each other two parts of the same wall may be.
-
     Two maps of one place differ by their errors alone; maps of two places that are alike differ by centimetres
-    somewhere.
+    somewhere. on_m: how far from each other two parts of the same wall may be.
     """
     on, near = (agreement(mine, theirs, transform, limit)[0] for limit in (on_m, STRIP_NEAR_M))
     return 1.0 - on / near if near > 0.0 else 0.0

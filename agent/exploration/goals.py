@@ -31,7 +31,7 @@ corner differ by 90."""
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
-TOLD = "a teammate looked at it in vain"  # the reason why a goal is left that a teammate has given up
+LEFT = "a teammate looked at it in vain"  # the reason why a goal is left to a teammate
 
 
 @dataclass(slots=True)
@@ -102,14 +102,14 @@ class Goals:
         self.in_vain: list[tuple[float, float, int]] = []
         """Open ends that were looked at in vain, for teammates: x, y and the wall's direction as messages have it."""
         self._tried = np.zeros(0, np.int64)  # per open end its record in the memory, or -1
-        self._told = np.zeros(0, np.bool_)  # per open end whether a teammate looked at it in vain
+        self._left = np.zeros(0, np.bool_)  # per open end whether it is left to a teammate
         self._version, self._tick = -1, -1
 
     @property
     def reasons(self) -> list[str]:
         """Per open end why it was given up; empty where it was not."""
         own = [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
-        return [reason or TOLD * told for reason, told in zip(own, self._told.tolist(), strict=True)]
+        return [reason or (LEFT if left else "") for reason, left in zip(own, self._left, strict=True)]
 
     def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks since the last reading, 0 where none is made."""
@@ -119,7 +119,7 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
-        self._told = same_ends(self.ends.points, self.ends.along, scene.in_vain) >= 0
+        self._left = same_ends(self.ends.points, self.ends.along, scene.in_vain) >= 0
         if len(self._tried) > MOST_HEARD:
             self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
@@ -131,7 +131,7 @@ class Goals:
         kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
         self.ends = Ends(points[kept], along[kept], free[kept], frontier[kept], heard[kept])
-        self._tried, self._told = self._tried[kept], self._told[kept]
+        self._tried, self._left = self._tried[kept], self._left[kept]
 
     def _recall(self) -> None:
         """Look up the record of each open end."""
@@ -139,27 +139,23 @@ class Goals:
 
     def fresh(self) -> Ints:
         """Open ends that were never given up, nor looked at by a teammate in vain."""
-        return np.flatnonzero((self._tried < 0) & ~self._told)
+        return np.flatnonzero((self._tried < 0) & ~self._left)
 
     def again(self) -> Ints:
         """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
         open_again = [not record.unreachable and record.version != self._version for record in self.memory.tried]
         tried = [k >= 0 and open_again[k] for k in self._tried]
-        return np.flatnonzero(np.array(tried, np.bool_) & ~self._told)
+        return np.flatnonzero(np.array(tried, np.bool_) & ~self._left)
 
     def end_of(self, task: Task) -> int:
         """The open end that the task is about, or -1."""
-        if not len(self.ends.points):
-            return -1
-        d = np.hypot(*(self.ends.points - task.place).T)
-        d[self.ends.along @ task.along < math.cos(SAME_DIRECTION_RAD)] = np.inf
-        k = int(d.argmin())
-        return k if d[k] < SAME_PLACE_M else -1
+        ends = np.hstack((self.ends.points, self.ends.along))
+        return int(same_ends(task.place[None], task.along[None], ends)[0])
 
     def moved(self, task: Task) -> Task | None:
         """The task with its open end as it was read last, None if it is no longer open, or a teammate's business."""
         end = self.end_of(task)
-        if end < 0 or self._told[end]:
+        if end < 0 or self._left[end]:
             return None
         return task._replace(place=self.ends.points[end], along=self.ends.along[end])
 
