@@ -164,7 +164,7 @@ class Robot:
         places = self.team.places(tick)
         scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, company, places)
         if tick % self._merge_ticks == 0:
-            self.filter.update(scan, poses)
+            self.filter.update(scan, poses, places)
         else:
             self.filter.move(poses, slips=scan.touching)
         if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):

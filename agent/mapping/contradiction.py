@@ -10,6 +10,7 @@ import numpy as np
 
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
+from agent.mapping.bodies import Bodies, is_seen_front
 from agent.mapping.edges import CONFIRMATIONS, FREE, MIN_WALL_M, TENTATIVE, new_slot, open_end, part, remove, tip_at
 from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Bools, Ints, Records
@@ -24,10 +25,11 @@ SURE_AFTER = 4.0  # scans that hit a wall before it leaves probation
 
 
 @kernel
-def contradict(edges: Records, count: int, view: View, walls: Ints, patience: float) -> int:
+def contradict(edges: Records, count: int, view: View, walls: Ints, bodies: Bodies, patience: float) -> int:
     """Count what a merged scan says for and against every wall, and cut or remove those refuted; returns the count.
 
-    walls: (k,) the wall of each of the view's pieces, or -1. patience: the particle's own, as a factor.
+    walls: (k,) the wall of each of the view's pieces, or -1. bodies: where teammates are. patience: the particle's
+    own, as a factor.
     """
     hit = np.zeros(len(edges), np.bool_)
     for k in range(len(walls)):
@@ -43,7 +45,8 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, patience: fl
             continue
         samples = samples_along(w, STEP_M)
         visible, on, low, high = _views_of(e, w, samples, view, walls)
-        refuted = on == 0 and (visible >= 2 or _usurped(edges, count, e, hit, view.margin))
+        taken = is_seen_front(edges, e, bodies, view.pose, view.margin)
+        refuted = on == 0 and (taken or visible >= 2 or _usurped(edges, count, e, hit, view.margin))
         if _missed_too_often(w, on, refuted, patience):
             remove(edges, e)
         elif low > high:  # no sample was seen through

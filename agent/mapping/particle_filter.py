@@ -11,6 +11,7 @@ from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sigh
 from agent.geometry.chains import chained
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
+from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
@@ -70,6 +71,7 @@ def update_particles(
     grown: Floats,
     raw: Records,
     sight: Sight,
+    bodies: Bodies,
     noise: float,
     dice: Floats,
     patience: Floats,
@@ -79,10 +81,10 @@ def update_particles(
 
     edges (p, e), counts (p,), poses (p, 3), the wheels' constants (p, 3), the walls' axes (p,) and joint covariances
     (p, m, m) are updated in place. Poses of variance 0 are exact. grown (p, 2): by how much the variance of place (m2)
-    and heading (rad2) grew in the revolution. raw (k,): the scan's pieces, robot's frame. noise: m, standard deviation
-    of a range. dice: (p, 2, k), for each particle a row for association and one for insertion. patience: (p,) each
-    particle's own, as a factor. tells: whether the scan tells more of pose and walls than those before. Returns the
-    scan's log-likelihoods (p,), up to a constant.
+    and heading (rad2) grew in the revolution. raw (k,): the scan's pieces, robot's frame. bodies: where teammates are.
+    noise: m, standard deviation of a range. dice: (p, 2, k), for each particle a row for association and one for
+    insertion. patience: (p,) each particle's own, as a factor. tells: whether the scan tells more of pose and walls
+    than those before. Returns the scan's log-likelihoods (p,), up to a constant.
     """
     scores, gates = np.zeros(len(counts)), Gates(noise, OFFSET_GATE_M)
     for p in range(len(counts)):
@@ -105,10 +107,11 @@ def update_particles(
         walls = associate(edges[p], counts[p], view.pieces, gates, dice[p, 0])
         if len(counts) > 1:  # the weight of one alone decides nothing
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
+        put_off(view.pieces, dice[p, 1], bodies, view.margin)
         before = edges[p, : counts[p]].copy()
         tentative = before["alive"] == TENTATIVE
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
-        counts[p] = contradict(edges[p], counts[p], view, walls, patience[p])
+        counts[p] = contradict(edges[p], counts[p], view, walls, bodies, patience[p])
         if not exact:
             shift = _rows(counts[p], joint[p])
             if hold_joined(edges[p], before, joint[p], shift):
@@ -178,6 +181,7 @@ class WireframeFilter:
         self.counts = np.zeros(n, np.int64)
         self.log_weights, self.standing = np.zeros(n), np.zeros(n)
         self.best = 0
+        self._radius = spec.radius_m
         self._noise, self._noise_share = range_noise(spec.lidar), spec.lidar.noise_share
         self._odometry = np.zeros(3)  # (x, y, theta) where the own frame begins, also for one that starts late
         self._still = 0  # scans since the robot moved
@@ -192,10 +196,11 @@ class WireframeFilter:
         self._patience = 1 + PATIENCE_SPREAD * (2 * self._random.random(n) - 1)
         self._patience[0] = 1.0
 
-    def update(self, scan: CornerScan, odometry: Floats | Pose) -> None:
+    def update(self, scan: CornerScan, odometry: Floats | Pose, teammates: Floats = NO_TEAMMATES) -> None:
         """Merge a corner scan into every particle, weigh and resample them.
 
         odometry: (k, 3) poses (m, rad) since the last scan, or the last one alone, in the odometry's frame.
+        teammates: (t, 3) where merged ones say that they are, and by how much each may be off; metres, own frame.
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
@@ -208,6 +213,7 @@ class WireframeFilter:
             grown,
             scan.pieces,
             scan.sight,
+            Bodies(scan.discs, teammates, self._radius),
             self._noise,
             self._throw_dice(len(scan.pieces)),
             self._patience,
