@@ -60,7 +60,6 @@ class Physics:
             self._row[body.id] = i
         self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
         self.driven = np.zeros((len(poses), 2))
-        """(k, 2) the last commands, m/s and rad/s, clamped to what the robots can."""
         """(k, 2) speed in m/s and turn rate in rad/s at which the motors turned the wheels in the last period."""
         space.on_collision(_ROBOT, _WALL, pre_solve=self._touch, data=self._touched[0])
         space.on_collision(_ROBOT, _ROBOT, pre_solve=self._touch, data=self._touched[1])
