@@ -28,11 +28,20 @@ NO_TEAMMATES = np.zeros((0, 3))
 
 @kernel
 def is_seen_front(edges: Records, e: int, bodies: Bodies, pose: Pose, margin: float) -> bool:
-    """Whether a scan from a pose shows a teammate where wall e stands. margin: m, by which both may be off."""
+    """Whether a scan from a pose shows a teammate where wall e stands. margin: m, by which both may be off.
+
+    Of each that says where it is, the nearest disc counts: others, where nobody is known to be, may be posts.
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    for k in range(len(bodies.seen)):
-        x, y = bodies.seen[k]
-        if _is_front(edges, e, pose[0] + c * x - s * y, pose[1] + s * x + c * y, bodies.radius + margin):
+    for t in range(len(bodies.told)):
+        nearest, at = bodies.told[t, 2], (0.0, 0.0)
+        for k in range(len(bodies.seen)):
+            x, y = bodies.seen[k]
+            place = pose[0] + c * x - s * y, pose[1] + s * x + c * y
+            away = math.hypot(place[0] - bodies.told[t, 0], place[1] - bodies.told[t, 1])
+            if away < nearest:
+                nearest, at = away, place
+        if nearest < bodies.told[t, 2] and _is_front(edges, e, at[0], at[1], bodies.radius + margin):
             return True
     return False
 

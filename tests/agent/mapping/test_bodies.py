@@ -44,7 +44,7 @@ def test_a_teammate_that_was_seen_before_it_was_heard_is_no_wall_for_long(seed: 
     assert team.walls_near(6.9, 1.1) > 0
     walls = len(team.filter.wireframe().edges)
     for k in range(25):
-        team.meet((4.5 + 0.04 * k, 1.0, 0.0), (7.0, 1.1))
+        team.meet((4.5 + 0.04 * k, 1.0, 0.0), (7.0, 1.1), np.array([[7.1, 1.2, 0.3]]))
     assert team.walls_near(6.9, 1.1) == 0
     assert len(team.filter.wireframe().edges) < walls
 
@@ -81,7 +81,9 @@ def test_a_post_is_a_wall_once_the_teammate_beside_it_has_gone() -> None:
     assert team.walls_near(5.0, 1.08) == 1
 
 
-def test_a_post_that_a_robot_knows_outlasts_some_scans_that_take_it_for_a_teammate() -> None:
+@pytest.mark.parametrize(("told", "scans"), [(np.array([[5.1, 1.1, 0.3]]), 8), (NO_TEAMMATES, 40)])
+def test_a_post_that_a_robot_knows_outlasts_scans_that_take_it_for_a_teammate(told: Floats, scans: int) -> None:
+    """In `hall` posts of 0.2 m fit a disc in scan after scan."""
     team = Team(CORRIDOR + ring((5, 1), (5, 1.15), (5.15, 1.15), (5.15, 1)), LidarSpec())
     for k in range(40):
         team.meet((3.4 + 0.03 * k, 0.8, 0.0), (8.0, 1.7), company=False)
@@ -89,7 +91,7 @@ def test_a_post_that_a_robot_knows_outlasts_some_scans_that_take_it_for_a_teamma
     assert known > 0
     ranges = np.asarray(team.lidar.cast(np.array([(4.6, 0.8, 0.0)]))[0], np.float64)
     taken = np.array([(0.48, 0.28, 0.1)])
-    for _ in range(8):
+    for _ in range(scans):
         scan = perceive(ranges, team.spec, expected=taken)
-        team.filter.update(replace(scan, discs=taken[:, :2]), (4.6, 0.8, 0.0))
+        team.filter.update(replace(scan, discs=taken[:, :2]), (4.6, 0.8, 0.0), told)
     assert team.walls_near(5.08, 1.08) == known
