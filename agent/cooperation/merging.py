@@ -25,8 +25,12 @@ from protocol.wireframe import Wireframe
 
 SAME_WALL_M = 0.06
 """A received wall this near to an own one is the same: the error of the transform and of both walls."""
-HITS_PER_M = 3.0
-"""Weight of a received wall against own hits, of which a wall that was seen once has 20 and more a metre."""
+HITS_PER_M = 20.0
+"""Weight of a received wall against own hits: that of a wall that was seen once, which has 20 and more a metre.
+
+Its hits tell how well its direction is known, too. With 3 a metre, a wall of 0.9 m was one with walls turned by 8
+degrees: in 15 runs in halls of walls that turn so, merges had added more than 0.5 m of wrong wall to 15 of 80 maps
+after 30 s, and to 3 of 74 with 20."""
 HIDDEN_AFTER = 3
 """Own scans that see through a piece of a received wall before it is not shown."""
 LIKELY = 0.7

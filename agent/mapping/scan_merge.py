@@ -7,11 +7,12 @@ import numpy as np
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
+from agent.mapping.association import ANGLE_GATE, Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
 from agent.mapping.edges import (
     WALL,
     add_hits,
     count_hits,
+    direction_sd,
     line_sd,
     part,
     related,
@@ -126,8 +127,10 @@ def _unite_all(
 
 @kernel
 def same_line(e: Record, f: Record, gates: Gates) -> bool:
-    """Whether two walls may be one: each one's centroid lies on the other's line."""
-    if e.ux * f.ux + e.uy * f.uy < SAME_DIRECTION:
+    """Whether two walls may be one: they go the same way, and each one's centroid lies on the other's line."""
+    turn_sd = math.hypot(direction_sd(e, gates.noise), direction_sd(f, gates.noise))
+    turn = math.asin(max(-1.0, min(1.0, e.ux * f.uy - e.uy * f.ux)))
+    if e.ux * f.ux + e.uy * f.uy < SAME_DIRECTION or abs(turn) > ANGLE_GATE + NOISE_SIGMAS * turn_sd:
         return False
     for a, b in ((e, f), (f, e)):
         sd = math.hypot(line_sd(a, along(a, b.x, b.y), gates.noise), line_sd(b, 0.0, gates.noise))
