@@ -11,6 +11,7 @@ from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sigh
 from agent.geometry.chains import chained
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
+from agent.mapping.blunt_corners import close_blunt_corners
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
@@ -424,7 +425,8 @@ class WireframeFilter:
 
 @kernel
 def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
-    """The arrays of that wireframe, in the order of its fields: slots open, short walls square, small faces closed.
+    """The arrays of that wireframe, in the order of its fields: slots open, short walls square, blunt corners and
+    small faces closed.
 
     noise: m, standard deviation of a range.
     """
@@ -438,6 +440,7 @@ def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np
         if place[k] >= 0 and edges[k].link[1] >= 0 and has_slot(edges, k, edges[k].link[1]):
             part(edges, k, 1)
     square_short_walls(edges, place, noise)
+    close_blunt_corners(edges, place, noise)
     joined = close_small_faces(edges, place)
     total = m + int((joined >= 0).sum())
     tips, labels, following = np.empty((total, 2, 2)), np.empty((total, 2), np.uint8), np.empty(total, np.int64)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
-from agent.geometry.lines import Record, above, along
+from agent.geometry.lines import MIN_CORNER_SINE, Record, above, along, meet
 from agent.kernels import kernel
 from agent.mapping.association import ANGLE_GATE, Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
 from agent.mapping.edges import (
@@ -81,6 +81,12 @@ def _is_wall(edges: Records, e: int) -> bool:
 
 
 @kernel
+def _meet_bluntly(edges: Records, e: int, f: int) -> bool:
+    """Whether two walls share no corner but in published maps (`blunt_corners`)."""
+    return e != f and abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE
+
+
+@kernel
 def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
     """Fuse what piece k shows of the ends of its wall. A corner whose other wall is unknown is an occlusion end."""
     p, e = pieces[k], walls[k]
@@ -88,7 +94,7 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
     for side in range(2):
         label, slack, face = p.label[side], p.slack[side], p.face[side]
         if label == NOMINAL:
-            if _is_wall(edges, walls[p.link[side]]):
+            if _is_wall(edges, walls[p.link[side]]) and not _meet_bluntly(edges, e, walls[p.link[side]]):
                 continue
             label, slack = OCCLUSION, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)

@@ -1,4 +1,6 @@
-"""Walls that are turned by a few degrees stay two in merged maps."""
+"""Walls that are turned by a few degrees meet at corners, in own maps and in merged ones."""
+
+import math
 
 import numpy as np
 import pytest
@@ -8,9 +10,35 @@ from agent.mapping.association import Gates
 from agent.mapping.edges import EDGE, WALL
 from agent.mapping.layers import layer_of, merged
 from protocol.arrays import Floats, Records
+from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain
+from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round_tour
 
 GATES = Gates(0.01, SAME_WALL_M)
+
+
+def bowed(turn_deg: float, wall_m: float, walls: int) -> list[tuple[float, float, float, float]]:
+    """A room whose floor is so many walls, each turned against the one before."""
+    at, corners = np.zeros(2), [(0.0, 0.0)]
+    for k in range(walls):
+        angle = math.radians(turn_deg) * (k - 0.5 * (walls - 1))
+        at = at + wall_m * np.array([math.cos(angle), math.sin(angle)])
+        corners.append((float(at[0]), float(at[1])))
+    return ring(*corners, (corners[-1][0], 2.5), (0.0, 2.5))
+
+
+@pytest.mark.parametrize(("turn_deg", "wall_m", "walls"), [(8.0, 1.3, 3), (12.0, 1.0, 4), (18.0, 0.8, 4)])
+@pytest.mark.parametrize("seed", range(2))
+def test_walls_that_turn_by_a_few_degrees_share_corners(turn_deg: float, wall_m: float, walls: int, seed: int) -> None:
+    room = bowed(turn_deg, wall_m, walls)
+    walk = Walk(room, LidarSpec(), seed=seed)
+    right = wall_m * (walls - 0.5)
+    for pose in 2 * round_tour((0.5, 0.5), (right, 0.5), (right, 2.0), (0.5, 2.0)):
+        walk.see(pose)
+    found = walk.filter.wireframe()
+    found.check()
+    assert (found.labels == Label.NOMINAL).all() and len(found.points) == len(found.edges) == walls + 3
+    assert farthest(found, room) < 0.02
 
 
 def own_wall(tail: tuple[float, float], head: tuple[float, float]) -> Records:
@@ -52,3 +80,11 @@ def test_a_wall_that_a_peer_saw_well_is_not_turned_into_the_own_one_beside_it() 
     """Of `made.traced`, 3: turned by 5 degrees, and 8 cm off at its far end."""
     own = own_wall((-2.457, 0.597), (-2.549, -0.35))
     assert len(laid(own, apart([((-2.306, 1.236), (-2.575, -0.167))]))) == 2
+
+
+def test_a_stub_ends_where_a_peer_saw_a_blunt_corner() -> None:
+    """The corner is none of the filter's, so what ends there must not be left as short as the own stub."""
+    c, s = math.cos(math.radians(10.0)), math.sin(math.radians(10.0))
+    theirs = certain(np.array([(0.0, 0.0), (3.0, 0.0), (3.0 + 2.0 * c, 2.0 * s)]), np.array([(0, 1), (1, 2)]))
+    out = laid(own_wall((0.0, 0.0), (1.0, 0.0)), theirs)
+    assert len(out) == 2 and out["tip"][0] == pytest.approx(np.array([(0.0, 0.0), (3.0, 0.0)]), abs=0.02)
