@@ -133,11 +133,17 @@ def _unite_all(
 
 @kernel
 def same_line(e: Record, f: Record, gates: Gates) -> bool:
-    """Whether two walls may be one: they go the same way, and each one's centroid lies on the other's line."""
-    turn_sd = math.hypot(direction_sd(e, gates.noise), direction_sd(f, gates.noise))
-    turn = math.asin(max(-1.0, min(1.0, e.ux * f.uy - e.uy * f.ux)))
-    if e.ux * f.ux + e.uy * f.uy < SAME_DIRECTION or abs(turn) > ANGLE_GATE + NOISE_SIGMAS * turn_sd:
+    """Whether two walls may be one: each one's centroid lies on the other's line, and they go the same way.
+
+    Where the pose errs, the way they go is not asked closely: a wall that was mapped twice would stay two.
+    """
+    if e.ux * f.ux + e.uy * f.uy < SAME_DIRECTION:
         return False
+    if not related(e) and not related(f):
+        turn = math.asin(max(-1.0, min(1.0, e.ux * f.uy - e.uy * f.ux)))
+        turn_sd = math.hypot(direction_sd(e, gates.noise), direction_sd(f, gates.noise))
+        if abs(turn) > ANGLE_GATE + NOISE_SIGMAS * turn_sd:
+            return False
     for a, b in ((e, f), (f, e)):
         sd = math.hypot(line_sd(a, along(a, b.x, b.y), gates.noise), line_sd(b, 0.0, gates.noise))
         if abs(above(a, b.x, b.y)) > gates.offset + NOISE_SIGMAS * sd:
