@@ -35,16 +35,15 @@ def close_blunt_corners(edges: Records, shown: Ints, noise: float) -> None:
     """
     tail_of, head_of = np.full(len(edges), -1), np.full(len(edges), -1)  # the best partner of each head and each tail
     head_off, tail_off = np.full(len(edges), BESIDE_M), np.full(len(edges), BESIDE_M)
-    for e in range(len(edges)):
-        for f in range(len(edges)):
-            if e == f or not _is_open(edges, shown, e, 1) or not _is_open(edges, shown, f, 0):
-                continue
-            off = _off_corner(edges[e], edges[f], noise)
+    heads, tails = _open_ends(edges, shown, 1), _open_ends(edges, shown, 0)
+    for e in heads:
+        for f in tails:
+            off = _off_corner(edges[e], edges[f], noise) if e != f else math.inf
             if off < head_off[e]:
                 head_off[e], tail_of[e] = off, f
             if off < tail_off[f]:
                 tail_off[f], head_of[f] = off, e
-    for e in range(len(edges)):
+    for e in heads:
         f = tail_of[e]
         if f < 0 or head_of[f] != e:
             continue
@@ -58,9 +57,14 @@ def close_blunt_corners(edges: Records, shown: Ints, noise: float) -> None:
 
 
 @kernel
-def _is_open(edges: Records, shown: Ints, e: int, side: int) -> bool:
-    """Whether a published wall has an end here that is no corner."""
-    return bool(edges[e].alive == WALL and shown[e] >= 0 and edges[e].link[side] < 0)
+def _open_ends(edges: Records, shown: Ints, side: int) -> Ints:
+    """(n,) the published walls that have an end here which is no corner."""
+    found, count = np.empty(len(edges), np.int64), 0
+    for e in range(len(edges)):
+        if edges[e].alive == WALL and shown[e] >= 0 and edges[e].link[side] < 0:
+            found[count] = e
+            count += 1
+    return found[:count]
 
 
 @kernel
