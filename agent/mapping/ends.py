@@ -92,6 +92,17 @@ def see_end(
 
 
 @kernel
+def ends_elsewhere(edges: Records, e: int, side: int, f: int) -> bool:
+    """Whether an end of wall e is known to lie so far beyond where the line of wall f meets it that no corner is there.
+
+    What stands close before a long wall, such as the side of a cabinet, seems to form a corner with it.
+    """
+    corner = meet(edges[e], edges[f])[1]
+    beyond = tip_at(edges[e], side) - corner if side == 1 else corner - tip_at(edges[e], side)
+    return bool(beyond > ELSEWHERE_M)
+
+
+@kernel
 def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: float) -> None:
     """Fuse one view of the head of e meeting the tail of f, which pieces p and q show.
 
@@ -99,7 +110,7 @@ def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: f
     confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
     """
     sine, at_e = meet(edges[e], edges[f])
-    if e == f or abs(sine) < MIN_CORNER_SINE:
+    if e == f or abs(sine) < MIN_CORNER_SINE or ends_elsewhere(edges, e, 1, f) or ends_elsewhere(edges, f, 0, e):
         return
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M

@@ -24,7 +24,14 @@ from agent.mapping.edges import (
     take_hits,
     tip_at,
 )
-from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, see_corner, see_end
+from agent.mapping.ends import (
+    END_MARGIN_M,
+    close_open_corners,
+    ends_elsewhere,
+    inner_ends_give_way,
+    see_corner,
+    see_end,
+)
 from agent.mapping.tentative import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
 from protocol.arrays import Floats, Ints, Records
 
@@ -88,13 +95,22 @@ def _meet_bluntly(edges: Records, e: int, f: int) -> bool:
 
 @kernel
 def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
-    """Fuse what piece k shows of the ends of its wall. A corner whose other wall is unknown is an occlusion end."""
+    """Fuse what piece k shows of the ends of its wall.
+
+    A corner is an occlusion end where its other wall is unknown, or where one of both is known to go on.
+    """
     p, e = pieces[k], walls[k]
     t = along(edges[e], p.x, p.y)
     for side in range(2):
         label, slack, face = p.label[side], p.slack[side], p.face[side]
         if label == NOMINAL:
-            if _is_wall(edges, walls[p.link[side]]) and not _meet_bluntly(edges, e, walls[p.link[side]]):
+            f = walls[p.link[side]]
+            if (
+                _is_wall(edges, f)
+                and not _meet_bluntly(edges, e, f)
+                and not ends_elsewhere(edges, e, side, f)
+                and not ends_elsewhere(edges, f, 1 - side, e)
+            ):
                 continue
             label, slack = OCCLUSION, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)

@@ -7,7 +7,7 @@ import pytest
 
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
 from agent.mapping.edges import EDGE, WALL, set_tip, tip_at
-from agent.mapping.ends import see_end
+from agent.mapping.ends import see_corner, see_end
 from agent.mapping.tentative import become_wall, wall_probability
 
 
@@ -20,6 +20,19 @@ def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(see
     for _ in range(6):
         see_end(edges, 0, 1, OCCLUSION, seen_m, 0.0, 0.0, 1.0)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
+
+
+@pytest.mark.parametrize(("corner_m", "end_m"), [(5.0, 11.0), (10.9, 10.9)])
+def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end(corner_m: float, end_m: float) -> None:
+    """One view of a cabinet 10 cm before a wall of 11 m cut it down to 5 m, as soon as the rest was mapped again."""
+    edges, pieces = np.zeros(2, EDGE), np.zeros(2, PIECE)
+    edges["alive"], edges["link"], edges["label"] = WALL, -1, FRONTIER
+    edges["ux"], edges["uy"], edges["x"] = (1.0, 0.0), (0.0, 1.0), (0.0, corner_m)
+    set_tip(edges[0], 1, 11.0)
+    set_tip(edges[1], 0, 0.1)
+    see_corner(edges, 0, 1, pieces[0], pieces[1], 1.0)
+    assert tip_at(edges[0], 1) == pytest.approx(end_m)
+    assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
 
 
 def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_it() -> None:
