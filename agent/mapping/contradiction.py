@@ -11,7 +11,18 @@ import numpy as np
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.bodies import Bodies, is_seen_front
-from agent.mapping.edges import CONFIRMATIONS, FREE, MIN_WALL_M, TENTATIVE, new_slot, open_end, part, remove, tip_at
+from agent.mapping.edges import (
+    CONFIRMATIONS,
+    FREE,
+    MIN_WALL_M,
+    TENTATIVE,
+    keep_share,
+    new_slot,
+    open_end,
+    part,
+    remove,
+    tip_at,
+)
 from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach, look_at_wall, samples_along
 from protocol.arrays import Bools, Ints, Records
 
@@ -149,7 +160,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         low = tail
     if high >= samples.first + (samples.number - 1.5) * samples.spacing:
         high = head
-    low, high = low - half, high + half
+    low, high, size = low - half, high + half, head - tail
     keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
     if edges[e].alive == TENTATIVE or not (keep_tail or keep_head):
         remove(edges, e)
@@ -163,8 +174,10 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
                 edges[edges[e].link[1]].link[0] = f
                 edges[e].link[1] = -1
             edges[f].link[0] = -1
+            keep_share(edges[f], (head - high) / size)
             open_end(edges[f], 0, high)
     side = 1 if keep_tail else 0
     part(edges, e, side)
+    keep_share(edges[e], (low - tail if keep_tail else head - high) / size)
     open_end(edges[e], side, low if keep_tail else high)
     return count

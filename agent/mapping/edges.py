@@ -176,6 +176,17 @@ def add_hits(e: Record, hits: float, x: float, y: float, moments: tuple[float, f
 
 
 @kernel
+def keep_share(e: Record, share: float) -> None:
+    """Keep a share of the hits on a wall of which only a part is left; its line, and where they lie, stay the same.
+
+    So parts of a wall that are joined again have no more hits than the wall had.
+    """
+    e.hits *= share
+    e.xx, e.xy, e.yy = share * e.xx, share * e.xy, share * e.yy
+    e.bend[0], e.bend[1] = share * e.bend[0], share * e.bend[1]
+
+
+@kernel
 def set_end(e: Record, side: int, label: int, slack: float, strength: float) -> None:
     """Replace what is known of an end but for its place and link; no view speaks against it yet."""
     e.label[side], e.slack[side], e.strength[side], e.conflict[side] = label, slack, strength, 0.0
@@ -220,10 +231,13 @@ def doubt(e: Record) -> None:
     """Take back what confirmed a wall: it is not shown until it is hit again, and a few misses drop it (ours).
 
     What is left of a wall that was cut, or that lost its corner to another, may lie inside solid, where no view
-    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there.
+    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there. What was doubted already
+    and is cut once more keeps its misses: a stump was cut every few scans, and so was there for good.
     """
+    if e.probation == 0:
+        e.misses = 0.0
     e.probation = 1
-    e.seen, e.due, e.misses, e.through = 0.0, 0.0, 0.0, 0.0
+    e.seen, e.due, e.through = 0.0, 0.0, 0.0
 
 
 @kernel

@@ -3,8 +3,11 @@
 import math
 
 import numpy as np
+import pytest
 
-from agent.corner_scan import PIECE, Sight
+from agent.corner_scan import FRONTIER, PIECE, Sight
+from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, contradict
+from agent.mapping.edges import EDGE, WALL, doubt, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
 from protocol.messages import LidarSpec
 from tests.agent.mapping.test_particle_filter import Walk, ring, round_tour
@@ -36,3 +39,33 @@ def test_what_lies_far_behind_a_short_piece_that_is_seen_flat_is_not_on_it() -> 
     view = View((0.0, 0.0, 0.0), piece, sight, MARGIN_M, 0.01, 0.0)
     assert look_at(2.0, 0.4, view, 0.0)[0] == ON
     assert look_at(4.0, 0.8, view, 0.0)[0] == UNSEEN
+
+
+def test_a_wall_that_is_cut_divides_its_hits() -> None:
+    """They were copied to both parts and added when these were joined: a wall that was cut for ever had 269 million."""
+    edges = np.zeros(4, EDGE)
+    edges["link"], edges["label"] = -1, FRONTIER
+    wall = edges[0]
+    wall["alive"], wall["ux"], wall["y"], wall["hits"], wall["xx"] = WALL, -1.0, 1.0, 100.0, 300.0
+    wall["seen"], wall["due"] = 9.0, 9.0
+    for side, t in enumerate((-3.0, 3.0)):
+        set_tip(wall, side, t)
+    sight = Sight(np.array([[math.radians(70.0), math.radians(110.0), math.inf]]), np.zeros((0, 3)), 3.5, 0.01, 0.0)
+    view, count = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), sight, MARGIN_M, 0.01, 0.0), 1
+    for _ in range(math.ceil(CUT_AFTER)):
+        count = contradict(edges, count, view, np.zeros(0, np.int64), 1.0)
+    assert count == 2
+    for part in edges[:2]:
+        assert part["hits"] == pytest.approx(100.0 * length(part) / 6.0)
+        assert part["xx"] == pytest.approx(3.0 * part["hits"])
+
+
+def test_a_stump_that_is_cut_once_more_keeps_its_misses() -> None:
+    """A tilted wall in solid was cut every few scans, and its misses began anew each time."""
+    wall = np.zeros(1, EDGE)[0]
+    wall["misses"] = 3.0
+    doubt(wall)
+    assert (wall["misses"], wall["probation"]) == (0.0, 1)
+    wall["misses"] = DROP_AFTER - 1.0
+    doubt(wall)
+    assert wall["misses"] == DROP_AFTER - 1.0
