@@ -123,3 +123,19 @@ def test_one_turned_post_among_rectilinear_walls_takes_no_axis_away(turned_m: fl
     assert math.isfinite(axis.sd) == is_held
     if is_held:
         assert math.sin(2.0 * axis.angle) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_face_of_a_post_turned_by_11_degrees_makes_rectilinear_walls_scatter_no_more() -> None:
+    """Of 15 walls in `hall`, known to 0.05 degrees, it made a scatter of 0.5, and each new wall was as unsure."""
+    edges = np.zeros(6, EDGE)
+    walls = ((8.0, 0.0), (6.0, 90.05), (9.0, 179.95), (5.0, -90.0), (6.0, 0.05), (0.1, 10.8))
+    for wall, (size, angle_deg) in zip(edges, walls, strict=True):
+        angle, hits = math.radians(angle_deg), 200.0
+        wall["alive"], wall["hits"], wall["ux"], wall["uy"] = WALL, hits, math.cos(angle), math.sin(angle)
+        moment = hits * size**2 / 12.0
+        wall["xx"], wall["yy"] = moment * wall["ux"] ** 2, moment * wall["uy"] ** 2
+        wall["xy"] = moment * wall["ux"] * wall["uy"]
+        wall["tip"][1] = size * wall["ux"], size * wall["uy"]
+    axis = axis_of(edges, 6, NOISE)
+    assert axis.sd < math.radians(0.15)
+    assert axis.angle == pytest.approx(0.0, abs=math.radians(0.05))
