@@ -394,8 +394,9 @@ class Team:
     def _decide(self, tick: int, own: Wireframe) -> None:
         """Accept and reject the proposals whose evidence suffices."""
         for peer in self.proposed:
-            verdict = peer.trial.verdict
-            if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, not peer.trial.thirds_suffice):
+            verdict, spare = peer.trial.verdict, peer.trial.weight - self.config.verification.accept
+            must_overlap = not peer.trial.thirds_suffice
+            if verdict and not self.aligner.walls_agree(peer.log, own, peer.transform, must_overlap, spare):
                 self._reject(peer, "its walls do not fit")
             elif verdict:
                 merged = self.merge(peer, tick, own)

@@ -1,0 +1,65 @@
+"""How well the walls of two maps must fit: exactly where odometry is exact; where it errs, maps are bent."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from agent.alignment.config import AlignmentConfig
+from agent.alignment.encounter import Encounter
+from agent.communication.receiving import ReceivedMap
+from agent.cooperation.peer import PeerLog
+from agent.cooperation.proposing import Aligner
+from deploy.bench.made import traced
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe
+from tests.agent.alignment.test_alignment import chain, maze
+from world.worldfile import from_document
+
+MET = Encounter((0.5, 0.5, 0.0), (0.5, 0.9, 0.0))
+
+
+def aligner(*, noisy: bool) -> Aligner:
+    spec = RobotSpec.model_validate({"odometry": {"noisy": noisy}})
+    return Aligner(AlignmentConfig(), spec, np.random.default_rng(0))
+
+
+def heard(wireframe: Wireframe) -> PeerLog:
+    return PeerLog("r2", map=ReceivedMap(wireframe, 0), contact=MET, encounters=[MET])
+
+
+def bent(wireframe: Wireframe, by_m: float) -> Wireframe:
+    """Both sides of a map lie farther up than its middle."""
+    x = wireframe.points[:, 0]
+    off = by_m * ((x - x.mean()) / (0.5 * np.ptp(x))) ** 2
+    return replace(wireframe, points=wireframe.points + np.column_stack([np.zeros(len(x)), off]))
+
+
+@pytest.mark.parametrize(("by_m", "noisy", "fits"), [(0.06, True, True), (0.06, False, False), (0.1, True, False)])
+def test_maps_may_be_bent_by_more_where_odometry_errs(by_m: float, noisy: bool, fits: bool) -> None:
+    """A fifth of the walls lies 3 to 5 cm beside itself; bent by 10 cm, as much lies farther off."""
+    own = maze(0)
+    said = aligner(noisy=noisy).align(heard(bent(own, by_m)), own)
+    assert (said.transform is not None) == fits
+    assert fits or said.reason == "inexact"
+
+
+@pytest.mark.parametrize(
+    ("noisy", "spare_nats", "fits"), [(True, 0.0, False), (True, 30.0, True), (False, 30.0, False)]
+)
+def test_a_bent_map_is_merged_once_enough_else_speaks_for_it(noisy: bool, spare_nats: float, fits: bool) -> None:
+    """A right pair that had seen each other 14 times refused one another 25 times, as r1's map was bent by 22 mm."""
+    own = maze(0)
+    log = heard(bent(own, 0.1))
+    assert aligner(noisy=noisy).walls_agree(log, own, np.zeros(3), True, spare_nats) == fits
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_half_turn_of_a_hall_needs_more_than_what_decides(seed: int) -> None:
+    """Each of its walls lies centimetres beside itself, as in maps that are bent."""
+    world = from_document(traced(seed))
+    rings = [[(float(x), float(y)) for x, y in ring] for part in world.free for ring in world.outline(part)]
+    own = chain(*[[*ring[:-1], ring[0]] for ring in rings])
+    for noisy in (True, False):
+        assert not aligner(noisy=noisy).walls_agree(heard(own), own, np.array([0.0, 0.0, math.pi]), True)
