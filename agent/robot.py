@@ -183,7 +183,7 @@ class Robot:
             scan=seen,
             discs=scan.discs,
             errand=None if self.team.errand is None else self.team.errand.goal,
-            partners=self.team.partners(tick),
+            partners=self.team.partners(tick, self.robot),
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,

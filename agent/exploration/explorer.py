@@ -327,9 +327,8 @@ class Explorer:
         """The task that comes first, sweeps on the way included."""
         pockets = self.states.pockets(scene, roads, self.viewpoints, begun)
         mine = not_nearer_to(scene.partners, tasks + pockets, roads)
-        detour_m = self.config.team_detour_m if len(scene.partners) else self.config.pocket_detour_m
         # where teammates are nearer to all open ends, a robot sweeps rather than follow them
-        return first_of_tour(mine or tasks, roads, detour_m, self.config.haste)
+        return first_of_tour(mine or tasks, roads, self.config.pocket_detour_m, self.config.haste)
 
     def _choose_default(self, scene: Scene, old: Target | None) -> Target:
         """The next task of the default state, or wait for teammates that bar all there is, or complete and park."""
