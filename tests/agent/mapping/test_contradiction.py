@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from agent.corner_scan import FRONTIER, PIECE, Sight
+from agent.mapping.bodies import NO_TEAMMATES, Bodies
 from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, contradict
 from agent.mapping.edges import EDGE, WALL, doubt, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
@@ -52,8 +53,9 @@ def test_a_wall_that_is_cut_divides_its_hits() -> None:
         set_tip(wall, side, t)
     sight = Sight(np.array([[math.radians(70.0), math.radians(110.0), math.inf]]), np.zeros((0, 3)), 3.5, 0.01, 0.0)
     view, count = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), sight, MARGIN_M, 0.01, 0.0), 1
+    nobody = Bodies(np.zeros((0, 2)), NO_TEAMMATES, 0.1)
     for _ in range(math.ceil(CUT_AFTER)):
-        count = contradict(edges, count, view, np.zeros(0, np.int64), 1.0)
+        count = contradict(edges, count, view, np.zeros(0, np.int64), nobody, 1.0)
     assert count == 2
     for part in edges[:2]:
         assert part["hits"] == pytest.approx(100.0 * length(part) / 6.0)
