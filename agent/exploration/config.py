@@ -22,7 +22,7 @@ class ExplorationConfig(Config):
     pocket_detour_m: Positive = 8.0
     """Longest detour for such a pocket, metres of path. In 32 runs in eight layouts, with 4 and 8 m: 99 % after 10,037
     and 10,061 s in all, complete after 11,950 and 11,476 s. A team that made detours of 2 m only left pockets behind,
-    to which all drove at the end: 44 runs of three and six robots in four layouts are complete after 257 s instead of
+    to which all drove at the end: 44 runs of three and six robots in three layouts are complete after 257 s instead of
     266 s (means)."""
     smallest_object_m: Annotated[float, Field(ge=0.02, le=10)] = 0.1
     """Width in metres of the smallest object that the interior sweep must find: a post."""
