@@ -27,21 +27,36 @@ NO_TEAMMATES = np.zeros((0, 3))
 
 
 @kernel
-def is_seen_front(edges: Records, e: int, bodies: Bodies, pose: Pose, margin: float) -> bool:
-    """Whether a scan from a pose shows a teammate where wall e stands. margin: m, by which both may be off.
+def seen_teammates(bodies: Bodies, pose: Pose) -> Floats:
+    """Centres (n, 2) of those discs of a scan from a pose that are teammates, in the map's frame.
 
     Of each that says where it is, the nearest disc counts: others, where nobody is known to be, may be posts.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    for t in range(len(bodies.told)):
-        nearest, at = bodies.told[t, 2], (0.0, 0.0)
+    found, n = np.empty((len(bodies.told), 2)), 0
+    for x, y, slack in bodies.told:
+        nearest = slack
         for k in range(len(bodies.seen)):
-            x, y = bodies.seen[k]
-            place = pose[0] + c * x - s * y, pose[1] + s * x + c * y
-            away = math.hypot(place[0] - bodies.told[t, 0], place[1] - bodies.told[t, 1])
+            at_x = pose[0] + c * bodies.seen[k, 0] - s * bodies.seen[k, 1]
+            at_y = pose[1] + s * bodies.seen[k, 0] + c * bodies.seen[k, 1]
+            away = math.hypot(at_x - x, at_y - y)
             if away < nearest:
-                nearest, at = away, place
-        if nearest < bodies.told[t, 2] and _is_front(edges, e, at[0], at[1], bodies.radius + margin):
+                nearest = away
+                found[n, 0], found[n, 1] = at_x, at_y
+        if nearest < slack:
+            n += 1
+    return found[:n]
+
+
+@kernel
+def is_front(edges: Records, e: int, teammates: Floats, reach: float) -> bool:
+    """Whether wall e, and all with which it shares a corner, are within reach, metres, of one of (n, 2) teammates."""
+    for k in range(len(teammates)):
+        x, y = teammates[k]
+        inside = _is_within(edges[e], x, y, reach)
+        for f in edges[e].link:
+            inside = inside and (f < 0 or _is_within(edges[f], x, y, reach))
+        if inside:
             return True
     return False
 
@@ -60,15 +75,6 @@ def put_off(pieces: Records, dice: Floats, bodies: Bodies, margin: float) -> Non
             short = p.end[1] - p.end[0] <= 2.0 * (bodies.radius + margin)
             if short and math.hypot(p.x - x, p.y - y) <= reach:
                 dice[k] = 1.0
-
-
-@kernel
-def _is_front(edges: Records, e: int, x: float, y: float, reach: float) -> bool:
-    """Whether wall e, and all with which it shares a corner, are within reach of a place."""
-    inside = _is_within(edges[e], x, y, reach)
-    for f in edges[e].link:
-        inside = inside and (f < 0 or _is_within(edges[f], x, y, reach))
-    return inside
 
 
 @kernel

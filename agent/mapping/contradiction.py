@@ -10,7 +10,7 @@ import numpy as np
 
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.bodies import Bodies, is_seen_front
+from agent.mapping.bodies import Bodies, is_front, seen_teammates
 from agent.mapping.edges import (
     CONFIRMATIONS,
     FREE,
@@ -46,6 +46,7 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, bodies: Bodi
     for k in range(len(walls)):
         if walls[k] >= 0:
             hit[walls[k]] = True
+    teammates, reach = seen_teammates(bodies, view.pose), bodies.radius + view.margin
     for e in range(count):
         w = edges[e]
         if w.alive == FREE:
@@ -56,8 +57,9 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, bodies: Bodi
             continue
         samples = samples_along(w, STEP_M)
         visible, on, low, high = _views_of(e, w, samples, view, walls)
-        taken = is_seen_front(edges, e, bodies, view.pose, view.margin)
-        refuted = on == 0 and (taken or visible >= 2 or _usurped(edges, count, e, hit, view.margin))
+        refuted = on == 0 and (
+            is_front(edges, e, teammates, reach) or visible >= 2 or _usurped(edges, count, e, hit, view.margin)
+        )
         if _missed_too_often(w, on, refuted, patience):
             remove(edges, e)
         elif low > high:  # no sample was seen through

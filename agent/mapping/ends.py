@@ -92,13 +92,23 @@ def see_end(
 
 
 @kernel
-def ends_elsewhere(edges: Records, e: int, side: int, f: int) -> bool:
+def may_meet(edges: Records, e: int, side: int, f: int) -> bool:
+    """Whether an end of wall e and the other end of wall f may be a corner, by how the two turn and where they end.
+
+    Walls that turn by less share a corner in published maps only (`blunt_corners`).
+    """
+    turns = abs(meet(edges[e], edges[f])[0]) >= MIN_CORNER_SINE
+    return turns and not _ends_elsewhere(edges[e], side, edges[f]) and not _ends_elsewhere(edges[f], 1 - side, edges[e])
+
+
+@kernel
+def _ends_elsewhere(e: Record, side: int, f: Record) -> bool:
     """Whether an end of wall e is known to lie so far beyond where the line of wall f meets it that no corner is there.
 
     What stands close before a long wall, such as the side of a cabinet, seems to form a corner with it.
     """
-    corner = meet(edges[e], edges[f])[1]
-    beyond = tip_at(edges[e], side) - corner if side == 1 else corner - tip_at(edges[e], side)
+    corner = meet(e, f)[1]
+    beyond = tip_at(e, side) - corner if side == 1 else corner - tip_at(e, side)
     return bool(beyond > ELSEWHERE_M)
 
 
@@ -109,9 +119,9 @@ def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: f
     A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
     confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
     """
-    sine, at_e = meet(edges[e], edges[f])
-    if e == f or abs(sine) < MIN_CORNER_SINE or ends_elsewhere(edges, e, 1, f) or ends_elsewhere(edges, f, 0, e):
+    if e == f or not may_meet(edges, e, 1, f):
         return
+    sine, at_e = meet(edges[e], edges[f])
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
     linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
-from agent.geometry.lines import MIN_CORNER_SINE, Record, above, along, meet
+from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import ANGLE_GATE, Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
 from agent.mapping.edges import (
@@ -24,14 +24,7 @@ from agent.mapping.edges import (
     take_hits,
     tip_at,
 )
-from agent.mapping.ends import (
-    END_MARGIN_M,
-    close_open_corners,
-    ends_elsewhere,
-    inner_ends_give_way,
-    see_corner,
-    see_end,
-)
+from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, may_meet, see_corner, see_end
 from agent.mapping.tentative import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
 from protocol.arrays import Floats, Ints, Records
 
@@ -88,12 +81,6 @@ def _is_wall(edges: Records, e: int) -> bool:
 
 
 @kernel
-def _meet_bluntly(edges: Records, e: int, f: int) -> bool:
-    """Whether two walls share no corner but in published maps (`blunt_corners`)."""
-    return e != f and abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE
-
-
-@kernel
 def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
     """Fuse what piece k shows of the ends of its wall.
 
@@ -105,12 +92,7 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
         label, slack, face = p.label[side], p.slack[side], p.face[side]
         if label == NOMINAL:
             f = walls[p.link[side]]
-            if (
-                _is_wall(edges, f)
-                and not _meet_bluntly(edges, e, f)
-                and not ends_elsewhere(edges, e, side, f)
-                and not ends_elsewhere(edges, f, 1 - side, e)
-            ):
+            if _is_wall(edges, f) and (f == e or may_meet(edges, e, side, f)):
                 continue
             label, slack = OCCLUSION, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)
