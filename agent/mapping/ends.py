@@ -23,7 +23,7 @@ from agent.mapping.edges import (
     settle_corner,
     tip_at,
 )
-from agent.mapping.slots import see_bare
+from agent.mapping.slots import see_bare, show_slot
 from protocol.arrays import Records
 
 END_MARGIN_M = 0.04  # views of one end agree within this: the distance of two beams at 2.3 m, or 4 sd of a range
@@ -66,6 +66,8 @@ def see_end(
         return
     if too_long or too_short:
         if outlasted(e, side, patience):
+            if too_short and label == OCCLUSION and _is_inner_corner(edges, k, side):
+                show_slot(e, side, known - seen, slack)
             part(edges, k, side)
             set_end(e, side, label, slack, 1.0)
             set_tip(e, side, t)
@@ -89,6 +91,13 @@ def see_end(
             set_tip(e, side, outward * low)
             e.slack[side] = high - low
             e.strength[side] += 1.0
+
+
+@kernel
+def _is_inner_corner(edges: Records, k: int, side: int) -> bool:
+    """Whether an end of wall k is a corner that stands back from the room: behind others no wall goes on."""
+    f = edges[k].link[side]
+    return f >= 0 and (1.0 if side == 1 else -1.0) * meet(edges[k], edges[f])[0] > 0.0
 
 
 @kernel

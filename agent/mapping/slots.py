@@ -45,6 +45,16 @@ def see_bare(e: Record, side: int, gap: float, apart: float, bearing: float) -> 
 
 
 @kernel
+def show_slot(e: Record, side: int, gap: float, apart: float) -> None:
+    """Take a slot to be there, as views showed the wall's end before the corner, and beams that passed behind it.
+
+    gap: metres from that end to the corner. apart: from its last hit to where the next beam would have met the wall, m.
+    """
+    b = e.bare[side]
+    b[SCORE], b[MISSED], b[GAPS], b[APART] = SURE, 1.0, gap, apart
+
+
+@kernel
 def slot_before(e: Record, side: int) -> float:
     """Width of the slot between an end of a wall and the corner there, metres; 0: none is known.
 

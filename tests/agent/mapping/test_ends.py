@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
-from agent.mapping.edges import EDGE, WALL, set_tip, tip_at
-from agent.mapping.ends import see_corner, see_end
+from agent.mapping.edges import EDGE, WALL, join, set_tip, tip_at
+from agent.mapping.ends import close_open_corners, see_corner, see_end
+from agent.mapping.slots import see_bare
 from agent.mapping.tentative import become_wall, wall_probability
 
 
@@ -33,6 +34,31 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
     see_corner(edges, 0, 1, pieces[0], pieces[1], 1.0)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
     assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
+
+
+def corner(turn: float) -> np.ndarray:
+    """A wall of 0.5 m down to the origin, and one from there that turns left by 90 degrees (turn 1), or right (-1)."""
+    edges = np.zeros(2, EDGE)
+    edges["alive"], edges["own"], edges["link"] = WALL, 1, -1
+    edges["ux"], edges["uy"], edges["y"] = (0.0, turn), (-1.0, 0.0), (0.25, 0.0)
+    set_tip(edges[0], 0, -0.25)
+    set_tip(edges[1], 1, 1.0)
+    join(edges, 0, 1, 5.0)
+    return edges
+
+
+@pytest.mark.parametrize(("turn", "linked"), [(1.0, -1), (-1.0, 1)])
+def test_a_corner_is_not_closed_again_where_views_passed_behind_the_end_of_a_wall(turn: float, linked: int) -> None:
+    """Before a slot of 6 cm the ends lay near to each other, and became a corner again in the scan that opened it."""
+    edges = corner(turn)
+    for _ in range(6):
+        see_end(edges, 0, 1, OCCLUSION, 0.175, 0.03, 0.0, 1.0)
+        close_open_corners(edges, 2)
+    assert edges["link"][0, 1] == linked
+    assert edges["tip"][0, 1, 1] == pytest.approx(0.075 if linked < 0 else 0.0)
+    see_bare(edges[0], 1, 0.01, 0.02, 1.0)  # from another place the wall goes on to the corner
+    close_open_corners(edges, 2)
+    assert edges["link"][0, 1] == 1
 
 
 def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_it() -> None:
