@@ -47,6 +47,7 @@ EDGE = np.dtype(
         ("through", "f4"),  # scans in a row that saw through the wall
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
+        ("strain", "f8"),  # mean of how far pieces lie beside its line, in deviations (`strain`)
         ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
         ("twin", "i8"),  # of what a scan has cut off another wall, or joined into it: that one's number and 1
     ],

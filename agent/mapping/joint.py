@@ -53,12 +53,13 @@ def has_rows(joint: Floats) -> int:
 @kernel
 def observe(
     joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float
-) -> None:
+) -> float:
     """Take in one number by Kalman's update of joint (m, m) and shift (m,), in place.
 
     off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
     shift: what the estimates are to move by so far. Its weight is Cauchy's: it falls where the number is off by more
     than its variance and the covariance explain. One that is off by more `sigmas` than both is of something else.
+    Returns by how many deviations of both it is off.
     """
     m = len(shift)
     gain, known, left = np.zeros(m), 0.0, off
@@ -72,8 +73,9 @@ def observe(
     for k in range(len(rows)):
         known += slopes[k] * gain[rows[k]]
         left -= slopes[k] * shift[rows[k]]
-    if left * left > sigmas * sigmas * (known + variance):
-        return
+    deviations = left / math.sqrt(known + variance)
+    if deviations * deviations > sigmas * sigmas:
+        return deviations
     total = known + variance * (1.0 + left * left / (4.0 * (known + variance)))
     for a in range(n):
         i = touched[a]
@@ -83,6 +85,7 @@ def observe(
             j = touched[b]
             joint[i, j] -= share * gain[j]
             joint[j, i] = joint[i, j]
+    return deviations
 
 
 @kernel

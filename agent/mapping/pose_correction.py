@@ -31,6 +31,7 @@ from agent.mapping.joint import (
     tells_end,
 )
 from agent.mapping.scan_merge import same_line
+from agent.mapping.strain import strain
 from agent.mapping.tentative import main_axis, tentative_of
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
@@ -226,19 +227,21 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         return
     t, lever = along(w, p.x, p.y), w.uy * (p.y - pose[1]) + w.ux * (p.x - pose[0])
     worth = UNSURE_WORTH if _may_be_of_two_faces(p, w, t, noise) else 1.0
-    _observe(
+    off = -above(w, p.x, p.y)
+    deviations = _observe(
         joint,
         shift,
         p.moment,
         (-w.uy, w.ux, lever),
         np.array((row, row + 1)),
         np.array((-1.0, -t)),
-        -above(w, p.x, p.y),
+        off,
         noise**2 / (worth * p.hits) + NOISE_FLOOR_M**2,
         math.inf,
     )
     turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
     if worth == 1.0:
+        strain(w, row, joint, t, off, deviations)
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
         _observe(joint, shift, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
@@ -296,9 +299,9 @@ def _observe(
     off: float,
     variance: float,
     sigmas: float,
-) -> None:
+) -> float:
     """Take in a number that depends on the pose at a moment of the revolution, by_pose, and on other rows (k,)."""
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
     _spread(all_rows, all_slopes, moment, by_pose)
     all_rows[6:], all_slopes[6:] = rows, slopes
-    observe(joint, shift, all_rows, all_slopes, off, variance, sigmas)
+    return observe(joint, shift, all_rows, all_slopes, off, variance, sigmas)
