@@ -17,14 +17,20 @@ MOST = 64  # tiles along a side: where walls lie kilometres apart, tiles are lar
 ROUNDING_M = 1e-9  # a tile is looked into where a way passes so near to it
 
 
-class Tiles(NamedTuple):
-    """Tiles of the plane, and which of some boxes reach into each."""
+class Tiling(NamedTuple):
+    """Square tiles of the plane, numbered row by row."""
 
     x: float  # m, lower left corner of the first tile
     y: float
     per_m: float  # tiles in a metre
     columns: int
     rows: int
+
+
+class Tiles(NamedTuple):
+    """Tiles of the plane, and which of some boxes reach into each."""
+
+    tiling: Tiling
     listed: Ints
     """(tiles + 1 + k,) where in this array the boxes of each tile begin, and where the last one's end; their numbers,
     rising in each tile."""
@@ -38,13 +44,20 @@ class WallTiles(NamedTuple):
 
 
 @kernel
+def tiling_of(left: float, bottom: float, right: float, top: float) -> Tiling:
+    """Tiles that cover a box, metres."""
+    per_m = 1.0 / max(TILE_M, (right - left) / MOST, (top - bottom) / MOST)
+    return Tiling(left, bottom, per_m, int((right - left) * per_m) + 1, int((top - bottom) * per_m) + 1)
+
+
+@kernel
 def tiles_of_boxes(boxes: Floats) -> Tiles:
     """Tiles that cover boxes (n, 4) of least x and y, greatest x and y."""
     if len(boxes) == 0:
-        return Tiles(0.0, 0.0, 1.0, 0, 0, np.zeros(1, np.int64))
-    left, bottom, right, top = boxes[:, 0].min(), boxes[:, 1].min(), boxes[:, 2].max(), boxes[:, 3].max()
-    per_m = 1.0 / max(TILE_M, (right - left) / MOST, (top - bottom) / MOST)
-    columns, rows = int((right - left) * per_m) + 1, int((top - bottom) * per_m) + 1
+        return Tiles(Tiling(0.0, 0.0, 1.0, 0, 0), np.zeros(1, np.int64))
+    left, bottom = boxes[:, 0].min(), boxes[:, 1].min()
+    tiling = tiling_of(left, bottom, boxes[:, 2].max(), boxes[:, 3].max())
+    per_m, columns, rows = tiling.per_m, tiling.columns, tiling.rows
     spans = np.empty((len(boxes), 4), np.int64)
     counts = np.zeros(columns * rows + 1, np.int64)
     for k in range(len(boxes)):
@@ -61,7 +74,7 @@ def tiles_of_boxes(boxes: Floats) -> Tiles:
             for column in range(spans[k, 0], spans[k, 2] + 1):
                 listed[begins[row * columns + column]] = k
                 begins[row * columns + column] += 1
-    return Tiles(left, bottom, per_m, columns, rows, listed)
+    return Tiles(tiling, listed)
 
 
 @shared_kernel
@@ -85,33 +98,33 @@ def _numbers(low: float, high: float, origin: float, per_m: float, count: int) -
 
 @kernel
 def _rows_beside(
-    ax: float, ay: float, bx: float, by: float, column: int, reach: float, tiles: Tiles
+    ax: float, ay: float, bx: float, by: float, column: int, reach: float, tiling: Tiling
 ) -> tuple[int, int]:
     """The first of a column's rows, and the one after the last, in which a point is within reach of the segment a-b."""
     low, high = min(ay, by), max(ay, by)
     if ax != bx:
-        left = tiles.x + column / tiles.per_m - reach
-        right = tiles.x + (column + 1) / tiles.per_m + reach
+        left = tiling.x + column / tiling.per_m - reach
+        right = tiling.x + (column + 1) / tiling.per_m + reach
         slope = (by - ay) / (bx - ax)
         one, other = ay + (left - ax) * slope, ay + (right - ax) * slope
         low, high = max(low, min(one, other)), min(high, max(one, other))
-    return _numbers(low - reach, high + reach, tiles.y, tiles.per_m, tiles.rows)
+    return _numbers(low - reach, high + reach, tiling.y, tiling.per_m, tiling.rows)
 
 
 @kernel
 def keep_off(points: Floats, of: WallTiles, clearance: float) -> Bools:
     """(n,) which of points (n, 2) stay at least the clearance away from every wall."""
-    w, tiles = of.walls, of.tiles
+    w, tiling, listed = of.walls, of.tiles.tiling, of.tiles.listed
     out = np.ones(len(points), np.bool_)
     for i in range(len(points)):
         x, y = points[i]
-        first, end = _numbers(x - clearance, x + clearance, tiles.x, tiles.per_m, tiles.columns)
-        low, high = _numbers(y - clearance, y + clearance, tiles.y, tiles.per_m, tiles.rows)
+        first, end = _numbers(x - clearance, x + clearance, tiling.x, tiling.per_m, tiling.columns)
+        low, high = _numbers(y - clearance, y + clearance, tiling.y, tiling.per_m, tiling.rows)
         for row in range(low, high):
             for column in range(first, end):
-                tile = row * tiles.columns + column
-                for n in range(tiles.listed[tile], tiles.listed[tile + 1]):
-                    k = tiles.listed[n]
+                tile = row * tiling.columns + column
+                for n in range(listed[tile], listed[tile + 1]):
+                    k = listed[n]
                     away2 = to_wall2(x, y, w[k, 0], w[k, 1], w[k, 2], w[k, 3])
                     out[i] &= math.sqrt(away2) >= clearance
     return out
@@ -123,17 +136,17 @@ def barred_by(ax: float, ay: float, bx: float, by: float, of: WallTiles, clearan
 
     likely: the row that is looked at first, or -1. Tiles are looked into from a on, as most motions are barred nearby.
     """
-    w, tiles = of.walls, of.tiles
+    w, tiling, listed = of.walls, of.tiles.tiling, of.tiles.listed
     if likely >= 0 and bars(ax, ay, bx, by, w[likely, 0], w[likely, 1], w[likely, 2], w[likely, 3], clearance):
         return likely
-    first, end = _numbers(min(ax, bx) - clearance, max(ax, bx) + clearance, tiles.x, tiles.per_m, tiles.columns)
+    first, end = _numbers(min(ax, bx) - clearance, max(ax, bx) + clearance, tiling.x, tiling.per_m, tiling.columns)
     for i in range(end - first):
         column = first + i if ax <= bx else end - 1 - i
-        low, high = _rows_beside(ax, ay, bx, by, column, clearance, tiles)
+        low, high = _rows_beside(ax, ay, bx, by, column, clearance, tiling)
         for j in range(high - low):
-            tile = (low + j if ay <= by else high - 1 - j) * tiles.columns + column
-            for n in range(tiles.listed[tile], tiles.listed[tile + 1]):
-                k = tiles.listed[n]
+            tile = (low + j if ay <= by else high - 1 - j) * tiling.columns + column
+            for n in range(listed[tile], listed[tile + 1]):
+                k = listed[n]
                 if bars(ax, ay, bx, by, w[k, 0], w[k, 1], w[k, 2], w[k, 3], clearance):
                     return int(k)
     return -1
@@ -151,14 +164,14 @@ def all_in_view(eyes: Floats, targets: Floats, of: WallTiles) -> Bools:
 @kernel
 def _is_cut(ax: float, ay: float, bx: float, by: float, of: WallTiles) -> bool:
     """Whether a wall cuts the line of sight a-b."""
-    w, tiles = of.walls, of.tiles
-    first, end = _numbers(min(ax, bx), max(ax, bx), tiles.x, tiles.per_m, tiles.columns)
+    w, tiling, listed = of.walls, of.tiles.tiling, of.tiles.listed
+    first, end = _numbers(min(ax, bx), max(ax, bx), tiling.x, tiling.per_m, tiling.columns)
     for column in range(first, end):
-        low, high = _rows_beside(ax, ay, bx, by, column, 0.0, tiles)
+        low, high = _rows_beside(ax, ay, bx, by, column, 0.0, tiling)
         for row in range(low, high):
-            tile = row * tiles.columns + column
-            for n in range(tiles.listed[tile], tiles.listed[tile + 1]):
-                k = tiles.listed[n]
+            tile = row * tiling.columns + column
+            for n in range(listed[tile], listed[tile + 1]):
+                k = listed[n]
                 if crosses(ax, ay, bx, by, w[k, 0], w[k, 1], w[k, 2], w[k, 3]):
                     return True
     return False

@@ -46,13 +46,13 @@ def tiles_of(walls: Records) -> SegmentTiles:
 def nearest_wall(tiles: SegmentTiles, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
     """Wall that a sample lies on, or -1, and its signed distance from that wall's line, metres."""
     best, found, distance = gate, -1, 0.0
-    at = tiles.tiles
+    at, listed = tiles.tiles.tiling, tiles.tiles.listed
     column, row = (x - at.x) * at.per_m, (y - at.y) * at.per_m
     if not (0.0 <= column < at.columns and 0.0 <= row < at.rows):
         return found, distance
     tile = int(row) * at.columns + int(column)
-    for j in range(at.listed[tile], at.listed[tile + 1]):
-        k = at.listed[j]
+    for j in range(listed[tile], listed[tile + 1]):
+        k = listed[j]
         w = tiles.walls[k]
         if w.ux * ux + w.uy * uy < FACING:
             continue

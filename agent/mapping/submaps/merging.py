@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from agent.corner_scan import BRIDGE_M
 from agent.geometry.lines import Record, above, along, pool
-from agent.geometry.wall_tiles import MOST, TILE_M
+from agent.geometry.wall_tiles import Tiling, tiling_of
 from agent.kernels import kernel
 from agent.mapping.submaps.segments import SEGMENT
+from agent.mapping.submaps.tiles import box_of
 from protocol.arrays import Ints, Records
 
 MERGE_M = 0.08  # a piece this near to a segment's line is of that segment: a cupboard's face keeps apart from its wall
@@ -19,16 +19,6 @@ MARGIN_M, MARGIN_SHARE = 0.4, 0.02
 """The boxes about two segments that are merged are no farther apart than this, and this share of the new one's length:
 the gap, the distance from the line, and by how much a turn of 8 degrees shortens a projection."""
 PASSES = 4  # as merged segments grow, they meet others; after four passes 1 in 100 still does
-
-
-class Area(NamedTuple):
-    """Square tiles, by which segments are found; what lies beyond a side counts to the tiles along it."""
-
-    x: float  # m, lower left corner of the first tile
-    y: float
-    per_m: float  # tiles in a metre
-    columns: int
-    rows: int
 
 
 def united(parts: Sequence[Records]) -> Records:
@@ -50,14 +40,14 @@ def merge(walls: Records, count: int, new: Records) -> int:
 
     Each goes to the segment beside whose line it lies nearest; one that fits none is added, while there is room.
     """
-    area = _area(walls[:count], new)
-    first = np.full(area.columns * area.rows, -1)  # where the list of each tile begins, or -1
+    tiling = _tiling(walls[:count], new)
+    first = np.full(tiling.columns * tiling.rows, -1)  # where the list of each tile begins, or -1
     listed = [(0, 0) for _ in range(0)]  # a segment that touches the tile, and where the list goes on
     spans, looked = np.full((len(walls), 4), -1), np.full(len(walls), -1)
     for k in range(-count, len(new)):
         e = count + k  # the first ones only enter the lists
         if k >= 0:
-            e = _nearest(area, first, listed, looked, walls, new, k)
+            e = _nearest(tiling, first, listed, looked, walls, new, k)
             if e >= 0:
                 _fuse(walls[e], new[k])
             elif count < len(walls):
@@ -65,21 +55,21 @@ def merge(walls: Records, count: int, new: Records) -> int:
                 count += 1
             else:
                 continue
-        c0, r0, c1, r1 = _span(area, walls[e], 0.0)
+        c0, r0, c1, r1 = _span(tiling, walls[e], 0.0)
         span = spans[e]
         if c0 == span[0] and r0 == span[1] and c1 == span[2] and r1 == span[3]:
             continue
         span[0], span[1], span[2], span[3] = c0, r0, c1, r1
         for row in range(r0, r1 + 1):
             for column in range(c0, c1 + 1):
-                listed.append((e, first[row * area.columns + column]))
-                first[row * area.columns + column] = len(listed) - 1
+                listed.append((e, first[row * tiling.columns + column]))
+                first[row * tiling.columns + column] = len(listed) - 1
     return count
 
 
 @kernel
 def _nearest(
-    area: Area, first: Ints, listed: list[tuple[int, int]], looked: Ints, walls: Records, new: Records, k: int
+    tiling: Tiling, first: Ints, listed: list[tuple[int, int]], looked: Ints, walls: Records, new: Records, k: int
 ) -> int:
     """The wall beside whose line segment k of the new ones lies nearest, or -1.
 
@@ -87,10 +77,10 @@ def _nearest(
     """
     p = new[k]
     best, e = MERGE_M, -1
-    c0, r0, c1, r1 = _span(area, p, MARGIN_M + MARGIN_SHARE * (p.high - p.low))
+    c0, r0, c1, r1 = _span(tiling, p, MARGIN_M + MARGIN_SHARE * (p.high - p.low))
     for row in range(r0, r1 + 1):
         for column in range(c0, c1 + 1):
-            at = first[row * area.columns + column]
+            at = first[row * tiling.columns + column]
             while at >= 0:
                 f, at = listed[at]
                 if looked[f] == k:
@@ -103,35 +93,28 @@ def _nearest(
 
 
 @kernel
-def _area(walls: Records, new: Records) -> Area:
+def _tiling(walls: Records, new: Records) -> Tiling:
     """Tiles about segments (n,) and (k,)."""
     left, bottom, right, top = math.inf, math.inf, -math.inf, -math.inf
     for records in (walls, new):
         for e in range(len(records)):
-            x0, y0, x1, y1 = _box(records[e])
+            x0, y0, x1, y1 = box_of(records[e])
             left, bottom, right, top = min(left, x0), min(bottom, y0), max(right, x1), max(top, y1)
-    if left > right:
-        return Area(0.0, 0.0, 1.0, 1, 1)
-    per_m = 1.0 / max(TILE_M, (right - left) / MOST, (top - bottom) / MOST)
-    return Area(left, bottom, per_m, int((right - left) * per_m) + 1, int((top - bottom) * per_m) + 1)
+    return tiling_of(left, bottom, right, top) if left <= right else Tiling(0.0, 0.0, 1.0, 1, 1)
 
 
 @kernel
-def _box(e: Record) -> tuple[float, float, float, float]:
-    """Least x and y of a segment, and greatest."""
-    ax, ay, bx, by = e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy
-    return min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
+def _span(tiling: Tiling, e: Record, margin: float) -> tuple[int, int, int, int]:
+    """First column and row of the tiles that a segment comes within a margin of, metres, and the last ones.
 
-
-@kernel
-def _span(area: Area, e: Record, margin: float) -> tuple[int, int, int, int]:
-    """First column and row of the tiles that a segment comes within a margin of, metres, and the last ones."""
-    x0, y0, x1, y1 = _box(e)
+    What lies beyond a side counts to the tiles along it.
+    """
+    x0, y0, x1, y1 = box_of(e)
     return (
-        max(0, min(int((x0 - margin - area.x) * area.per_m), area.columns - 1)),
-        max(0, min(int((y0 - margin - area.y) * area.per_m), area.rows - 1)),
-        max(0, min(int((x1 + margin - area.x) * area.per_m), area.columns - 1)),
-        max(0, min(int((y1 + margin - area.y) * area.per_m), area.rows - 1)),
+        max(0, min(int((x0 - margin - tiling.x) * tiling.per_m), tiling.columns - 1)),
+        max(0, min(int((y0 - margin - tiling.y) * tiling.per_m), tiling.rows - 1)),
+        max(0, min(int((x1 + margin - tiling.x) * tiling.per_m), tiling.columns - 1)),
+        max(0, min(int((y1 + margin - tiling.y) * tiling.per_m), tiling.rows - 1)),
     )
 
 

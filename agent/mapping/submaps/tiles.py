@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.lines import Record
 from agent.geometry.wall_tiles import Tiles, tiles_of_boxes
 from agent.kernels import kernel
 from protocol.arrays import Records
@@ -21,12 +22,22 @@ class SegmentTiles(NamedTuple):
 
 
 @kernel
+def box_of(e: Record) -> tuple[float, float, float, float]:
+    """Least x and y of a segment, and greatest, metres."""
+    ax, ay, bx, by = e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy
+    return min(ax, bx), min(ay, by), max(ax, bx), max(ay, by)
+
+
+@kernel
 def tiled(walls: Records, margin: float) -> SegmentTiles:
     """Tiles of segments (n,): a point outside of them all is farther than the margin, in metres, from each wall."""
     boxes = np.empty((len(walls), 4))
     for k in range(len(walls)):
-        e = walls[k]
-        ax, ay, bx, by = e.x + e.low * e.ux, e.y + e.low * e.uy, e.x + e.high * e.ux, e.y + e.high * e.uy
-        boxes[k, 0], boxes[k, 1] = min(ax, bx) - margin, min(ay, by) - margin
-        boxes[k, 2], boxes[k, 3] = max(ax, bx) + margin, max(ay, by) + margin
+        left, bottom, right, top = box_of(walls[k])
+        boxes[k, 0], boxes[k, 1], boxes[k, 2], boxes[k, 3] = (
+            left - margin,
+            bottom - margin,
+            right + margin,
+            top + margin,
+        )
     return SegmentTiles(walls, tiles_of_boxes(boxes))

@@ -52,5 +52,5 @@ def test_the_nearest_wall_is_that_of_a_look_at_all(count: int, size: float) -> N
 def test_walls_a_thousand_kilometres_apart_need_no_more_tiles() -> None:
     walls = scattered(50, 1e6, np.random.default_rng(0))
     tiles = tiles_of(walls)
-    assert tiles.tiles.columns <= MOST + 1 and tiles.tiles.rows <= MOST + 1
+    assert tiles.tiles.tiling.columns <= MOST + 1 and tiles.tiles.tiling.rows <= MOST + 1
     assert len(tiles.tiles.listed) < 2 * (MOST + 1) ** 2
