@@ -226,6 +226,10 @@ class Coverage:
         for home, lookup in self._lookups.items():
             mine = self._homes[robot] == home if len(self._lookups) > 1 else slice(None)
             self._count(tick, robot[mine], wall[mine], place[mine], lookup)
+        self.judge(t)
+
+    def judge(self, t: float) -> None:
+        """Work out the shares, and which milestones are reached at t, simulated seconds."""
         self.own = self._length / np.maximum(self._total, 1e-9)
         self.covered = self._covered_length / np.maximum(self._total, 1e-9)
         self.team = self._team_length / max(self._team_total, 1e-9)

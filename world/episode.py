@@ -353,6 +353,7 @@ class Episode:
             return
         self._closed = True
         self.book()
+        self._ledger.settle(self.tick)
         self.ended = self.ended or ended or "interrupted"
         _, passages = self._radio.deliver(self.tick, self.live, ended=True)
         moved_to = self.poses if self._inputs is None else None

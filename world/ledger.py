@@ -133,6 +133,10 @@ class Ledger:
             if self._due(tick, METRICS_S):
                 self._recorder.metrics(self._metrics(tick))
 
+    def settle(self, tick: int) -> None:
+        """Judge what the last answers merged: no look follows them."""
+        self.coverage.judge(self._t(tick))
+
     def answer(self, tick: int, robot: str, outputs: Outputs, wireframe: Wireframe | None) -> None:
         """Account for a robot's answer to a tick; `wireframe` is its new map, if it sent one."""
         action = outputs.action

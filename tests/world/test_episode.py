@@ -350,6 +350,21 @@ def test_ends() -> None:
     assert episode.ended == "interrupted"
 
 
+def test_a_merge_in_the_last_tick_counts() -> None:
+    """A robot that merges the map that it lacked is complete in the same tick."""
+    episode = Episode(WorldConfig(world="apartment"), None)
+    while episode.tick < 5:
+        episode.advance({robot: answer(episode.tick) for robot in episode.robots})
+    merged = answer(5, complete=True)
+    merged = merged._replace(action=merged.action.model_copy(update={"merged": {"r2": 5}}))
+    rest = {robot: answer(5, complete=True) for robot in ("r2", "r3")}
+    before = episode.coverage["r1"]
+    episode.advance({"r1": merged} | rest)
+    episode.close()
+    assert episode.ended == "complete"
+    assert episode.summary()["robots"]["r1"]["coverage"] > before + 0.02
+
+
 def test_a_mind_that_breaks_leaves_a_run_directory(tmp_path: Path) -> None:
     class Broken(Wanderer):
         def step(self, observation, heard):  # type: ignore[no-untyped-def]
