@@ -16,6 +16,7 @@ from agent.exploration.surroundings import Scene
 from agent.exploration.sweep import Sweep, Viewpoints
 from agent.geometry.chains import chains_of
 from protocol.arrays import Floats
+from protocol.messages import LidarSpec
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
@@ -28,9 +29,9 @@ _PERIMETER_STEP_M = 1.5  # distance between these points; from each, 3.5 m of wa
 class DefaultStates:
     """The configured default state, which proposes tasks until it has none."""
 
-    def __init__(self, config: ExplorationConfig, sweep: Sweep, rng: np.random.Generator) -> None:
+    def __init__(self, config: ExplorationConfig, sweep: Sweep, lidar: LidarSpec, rng: np.random.Generator) -> None:
         self.config, self.sweep, self.rng = config, sweep, rng
-        self.glimpses = Glimpses()
+        self.glimpses = Glimpses(lidar)
         self._edges = GoalMemory()
         self._lap: Floats | None = None
         self._vertices, self._vertex_version = 0, -1

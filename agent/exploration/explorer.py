@@ -70,7 +70,7 @@ class Explorer:
         self.viewpoints = Viewpoints()
         self.goals = Goals(config.attempts, spec)
         self.sweep = Sweep(config.smallest_object_m, spec.lidar)
-        self.states = DefaultStates(config, self.sweep, rng)
+        self.states = DefaultStates(config, self.sweep, spec.lidar, rng)
         self.headway = Headway(rng, spec.lidar.rate_hz)
         self.complete = False
         self.target: Target | None = None
@@ -100,7 +100,7 @@ class Explorer:
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
         self._take_viewpoints(scene, situation.viewpoints)
-        self.states.glimpses.keep(situation.glimpses)
+        self.states.glimpses.keep(scene.tick, situation.glimpses)
         if not len(scene.wireframe.edges):
             return scene
         read_ticks = self.goals.read(scene)

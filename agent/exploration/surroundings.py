@@ -39,7 +39,8 @@ class Situation:
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
     in_vain: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     """(v, 4) open ends that teammates with merged maps looked at in vain, and unit: where their walls go on."""
-    glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (g, 2) of what is seen now and is no wall yet
+    glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    """(g, 2) middles of what this scan hit and is no wall yet."""
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
     map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked
 

@@ -17,7 +17,7 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
 from agent.mapping.exactness import map_sd_m
-from agent.mapping.first_look import LEAST_SCANS, hold_first_ends, keep_first_look
+from agent.mapping.first_look import hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
 from agent.mapping.joint import (
     AXIS,
@@ -190,6 +190,8 @@ class WireframeFilter:
         self.poses, self._axes = np.zeros((n, 3)), np.zeros(n)
         self.wheels = Wheels(spec.odometry, n, spec.lidar.rate_hz)
         self.poles: Records = np.zeros(MOST, POLE)
+        self.glimpses = np.zeros((0, 2))
+        """(g, 2) metres: middles of what the last scan hit and is no wall yet."""
         self.joint = np.zeros((n, WALLS, WALLS))  # of errors of poses, constants, axes and walls
         if self._noisy:
             self.joint[:, :6, :6] = self.wheels.first
@@ -209,6 +211,7 @@ class WireframeFilter:
             self._begin_anew()
         grown = self.move(odometry, slips=scan.touching)
         self._still += 1
+        hit_before = _scans_of_tentative(self.edges[self.best])
         scores = update_particles(
             *self._particles(),
             grown,
@@ -227,6 +230,7 @@ class WireframeFilter:
             hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.stood)
             return
         walls, count = self.edges[self.best], int(self.counts[self.best])
+        self.glimpses = walls["tip"][_scans_of_tentative(walls) > hit_before].mean(1)
         see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share)
 
     def _begin_anew(self) -> None:
@@ -240,7 +244,7 @@ class WireframeFilter:
         slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
         way, before = np.atleast_2d(odometry), self._odometry
-        self._odometry = way[-1].copy()
+        self._odometry, self.glimpses = way[-1].copy(), self.glimpses[:0]
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
@@ -367,13 +371,6 @@ class WireframeFilter:
         turned = float(joint[:2, AXIS] @ joint[:2, AXIS]) / joint[AXIS, AXIS] if joint[AXIS, AXIS] > 0.0 else 0.0
         return math.sqrt(max(float(np.trace(joint[:2, :2])) - turned, 0.0))
 
-    @property
-    def glimpses(self) -> Floats:
-        """(g, 2) metres: middles of what was hit again and again in one place, and is no wall yet."""
-        walls = self._walls()
-        glimpsed = walls[(walls["alive"] == TENTATIVE) & (walls["seen"] >= LEAST_SCANS)]
-        return np.asarray(glimpsed["tip"].mean(1))
-
     def map_sd_m(self) -> float:
         """Standard deviation in metres of a wall in the robot's own frame."""
         return map_sd_m(self._walls(), self.joint[self.best])
@@ -421,6 +418,11 @@ class WireframeFilter:
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""
         return self.edges[self.best, : self.counts[self.best]]
+
+
+def _scans_of_tentative(walls: Records) -> Floats:
+    """(n,) how many scans have hit each record of a particle; 0 of what is no tentative wall."""
+    return np.where(walls["alive"] == TENTATIVE, walls["seen"], 0.0)
 
 
 @kernel

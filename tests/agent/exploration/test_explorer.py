@@ -12,6 +12,7 @@ from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.explorer import AT_HOME_M, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
+from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goals import GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation
@@ -333,8 +334,11 @@ def test_what_was_glimpsed_and_is_no_wall_of_the_map_is_looked_at_once_from_clos
     seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])  # by teammates: nothing to sweep
     robot, commands, away = explorer(default_state="interior-sweep"), [], []
     for tick in range(600):
-        glimpses = np.array([place]) if tick < 3 else NOBODY
+        glimpses = np.array([place]) if tick < LEAST_SCANS else NOBODY
         situation = Situation(tick, room, 1, pose_of(pose), Wireframe(), NOBODY, viewpoints=seen, glimpses=glimpses)
+        if tick < LEAST_SCANS:  # it stands and looks round
+            robot.look(situation)
+            continue
         commands.append(step(robot, situation))
         ahead, turn = commands[-1].speed_mps * 0.2, commands[-1].turn_rps * 0.2
         pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))

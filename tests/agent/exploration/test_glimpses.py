@@ -1,0 +1,48 @@
+"""What was seen of a thing from afar adds up, whichever lines its hits lay on."""
+
+import numpy as np
+import pytest
+
+from agent.exploration.glimpses import BREAK_S, LEAST_SCANS, MOST, Glimpses
+from agent.exploration.planning import Roads
+from protocol.messages import LidarSpec
+from protocol.wireframe import Wireframe
+
+POST = np.array((3.0, 1.0))
+BREAK = round(BREAK_S * LidarSpec().rate_hz)
+
+
+def found(glimpses):
+    return [task.place for task in glimpses.tasks(Wireframe(), Roads(Wireframe(), np.zeros(2), 0.2))]
+
+
+def test_scans_that_hit_a_post_on_different_lines_count_together():
+    glimpses = Glimpses(LidarSpec())
+    for scan in range(LEAST_SCANS):
+        assert not found(glimpses)
+        glimpses.keep(2 * scan, POST + 0.1 * (scan % 3) * np.ones((1, 2)))  # every second scan, around the post
+    assert np.allclose(found(glimpses), POST)
+
+
+def test_two_lines_in_one_scan_are_one_sighting():
+    glimpses = Glimpses(LidarSpec())
+    for scan in range(LEAST_SCANS - 1):
+        glimpses.keep(scan, np.array((POST, POST + 0.1)))
+    assert not found(glimpses)
+
+
+@pytest.mark.parametrize(("ticks", "is_one_thing"), [(BREAK, True), (BREAK + 1, False)])
+def test_what_shows_now_and_then_is_not_one_thing(ticks, is_one_thing):
+    glimpses = Glimpses(LidarSpec())
+    for scan in range(LEAST_SCANS):
+        glimpses.keep(ticks * scan, POST[None])
+    assert len(found(glimpses)) == is_one_thing
+
+
+def test_the_places_are_bounded_and_room_comes_back():
+    glimpses = Glimpses(LidarSpec())
+    for k in range(2 * MOST):
+        glimpses.keep(0, np.array([(float(k), 0.0)]))
+    full = glimpses.nbytes
+    glimpses.keep(BREAK + 1, POST[None])
+    assert glimpses.nbytes * MOST == full
