@@ -131,9 +131,7 @@ class Robot:
         eyes, ends = explorer.viewpoints, explorer.goals.in_vain
         looked = self.team.views.looked(tick, eyes.ticks, eyes.own, ends)
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
-        sends = self.exchange.talk(
-            tick, pose, self._told_to(), self._told_version, looked, self.team.frames, self.team.shares, in_sight
-        )
+        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(

@@ -1,4 +1,4 @@
-"""Viewpoints: where a robot has looked from, for peers that merge its map (ours; docs/protocol.md).
+"""Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/protocol.md).
 
 Places are on a grid of 10 cm, in the order in which the robot was there, or heard of them: it passes on those of peers
 whose maps it has merged. Each is coded as its offset from where the last step would lead on. With them go the open ends
@@ -26,25 +26,21 @@ TURNS = 1 << TURN_BITS  # directions of open ends that are told apart, 22.5 degr
 _ASKS, _PLACES, _HEARD, _IN_VAIN = 1, 2, 4, 8
 """Flags in the lowest bits of the first byte: a question; with the asked robot's frame; with others' viewpoints; with
 open ends."""
-_STRANGER = 4
-"""The flag in a question whose sender has not merged the asked robot's map."""
 _COUNT, _FIRST, _STEP = 4, 6, 1
 """Exponential-Golomb orders: of the count, of the first place, and of the other places' offsets."""
 
 
 class AskViews(NamedTuple):
-    """The question for a peer's viewpoints that are not known yet."""
+    """The question for a merged peer's viewpoints that are not known yet."""
 
     since: int  # tick of the last viewpoint that is known; 0 for none
     frame: Pose | None = None
     """Where the asked robot's frame lies in the sender's: to 1 mm and 0.006 degrees; None where it knows already."""
-    merged: bool = True
-    """Whether the sender has merged the asked robot's map. If not, it says nothing of frames."""
 
     def encode(self) -> bytes:
         """Two to seven bytes, and ten of the frame."""
         if self.frame is None:
-            return first_byte(_ASKS | _STRANGER * (not self.merged)) + varint(self.since)
+            return first_byte(_ASKS) + varint(self.since)
         return first_byte(_ASKS | _PLACES) + varint(self.since) + pose_bytes(self.frame)
 
 
@@ -142,8 +138,8 @@ def decode_views(data: bytes) -> AskViews | Views:
     """Raises ProtocolError on anything else than one of the two."""
     flags = check_version(data)
     tick, at = take_varint(data, 1)
-    if flags in (_ASKS, _ASKS | _STRANGER) and at == len(data):
-        return AskViews(tick, merged=flags == _ASKS)
+    if flags == _ASKS and at == len(data):
+        return AskViews(tick)
     if flags == _ASKS | _PLACES and at + POSE_BYTES == len(data):
         return AskViews(tick, take_pose(data, at)[0])
     if flags & ~(_HEARD | _IN_VAIN):

@@ -29,9 +29,6 @@ MOST_DOUBLINGS = 3
 """How often the wait for an acknowledgement doubles at most."""
 WHOLE_BYTES = 1.0
 """A whole map takes more than this a vertex (1.7 measured), so shorter changes are not compared with it."""
-STRANGER_PERIODS = 4
-"""Beacons' periods from one question for viewpoints to the next, to a peer that is not merged. In a crowd most are not:
-asked with each new map, 30 robots sent two fifths more bytes."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
 SLACK_CELLS = 1.5
@@ -59,8 +56,6 @@ class Contact:
     """Tick of the first message after silence."""
     last: int
     """Tick of the newest message."""
-    asked: int = NEVER
-    """Tick at which it was last asked for its viewpoints."""
 
 
 class News(NamedTuple):
@@ -106,8 +101,8 @@ class Told:
     """Direction of the grid of its maps, in steps of AXIS_STEPS a quarter turn."""
     current: int = 0
     """Tick until which it has all that was seen."""
-    merged: bool = False
-    """Whether it says in this contact, with its questions for viewpoints, that it has merged the robot's map."""
+    asked: bool = False
+    """Whether it has asked for viewpoints in this contact, as those do that have merged the robot's map."""
     frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
     """Of each other peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
 
@@ -204,7 +199,7 @@ class Exchange:
                 news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
-                told.merged, told.frames = False, {}
+                told.asked, told.frames = False, {}
                 told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
@@ -216,7 +211,7 @@ class Exchange:
                 case PeerViews():
                     one = one._replace(views=said)
                 case AskViews():
-                    self._told[peer].merged = said.merged
+                    self._told[peer].asked = True
                     one = one._replace(frame=said.frame or one.frame)
                 case ToldFrames():
                     one = one._replace(others={**one.others, **said.of})
@@ -266,19 +261,16 @@ class Exchange:
         told_to: Callable[[str], Wireframe],
         state: int,
         looked: Looked = NOWHERE,
-        frames: Mapping[str, Pose] = NOBODY,
-        shares: bool = False,
+        ask: Mapping[str, Pose] = NOBODY,
         in_sight: bool = False,
     ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
         pose: the robot's own. told_to: the map for a peer. state: a number that changes whenever one of these maps may
-        have. looked: where it looked from, for those that ask. frames: the transform of each merged peer; each of them
-        is told the transforms of the others. shares: whether peers are asked for their viewpoints, once a beacon's
-        period; the question to a merged one holds its transform until it has merged, too. Who is not merged yet is
-        asked as well, less often: many maps are merged when their robot is out of range, and what it had swept would be
-        swept again. in_sight: a peer whose frame is not known may be in sight, and so see the robot, too;
-        beacons come sooner then.
+        have. looked: where it looked from, for those that ask. ask: the transform of each peer whose viewpoints are
+        wanted; they are asked for once a beacon's period, and the question holds the transform until that peer has
+        asked, too. Each of them is told the transforms of the others. in_sight: a peer whose frame is not known may be
+        in sight, and so see the robot, too; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -290,12 +282,10 @@ class Exchange:
         for peer in self.contacts:
             kind, parts = self._due(tick, peer, told_to, state)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        sends += self._talk_of_views(tick, state, looked, frames, shares)
-        return (sends + self._talk_of_frames(tick, frames))[:MAX_SENDS]
+        sends += self._talk_of_views(tick, state, looked, ask)
+        return (sends + self._talk_of_frames(tick, ask))[:MAX_SENDS]
 
-    def _talk_of_views(
-        self, tick: int, state: int, looked: Looked, frames: Mapping[str, Pose], shares: bool
-    ) -> list[Send]:
+    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
@@ -306,15 +296,11 @@ class Exchange:
             if views is not None:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
         self._asks = {}
-        for peer, contact in self.contacts.items() if shares else ():
-            known = self._known[peer]
-            periods = 1 if peer in frames else STRANGER_PERIODS
-            if not known.maps or tick - contact.asked < periods * self._beacon_ticks:
-                continue
-            contact.asked, known.views_asked = tick, True
-            frame = None if self._told[peer].merged else frames.get(peer)
-            question = AskViews(known.views_until, frame, peer in frames)
-            sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
+        if tick % self._beacon_ticks == 0:
+            for peer in [peer for peer in self.contacts if peer in ask]:
+                self._known[peer].views_asked = True
+                question = AskViews(self._known[peer].views_until, None if self._told[peer].asked else ask[peer])
+                sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
     def _talk_of_frames(self, tick: int, frames: Mapping[str, Pose]) -> list[Send]:

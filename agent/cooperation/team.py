@@ -106,11 +106,6 @@ class Team:
         return self.peers.merged_ticks
 
     @property
-    def shares(self) -> bool:
-        """Whether it asks peers what they have swept."""
-        return self.config.sharing and self.config.division
-
-    @property
     def shares_work_with(self) -> list[Merged]:
         """Merged peers with which the robot divides its work."""
         return self.merged if self.config.division else []

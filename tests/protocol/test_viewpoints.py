@@ -9,7 +9,6 @@ from agent.communication.exchange import Exchange
 from agent.communication.receiving import PeerViews
 from protocol.errors import ProtocolError
 from protocol.messages import MTU_BYTES, Heard, Send
-from protocol.talk import BEACON, Beacon
 from protocol.viewpoints import CELL_M, TURNS, VIEWS, AskViews, Looked, Views, decode_views, turn_of_end
 from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
 
@@ -40,8 +39,7 @@ def test_viewpoints_and_ends_arrive_as_they_were(cells, heard, ends, since, more
     assert got.cells.tolist() == [list(cell) for cell in cells]
     assert got.heard.tolist() == [list(cell) for cell in heard]
     assert got.in_vain.tolist() == [list(end) for end in ends]
-    for question in AskViews(since), AskViews(since, merged=False):
-        assert decode_views(question.encode()) == question
+    assert decode_views(AskViews(since).encode()) == AskViews(since)
 
 
 @given(st.integers(0, 2**30), st.floats(-900, 900), st.floats(-900, 900), st.floats(-3.14, 3.14))
@@ -122,9 +120,7 @@ FRAME = (1.0, 2.0, 0.5)
 class Two:
     """Robot a maps and looks, robot b asks; messages take a tick, and some are lost."""
 
-    def __init__(self, loss: float = 0.0, merged: bool = True) -> None:
-        """merged: whether b has merged the map of a."""
-        self.frames = {"a": FRAME} if merged else {}
+    def __init__(self, loss: float = 0.0) -> None:
         self.a, self.b = (Exchange(TalkConfig(), RATE_HZ, MTU_BYTES) for _ in "ab")
         self.tick, self.rooms = 0, 1
         self.flying: list[tuple[str, Send]] = []
@@ -148,7 +144,7 @@ class Two:
                 if name == "a":
                     sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(self.rooms), self.rooms, self.looked)
                 else:
-                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(0), 0, frames=self.frames, shares=ask)
+                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(0), 0, ask={"a": FRAME} if ask else {})
                 for send in sends:
                     self.sent.append((name, send))
                     if send.kind not in kinds_lost and self.rng.random() >= self.loss:
@@ -179,35 +175,6 @@ def test_a_robot_is_told_its_frame_until_it_asks_itself() -> None:
     assert heard[0].frame == pytest.approx(FRAME, abs=0.001)
     two.run(100)
     assert len(later := told()) > 2 and not any(later)
-
-
-def test_who_has_not_merged_a_map_yet_asks_too_and_is_told_its_frame_all_the_same() -> None:
-    """Many maps are merged when their robot has gone: without its viewpoints all that it swept was swept again."""
-    two = Two(merged=False)
-    two.run(150)
-    assert two.known
-    asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
-    assert len(asked) == 2  # once as its map is there, and 20 s later
-    assert all(isinstance(one, AskViews) and not one.merged and one.frame is None for one in asked)
-    two.frames = {"a": FRAME}
-    question = AskViews(0, merged=False).encode()
-    two.b.hear(two.tick, [Heard(tick=two.tick, sender="a", kind=VIEWS, payload=question)])
-    two.sent.clear()
-    two.run(30)
-    asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
-    assert asked and all(isinstance(one, AskViews) and one.merged and one.frame is not None for one in asked)
-
-
-def test_viewpoints_come_with_the_first_map_of_a_contact() -> None:
-    """Robots that pass at the end of the radio's range hear each other for a second."""
-    two = Two()
-    two.tick = 3  # the next beacons are due at tick 25
-    two.looked.add(2, 0.0, 0.0)
-    hello = Beacon(3, (0.0, 0.0, 0.0)).encode()
-    for robot, sender in ((two.a, "b"), (two.b, "a")):
-        robot.hear(3, [Heard(tick=3, sender=sender, kind=BEACON, payload=hello)])
-    two.run(5)
-    assert two.known
 
 
 def test_nobody_is_told_who_does_not_ask() -> None:
