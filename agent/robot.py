@@ -104,7 +104,7 @@ class Robot:
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
         """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
         started, tick = time.perf_counter(), observation.tick
-        scan, own_changed = self._map_scan(observation, company=len(heard) > 0)
+        scan, own_changed = self._map_scan(observation, {message.sender for message in heard})
         pose, seen = self.filter.pose, scan.wireframe()
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
@@ -155,14 +155,15 @@ class Robot:
             ),
         )
 
-    def _map_scan(self, observation: Observation, company: bool) -> tuple[CornerScan, bool]:
+    def _map_scan(self, observation: Observation, heard: set[str]) -> tuple[CornerScan, bool]:
         """Perceive a scan and merge it into the own map: the corner scan, and whether that map has changed.
 
-        company: whether anybody was heard in this tick.
+        heard: who was heard in this tick.
         """
         tick, poses, way = observation.tick, observation.poses(), self.filter.way(observation.poses())
-        places = self.team.places(tick)
-        scan = self.perception.see(observation, way, self.filter.pose, self.wireframe, company, places)
+        places, strangers = self.team.places(tick), not self.team.know(tick, heard)
+        pose, known = self.filter.pose, self.wireframe
+        scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
         if tick % self._merge_ticks == 0:
             self.filter.update(scan, poses, places)
         else:

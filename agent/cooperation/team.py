@@ -150,6 +150,11 @@ class Team:
         heard = (self.peers[name] for name in present if name in self.peers)
         return any(not isinstance(peer, Merged) or peer.since >= lately for peer in heard)
 
+    def know(self, tick: int, heard: Iterable[str]) -> bool:
+        """Whether the places of all who are heard are known, and have been for a while."""
+        named = list(heard)
+        return all(name in self.peers for name in named) and not self.strangers(tick, named)
+
     def partners(self, tick: int, robot: str) -> Floats:
         """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it.
 

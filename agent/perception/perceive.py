@@ -51,6 +51,7 @@ class Perception:
         self._standing = Standing(spec.lidar)
         self._tick = -1  # of the last observation
         self._discs = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
+        self._places = NOTHING[:, :3]  # (t, 3) where merged teammates said that they were, as of `see`
         self._map = Wireframe()
         self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
 
@@ -62,12 +63,15 @@ class Perception:
         known: Wireframe,
         heard: bool = False,
         places: Floats = NOTHING[:, :3],
+        *,
+        strangers: bool = True,
     ) -> CornerScan:
         """Corner scan of an observation. Its discs are teammates: nobody after perception judges that again.
 
         way: (k + 1, 3) poses from the last observation to this one, in the frame of the first; that one is `start` in
         the frame of the map. known: the robot's map. heard: whether any message came in this tick. places: (t, 3)
         where merged teammates say that they are, in the frame of the map, and by how much each may be off; metres.
+        strangers: whether any message that came may be of somebody else.
         """
         if known is not self._map:
             walls = known.segments()
@@ -77,7 +81,7 @@ class Perception:
         unrolled = way if observation.tick == self._tick + 1 else None  # after a missed tick its start is unknown
         self._tick = observation.tick
         if heard:
-            self._posts.hear(observation.tick, predicted)
+            self._posts.hear(observation.tick, predicted, stranger=strangers)
         company, ranges = self._posts.company(observation.tick), observation.scan()
         if self._spec.odometry.noisy and not self._standing.moved:
             self._standing.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
@@ -98,12 +102,12 @@ class Perception:
             bridge_m=self._bridge,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
-        self._discs = scan.discs
+        self._discs, self._places = scan.discs, places
         return scan if company else replace(scan, discs=NOBODY)
 
     def remember(self, tick: int, pose: Pose) -> None:
         """Note where the last scan's discs are, once the pose is corrected."""
-        self._posts.add(tick, apply(pose, self._discs))
+        self._posts.add(tick, apply(pose, self._discs), self._places)
 
 
 def perceive(

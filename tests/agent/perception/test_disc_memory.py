@@ -12,6 +12,7 @@ from protocol.wireframe import Wireframe
 NOBODY = np.zeros((0, 2))
 STANDING = np.array([[2.0, 0.5]])
 HERE = (0.0, 0.0, 0.0)
+ELSEWHERE = np.array([[-3.0, 0.0, 0.5]])  # a teammate whose place is known, and by how much that may be off
 
 
 def posts() -> Posts:
@@ -22,9 +23,9 @@ def posts() -> Posts:
 def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard(rate_hz: int) -> None:
     one, ticks = Posts(RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))), 3 * rate_hz
     for tick in range(ticks):
-        one.add(tick, STANDING + 0.01 * (tick % 3))
+        one.add(tick, STANDING + 0.01 * (tick % 3), ELSEWHERE)
     assert not len(one.places)
-    one.add(ticks, STANDING)
+    one.add(ticks, STANDING, ELSEWHERE)
     assert np.allclose(one.places, STANDING, atol=0.03)
     assert np.allclose(one.seen_from((2.0, 0.0, np.pi / 2)), [[0.5, 0.0]], atol=0.03)
 
@@ -32,23 +33,40 @@ def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard(rate_hz: int) 
 def test_a_disc_that_moves_is_none_and_neither_is_one_while_somebody_is_heard() -> None:
     one = posts()
     for tick in range(200):
-        one.add(tick, STANDING + np.array((0.0, 0.02 * tick)))
+        one.add(tick, STANDING + np.array((0.0, 0.02 * tick)), ELSEWHERE)
     assert not len(one.places)
     for tick in range(200, 600):
         if tick % 100 == 0:  # of four beacons three are lost
-            one.hear(tick, HERE)
-        one.add(tick, STANDING)
+            one.hear(tick, HERE, stranger=True)
+        one.add(tick, STANDING, ELSEWHERE)
     assert not len(one.places)
 
 
 def test_who_is_heard_may_be_what_was_taken_for_a_post_here_but_not_elsewhere() -> None:
     one = posts()
     for tick in range(30):
-        one.add(tick, STANDING)
-    one.hear(30, (9.0, 0.0, 0.0))
+        one.add(tick, STANDING, ELSEWHERE)
+    one.hear(30, (9.0, 0.0, 0.0), stranger=True)
     assert len(one.places) == 1
-    one.hear(31, HERE)
+    one.hear(31, HERE, stranger=True)
     assert not len(one.places)
+
+
+def test_a_disc_that_stands_where_no_teammate_says_it_is_is_a_post_though_they_are_heard() -> None:
+    one = posts()
+    for tick in range(20):
+        one.hear(tick, HERE, stranger=False)
+        one.add(tick, STANDING, ELSEWHERE)
+    assert one.company(20)
+    assert np.allclose(one.places, STANDING)
+
+
+def test_where_a_teammate_may_be_nothing_is_a_post_and_what_was_taken_for_one_is_forgotten() -> None:
+    one, there = posts(), np.array([[2.1, 0.5, 0.2]])
+    for tick in range(40):
+        one.hear(tick, HERE, stranger=False)
+        one.add(tick, STANDING, ELSEWHERE if tick < 20 else there)
+        assert len(one.places) == (15 <= tick < 20)
 
 
 def room_with_a_post() -> np.ndarray:
