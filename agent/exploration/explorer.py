@@ -18,6 +18,7 @@ from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion, ticks_to_drive
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
+from agent.exploration.homing import Homing
 from agent.exploration.path import GIVE_M, ahead_of, length_of, still_clear
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
@@ -36,12 +37,10 @@ RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
-HOME = np.zeros(2)  # where the robot began, in its own frame
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
-EXACT_MAP_M = 0.01  # a map whose walls are known better in its frame needs no look from there
 BACK_OFF_M = 0.2  # how far a stuck robot moves away from what it is close to
 BACK_OFF_S = 3.0  # ... and for how long at most
 
@@ -71,7 +70,7 @@ class Explorer:
         self.goals = Goals(config.attempts, spec)
         self.sweep = Sweep(config.smallest_object_m, spec.lidar)
         self.states = DefaultStates(config, self.sweep, spec.lidar, rng)
-        self.headway = Headway(rng, spec.lidar.rate_hz)
+        self.headway, self.homing = Headway(rng, spec.lidar.rate_hz), Homing()
         self.complete = False
         self.target: Target | None = None
         self._put_back: Target | None = None
@@ -82,7 +81,6 @@ class Explorer:
         self._decided_tick, self._decided_version = 0, -1
         self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
         self._sd_at_home_m = 0.0  # of its place when it was last there: where that did not help, it is not tried again
-        self._was_home = False  # whether the last task was to go back to where the robot began
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
@@ -163,7 +161,7 @@ class Explorer:
         if self.complete or self.target is not None or not scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
             return None
         for roads in self.surroundings.ways(scene):
-            home = self._way_home(scene, roads)
+            home = self.homing.home(scene.map_sd_m, roads)
             if home is not None:
                 return self._pursue(scene, home, roads, None)
         return None
@@ -297,7 +295,7 @@ class Explorer:
         walls = np.vstack((scene.wireframe.segments(), self.surroundings.touch.walls))
         if not still_clear(target.path, walls, target.clearance - GIVE_M):
             return True
-        if target.task.kind in ("errand", "home", "retreat", "wait", "park") or not len(self.goals.fresh()):
+        if target.task.kind in ("errand", "home", "lap", "retreat", "wait", "park") or not len(self.goals.fresh()):
             return False
         if target.looks > 0 and target.within(ARRIVED_M, scene.here):
             return False
@@ -337,7 +335,7 @@ class Explorer:
         for roads in self.surroundings.ways(scene):
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 return self._pursue(scene, old.task, roads, old)
-            task = self.states.next(scene, roads, self.viewpoints) or self._way_home(scene, roads)
+            task = self.states.next(scene, roads, self.viewpoints) or self.homing.next(scene.map_sd_m, roads)
             if task is not None:
                 return self._pursue(scene, task, roads, None)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
@@ -347,22 +345,12 @@ class Explorer:
         self._tell("complete", reason=self.states.ended(), unreachable=given_up)
         return self._park(scene, None)
 
-    def _way_home(self, scene: Scene, roads: Roads) -> Task | None:
-        """Back to where the robot's frame begins, once after other tasks, where its map may lie beside that frame.
-
-        What it saw from there before it moved is exact. Seen again, it puts right all that was mapped since.
-        """
-        if self._was_home or scene.map_sd_m() < EXACT_MAP_M:
-            return None
-        route = standing.near(HOME, roads)
-        return None if route is None else Task("home", HOME, route.path[-1])
-
     def _pursue(self, scene: Scene, task: Task, roads: Roads, old: Target | None) -> Target:
         """Make the task the target; where it is the old one's, go on with its deadline and counts."""
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
         looks_due = self._ticks(LOOKS_S[task.kind]) if task.kind in LOOKS_S else 1
-        self._was_home = task.kind == "home"
+        self.homing.pursue(task)
         self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):
             self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck

@@ -1,0 +1,70 @@
+"""Back to where the robot's frame begins, and round about it, until its map is known to lie in that frame (ours).
+
+What a robot saw from there before it moved is exact. Seen again, it puts right all that was mapped since, as far as one
+scan shows both. Among columns a robot at home has few of either in view, and heads for it past one side of them. In
+`hall` a map that was right to 6 mm in itself was turned by 0.55 degrees, after the robot had been home by 0.43. A lap
+of 1 m about home, 35 s, left 0.15, and two more 0.01 (the same run, three robots, seed 4: recall 0.65, now 1).
+"""
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from agent.exploration import standing
+from agent.exploration.agenda import Task, TaskKind
+from agent.exploration.planning import Roads, circle
+from protocol.arrays import Floats
+
+HOME = np.zeros(2)  # where the robot began, in its own frame
+EXACT_MAP_M = 0.01  # a map whose walls are known better in its frame needs no look from there
+SURE_MAP_M = 0.015
+"""A map whose walls are known better needs no laps about home. Of 21 maps of three robots in `hall` 15 were known so,
+with corners 8 to 24 mm off, and 6 were not, with corners 14 to 50 mm off. Walls count as found within 50 mm."""
+HELPS = 0.95  # share of its deviation that a lap leaves at most, else there are no more: it may be lost for good
+LAPS_M = (1.0, 1.8, 1.4, 2.2)  # radii of the laps: each passes other sides of what stands near
+STOPS = 6  # places on a lap
+
+
+class Homing:
+    """What is left to do at home."""
+
+    def __init__(self) -> None:
+        self._was_home = False  # whether the last task was one of these
+        self._lap: list[Floats] = []  # places (2,) that are left of the lap under way
+        self._radii: Iterator[float] = iter(())  # of the laps that may follow
+        self._sd_m = math.inf  # how well the map was known before the last lap
+
+    def home(self, map_sd_m: Callable[[], float], roads: Roads) -> Task | None:
+        """To go home; None where the robot just was there, where that would tell nothing new, and without a way.
+
+        map_sd_m: by how much walls may be off in the frame, root mean square, worked out when it is asked.
+        """
+        return None if self._was_home or map_sd_m() < EXACT_MAP_M else _task("home", HOME, roads)
+
+    def next(self, map_sd_m: Callable[[], float], roads: Roads) -> Task | None:
+        """Home, or on along a lap about it; None where the map is known well enough, or no better for all that."""
+        if not self._was_home:
+            self._lap, self._radii, self._sd_m = [], iter(LAPS_M), math.inf
+            return self.home(map_sd_m, roads)
+        if not self._lap:
+            sd_m = map_sd_m()
+            radius = next(self._radii, None) if SURE_MAP_M < sd_m < HELPS * self._sd_m else None
+            if radius is None:
+                return None
+            self._sd_m, self._lap = sd_m, [*(radius * circle(STOPS)), HOME]
+        while self._lap:
+            task = _task("lap", self._lap.pop(0), roads)
+            if task is not None:
+                return task
+        return None
+
+    def pursue(self, task: Task) -> None:
+        """The robot sets out for a task, one of these or another."""
+        self._was_home = task.kind in ("home", "lap")
+
+
+def _task(kind: TaskKind, place: Floats, roads: Roads) -> Task | None:
+    """To go to a place, or near it; None without a way."""
+    route = standing.near(place, roads)
+    return None if route is None else Task(kind, place, route.path[-1])

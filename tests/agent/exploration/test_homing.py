@@ -1,0 +1,58 @@
+"""Home, and laps about it as long as they tell how the map lies in its frame."""
+
+import numpy as np
+import pytest
+
+from agent.exploration.agenda import Task
+from agent.exploration.homing import EXACT_MAP_M, HELPS, LAPS_M, STOPS, SURE_MAP_M, Homing
+from agent.exploration.planning import Roads
+from tests.agent.exploration.test_planning import chain
+
+OPEN = chain([(-9, -9), (9, -9), (9, 9), (-9, 9), (-9, -9)])
+
+
+def driven(sds, room=OPEN, most=100):
+    """Tasks until there is none, where the map is known to each of these deviations in turn, then to the last."""
+    homing, roads, tasks, left = Homing(), Roads(room, np.array((3.0, 1.0)), 0.2), [], list(sds)
+    for _ in range(most):
+        task = homing.next(lambda: left.pop(0) if len(left) > 1 else left[0], roads)
+        if task is None:
+            break
+        homing.pursue(task)
+        tasks.append(task)
+    return homing, roads, tasks
+
+
+@pytest.mark.parametrize(("sds", "laps"), [
+    ([0.9 * EXACT_MAP_M], None),
+    ([0.03, 0.9 * SURE_MAP_M], 0),
+    ([0.03], 1),
+    ([0.03, 0.025, 0.9 * SURE_MAP_M], 1),
+    ([0.03, 0.025, 0.025 * HELPS * 0.9, 0.9 * SURE_MAP_M], 2),
+    ([0.9**k for k in range(20)], len(LAPS_M)),
+])  # fmt: skip
+def test_laps_go_on_while_they_help(sds, laps):
+    _, _, tasks = driven(sds)
+    assert [task.kind for task in tasks] == ([] if laps is None else ["home"] + ["lap"] * laps * (STOPS + 1))
+    ends = tasks[:: STOPS + 1]
+    assert all(np.allclose(task.stand, 0.0, atol=0.05) for task in ends)
+    radii = [round(float(np.hypot(*task.stand)), 3) for task in tasks]
+    assert [radius for radius in radii if radius > 0.5] == [r for r in LAPS_M[: laps or 0] for _ in range(STOPS)]
+
+
+def test_a_lap_keeps_to_where_there_is_a_way():
+    corridor = chain([(-9, -0.5), (9, -0.5), (9, 1.2), (-9, 1.2), (-9, -0.5)])
+    _, _, tasks = driven([0.03], corridor)
+    assert 2 < len(tasks) <= 2 + STOPS
+    assert all(-0.3 <= task.stand[1] <= 1.0 for task in tasks)
+    assert np.allclose(tasks[-1].stand, 0.0, atol=0.05)
+
+
+def test_after_another_task_home_is_new_again():
+    homing, roads, tasks = driven([0.03])
+    assert homing.next(lambda: 0.03, roads) is None
+    homing.pursue(Task("frontier", np.zeros(2), np.zeros(2)))
+    again = homing.next(lambda: 0.03, roads)
+    assert again is not None
+    assert again.kind == "home"
+    assert tasks[0].kind == "home"
