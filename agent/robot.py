@@ -28,7 +28,7 @@ from protocol.wireframe import Wireframe, encode_wireframe
 MERGE_S = 0.2
 """Scans are merged this far apart, at least: walls and their ends count scans for and against them, which have much
 the same errors where they come from nearly one place."""
-LOOK_S = 10.0
+FIRST_LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
 of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
@@ -73,7 +73,7 @@ class Robot:
         self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
-        self._to_look = round(LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks that are left of it
+        self._to_look = round(FIRST_LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks left of it
 
     @property
     def own(self) -> Wireframe:
@@ -102,7 +102,10 @@ class Robot:
         return np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(purpose.encode())]))
 
     def step(self, observation: Observation, heard: Sequence[Heard]) -> Step:
-        """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`."""
+        """Take one tick: the paper's Algorithm 1 after mapping. C are `exchange.contacts`; Z and T are in `team`.
+
+        Of its branches the first look and the way home are ours, for robots whose odometry errs.
+        """
         started, tick = time.perf_counter(), observation.tick
         scan, own_changed = self._map_scan(observation, {message.sender for message in heard})
         pose, seen = self.filter.pose, scan.wireframe()
@@ -128,8 +131,8 @@ class Robot:
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
-        eyes, ends = explorer.viewpoints, explorer.goals.in_vain
-        looked = self.team.views.looked(tick, eyes.ticks, eyes.own, ends)
+        viewpoints, ends = explorer.viewpoints, explorer.goals.in_vain
+        looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
         in_sight = len(scan.discs) > 0 and self.team.strangers(tick, self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:

@@ -4,7 +4,7 @@ LAY_S = 0.6  # least time from one laying to the next for what is new of own wal
 LAY_MORE_S = 0.2
 """More of it for each map beyond two. A map of 490 walls takes 3 ms to lay: ten or more take about 20 ms of each
 second."""
-REST_S = 10.0
+LAY_COMPLETE_S = 10.0
 """More of it for a robot that is complete: it goes nowhere, and tells others' news that much later. Towards the end of
 a run most of a crowd are, and laid and told maps of hundreds of walls to each other that all of them knew."""
 
@@ -15,7 +15,7 @@ class Laying:
     def __init__(self, rate_hz: float) -> None:
         """rate_hz: ticks a second."""
         self._own_ticks, self._more_ticks, self._rest_ticks = (
-            round(seconds * rate_hz) for seconds in (LAY_S, LAY_MORE_S, REST_S)
+            round(seconds * rate_hz) for seconds in (LAY_S, LAY_MORE_S, LAY_COMPLETE_S)
         )
         self._last = -self._own_ticks
         self._own_changed = self._merged_changed = False

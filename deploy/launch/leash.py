@@ -5,7 +5,7 @@ import signal
 
 from deploy.launch.forks import LAUNCHER
 
-LOOK_S = 0.2
+POLL_S = 0.2
 
 
 def _look(number: int, frame: object) -> None:
@@ -19,4 +19,4 @@ def let_go() -> None:
 
 
 signal.signal(signal.SIGALRM, _look)
-signal.setitimer(signal.ITIMER_REAL, LOOK_S, LOOK_S)
+signal.setitimer(signal.ITIMER_REAL, POLL_S, POLL_S)

@@ -25,7 +25,7 @@ from protocol.inbox import Inbox
 RUNS = Path("runs")
 SUMMARY = "summary.json"
 """Of a run that has ended."""
-LOOK_S = 0.1
+POLL_S = 0.1
 
 
 def newest() -> Path:
@@ -59,7 +59,7 @@ def view(run: Path, browser: bool, beside: bool) -> None:
 
     def play(tape: Tape) -> None:
         while beside and not over() and not (_is_under_way(run) or (run / SUMMARY).exists()):
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         if _is_under_way(run):
             follow(*invitation.invited(run), tape, inbox)
         elif not over():
@@ -82,14 +82,14 @@ def _show(play: Callable[[Tape], None], browser: bool, over: Callable[[], bool])
         playing = pool.submit(play, tape)
         playing.add_done_callback(lambda done: tape.end())
         while not playing.done() and tape.file.stat().st_size == 0:
-            time.sleep(LOOK_S)
+            time.sleep(POLL_S)
         if playing.done():
             playing.result()
         if over():
             return
         with show(tape, browser):
             while not over():
-                time.sleep(LOOK_S)
+                time.sleep(POLL_S)
         playing.result()
 
 

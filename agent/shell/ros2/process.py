@@ -31,7 +31,7 @@ from protocol.session import open_ros2_client
 from protocol.settings import MAX_NUMBER
 from protocol.wireframe import Wireframe, decode_wireframe
 
-LOOK_S = 0.05
+POLL_S = 0.05
 """The shell looks this often whether scans have ceased."""
 TELL_S = 1.0
 """Between two diagnostics; a robot that stands is told to stop as often."""
@@ -175,7 +175,7 @@ class Ros2Shell:
     def run(self) -> str:
         """Take what comes until somebody stops it."""
         while not self._inbox.stopped:
-            deadline = time.monotonic() + LOOK_S
+            deadline = time.monotonic() + POLL_S
             for _ in range(MOST_WAITING):  # else whoever floods a topic would keep the robot from being stopped
                 if (arrival := self._inbox.take(deadline)) is None:
                     break
