@@ -249,14 +249,14 @@ class Episode:
         turned = self._physics.driven * (self.period_s / len(ways))
         inputs = {}
         for robot, row, scan in zip(live, rows.tolist(), measured, strict=True):
-            way = self._odometry[row].update(ways[:, row], turned[row] if slipping[row] else None)
+            told = self._odometry[row].update(ways[:, row], turned[row] if slipping[row] else None)
             inputs[robot] = made = Inputs(
                 heard[robot],
                 Observation(
                     tick=self.tick,
                     ranges=scan.tobytes(),
                     odometry=self._odometry[row].pose,
-                    way=way.astype("<f8").tobytes(),
+                    way=told.astype("<f8").tobytes(),
                     heard=len(heard[robot]),
                 ),
             )

@@ -8,13 +8,23 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import NamedTuple, assert_never
 
 import numpy as np
 
 from protocol.arrays import Floats
 from world.checkpoint import State
-from world.radio.config import Asymmetric, Bernoulli, Blackout, GilbertElliott, Latency, LineOfSight, LogDistance, Model
+from world.radio.config import (
+    Asymmetric,
+    Bernoulli,
+    Blackout,
+    Capacity,
+    GilbertElliott,
+    Latency,
+    LineOfSight,
+    LogDistance,
+    Model,
+)
 
 
 class Hop(NamedTuple):
@@ -79,15 +89,19 @@ def losses(
             case LineOfSight():
                 made.append(("walls", lambda hop: walls_between(walls, hop.here, hop.there) > 0))
             case LogDistance():
-                made.append(("fading", _fading(model, walls, luck)))
+                made.append(("fading", _log_distance(model, walls, luck)))
             case Bernoulli():
                 made.append(("loss", _bernoulli(model, luck)))
             case GilbertElliott():
-                made.append(("burst", _bursts(model, period_s, luck)))
+                made.append(("burst", _gilbert_elliott(model, period_s, luck)))
             case Asymmetric():
-                made.append(("asymmetric", _own_losses(model, robots, luck)))
+                made.append(("asymmetric", _asymmetric(model, robots, luck)))
             case Blackout():
-                made.append(("blackout", _silence(model, robots, period_s)))
+                made.append(("blackout", _blackout(model, robots, period_s)))
+            case Latency() | Capacity():
+                pass  # they lose nothing here: see `delays`, and `Budget` as the gate asks it
+            case _:
+                assert_never(model)
     return made
 
 
@@ -105,7 +119,7 @@ def walls_between(walls: Floats, here: Floats, there: Floats) -> int:
     return int(((near > 0) & (far <= 0) & ((left > 0) != (right > 0))).sum())
 
 
-def _fading(model: LogDistance, walls: Floats, luck: Luck) -> Loses:
+def _log_distance(model: LogDistance, walls: Floats, luck: Luck) -> Loses:
     """Log-distance path loss, walls, and fading per message."""
     link_db = luck.once_a_link(lambda rng: float(rng.normal(0, model.link_db)))
 
@@ -129,9 +143,9 @@ def _bernoulli(model: Bernoulli, luck: Luck) -> Loses:
     return _chance(lambda _: model.loss, luck)
 
 
-def _bursts(model: GilbertElliott, period_s: float, luck: Luck) -> Loses:
+def _gilbert_elliott(model: GilbertElliott, period_s: float, luck: Luck) -> Loses:
     """A Markov chain of two states per directed link, stepped once a tick."""
-    losses = model.loss_good, model.loss_bad
+    by_state = model.loss_good, model.loss_bad
     leave = min(1.0, period_s / model.good_s), min(1.0, period_s / model.bad_s)
     often_bad = model.bad_s / (model.good_s + model.bad_s)
     links: dict[tuple[int, int], tuple[np.random.Generator, int, bool]] = {}
@@ -145,12 +159,12 @@ def _bursts(model: GilbertElliott, period_s: float, luck: Luck) -> Loses:
         for chance in rng.random(hop.tick - tick).tolist():
             bad ^= chance < leave[bad]
         links[link] = rng, hop.tick, bad
-        return losses[bad]
+        return by_state[bad]
 
     return _chance(loss, luck)
 
 
-def _own_losses(model: Asymmetric, robots: list[str], luck: Luck) -> Loses:
+def _asymmetric(model: Asymmetric, robots: list[str], luck: Luck) -> Loses:
     """A probability of loss per directed link."""
     drawn = luck.once_a_link(lambda rng: float(rng.uniform(0, model.most)))
 
@@ -161,7 +175,7 @@ def _own_losses(model: Asymmetric, robots: list[str], luck: Luck) -> Loses:
     return _chance(loss, luck)
 
 
-def _silence(model: Blackout, robots: list[str], period_s: float) -> Loses:
+def _blackout(model: Blackout, robots: list[str], period_s: float) -> Loses:
     """A window of time in which nothing passes."""
     mute = {i for i, robot in enumerate(robots) if not model.robots or robot in model.robots}
 

@@ -1,4 +1,8 @@
-"""Settings of the radio: a range and models that combine, each named by its kind."""
+"""Settings of the radio: a range and models that combine, each named by its kind.
+
+What a model does is in `world.radio.air`, of `Capacity` in the gate. The reasons of its drops are outcomes in
+radio.csv, which docs/formats.md lists.
+"""
 
 from typing import Annotated, Literal
 
