@@ -1,4 +1,4 @@
-"""One robot's mind: scan to corners, wireframe, filter, alignment, exploration, driving."""
+"""One robot's mind: scan to corners, wireframe, filter, radio, alignment, cooperation, exploration, driving."""
 
 import os
 

@@ -34,6 +34,7 @@ class AgentConfig(Config):
     exploration: ExplorationConfig = ExplorationConfig()
     driving: DrivingConfig = DrivingConfig()
     radio: TalkConfig = TalkConfig()
+    """What the robot says by radio, and how often. What of it arrives is the world's `radio`."""
     alignment: AlignmentConfig = AlignmentConfig()
     cooperation: CooperationConfig = CooperationConfig()
 

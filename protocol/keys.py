@@ -1,4 +1,4 @@
-"""Every key expression, and who writes it; docs/design.md gives the reasons.
+"""Every key expression, and who writes it; docs/protocol.md gives the reasons.
 
 A robot writes robots/ID/out/** and its token, reads robots/ID/in/** and world/pub/**, and asks
 robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control.

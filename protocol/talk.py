@@ -1,4 +1,8 @@
-"""Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/protocol.md)."""
+"""Messages between robots, in few bytes: beacons, parts of maps, acknowledgements (docs/protocol.md).
+
+The two other kinds are in `protocol.viewpoints` and `protocol.frames`. Who sends and takes all of them is
+`agent.communication.exchange`.
+"""
 
 import math
 import struct

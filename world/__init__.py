@@ -1,1 +1,1 @@
-"""The truth: world files, physics, lidar, radio, clock and coverage."""
+"""The truth: world files, physics, lidar, radio, people and coverage."""

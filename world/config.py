@@ -39,7 +39,7 @@ class WorldConfig(Config):
     spec: RobotSpec = RobotSpec()
     """Body and lidar of every robot."""
     radio: RadioConfig = RadioConfig()
-    """Who hears whom."""
+    """Who hears whom. What robots say, and how often, is `agent.radio`."""
 
     @field_validator("spec")
     @classmethod
