@@ -15,10 +15,10 @@ from agent.perception.beams import Beams, ring_of, width_of
 from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_beams
+from agent.perception.median_scan import MedianScan, noise_of
 from agent.perception.pieces import CORNER_SIGMAS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
-from agent.perception.standing import Standing, noise_of
 from protocol.arrays import Bools, Floats, Ints
 from protocol.geometry import Pose, apply, compose, seen_from
 from protocol.messages import Observation, RobotSpec
@@ -48,7 +48,7 @@ class Perception:
         """alone: no other robot is about, so that nothing round is a teammate. bridge_m: as in `perceive`."""
         self._method, self._spec, self._alone, self._bridge = config.method, spec, alone, bridge_m
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
-        self._standing = Standing(spec.lidar)
+        self._median_scan = MedianScan(spec.lidar)
         self._tick = -1  # of the last observation
         self._discs = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
         self._places = NOTHING[:, :3]  # (t, 3) where merged teammates said that they were, as of `see`
@@ -83,12 +83,12 @@ class Perception:
         if heard:
             self._posts.hear(observation.tick, predicted, stranger=strangers)
         company, ranges = self._posts.company(observation.tick), observation.scan()
-        if self._spec.odometry.noisy and not self._standing.moved:
-            self._standing.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
-        stood = self._standing.number
+        if self._spec.odometry.noisy and not self._median_scan.moved:
+            self._median_scan.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
+        stood = self._median_scan.number
         near = walls_near(self._walls, predicted[0], predicted[1], self._spec.lidar.range_max_m + NOT_BEYOND_M)
         scan = perceive(
-            self._standing.median() if stood else ranges,
+            self._median_scan.median() if stood else ranges,
             self._spec,
             self._method,
             way=unrolled,

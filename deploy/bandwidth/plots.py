@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from deploy.bandwidth.representations import NAMES, Measurement
-from deploy.figures import write_figure
+from deploy.png import write_figure
 from deploy.report.rundir import read_metrics
 from deploy.report.style import colour
 from protocol.arrays import Floats

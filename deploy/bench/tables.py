@@ -14,7 +14,7 @@ from rich.table import Table as Printed
 from rich.text import Text
 
 from deploy.bench.cases import Figures
-from deploy.figures import write_figure
+from deploy.png import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,7 @@ import shapely
 
 from deploy.exchange import drawings, raster, sdf
 from deploy.exchange.shapes import Shapes
-from deploy.figures import write_figure
+from deploy.png import write_figure
 from deploy.terminal.worlds import size_of
 from protocol.arrays import Floats
 from protocol.document import parse_document, read_text

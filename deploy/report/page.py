@@ -50,7 +50,7 @@ def write_page(run: Run, file: Path) -> None:
         story=_story(run),
         curves="" if run.of_logs else "\n".join(curves(run)),
         sections="\n".join(section(run) for section in (_singles, _robots, _radio, _events, _configuration)),
-        frames=_embedded(plan.frames(run)),
+        frames=_embedded(plan.slider(run)),
     )
     write_whole(file, page)
 

@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 from shapely.geometry.base import BaseGeometry
 
-from deploy.figures import write_figure
+from deploy.png import write_figure
 from deploy.report import style
 from deploy.report.rundir import Map, Run, Series
 from deploy.report.words import headline, share, subtitle

@@ -49,7 +49,7 @@ def single(run: Run, robot: str) -> str:
     return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", label)
 
 
-def frames(run: Run) -> dict[str, Any]:
+def slider(run: Run) -> dict[str, Any]:
     """What the slider shows: `times`, `coverage`, `story` and `bonds`, and per robot `at` and `maps`.
 
     times: seconds of the frames, one a simulated second where the run is not long. at: the robot's places at these

@@ -13,7 +13,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from deploy.figures import write_figure
+from deploy.png import write_figure
 from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
 from deploy.sweep.work import OK, Row

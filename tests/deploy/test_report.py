@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from deploy.report import write_report
 from deploy.report.picture import NAMED, draw_coverage
-from deploy.report.plan import frames, overview
+from deploy.report.plan import overview, slider
 from deploy.report.rundir import Map, Run, Series, read_run
 from deploy.report.story import GLYPHS, MEANINGS
 from deploy.report.words import share, size
@@ -190,7 +190,7 @@ def test_maps_side_by_side_keep_their_corners_closed() -> None:
 
 
 def test_the_replay_has_a_frame_a_second_and_the_maps_of_the_snapshots(whole: Path) -> None:
-    shown = frames(read_run(whole))
+    shown = slider(read_run(whole))
     assert shown["times"] == [*range(60), 60]
     assert json.loads(json.dumps(shown)) == embedded(Page(whole / "report.html"))
     maps = shown["robots"]["r1"]["maps"]
@@ -210,7 +210,7 @@ def test_walls_that_only_others_saw_are_drawn_apart(tmp_path: Path) -> None:
     snapshots.write_text("".join(json.dumps({**line, "heard": [0]}) + "\n" for line in lines))
     read = read_run(run)
     assert read.notes == [] and read.maps["r1"].heard == {3, 4, 5, 6, 7}
-    maps = frames(read)["robots"]["r1"]["maps"]
+    maps = slider(read)["robots"]["r1"]["maps"]
     assert [(own.count("M"), heard.count("M")) for _, (own, heard, *_) in (maps[1], maps[-1])] == [(1, 1), (3, 5)]
 
 

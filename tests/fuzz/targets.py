@@ -335,7 +335,7 @@ def a_report(data: bytes) -> None:
     for run in _changed(data):
         texts = (headline(run), subtitle(run), plan.overview(run), *(plan.single(run, robot) for robot in run.robots))
         assert all(isinstance(text, str) for text in texts)
-        json.dumps(plan.frames(run), allow_nan=False)
+        json.dumps(plan.slider(run), allow_nan=False)
         for section in (page._robots, page._radio, page._events, page._configuration):
             section(run).encode()
 

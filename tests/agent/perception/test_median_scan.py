@@ -10,8 +10,8 @@ from agent.mapping.config import FilterConfig
 from agent.mapping.joint import PER_WALL, WALLS
 from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.config import PerceptionConfig
+from agent.perception.median_scan import MOST_SCANS, MedianScan
 from agent.perception.perceive import Perception, perceive
-from agent.perception.standing import MOST_SCANS, Standing
 from protocol.messages import LidarSpec, Observation, OdometrySpec, RobotSpec
 from protocol.wireframe import Wireframe
 from world.lidar.lidar import Lidar
@@ -64,7 +64,7 @@ def test_of_scans_one_by_one_no_smear_over_two_faces_is_kept(seed: int) -> None:
 
 
 def test_a_beam_is_what_most_scans_had() -> None:
-    standing = Standing(LidarSpec())
+    standing = MedianScan(LidarSpec())
     for k in range(5):
         ranges = np.array([1.0 + 0.01 * k, math.inf if k < 3 else 1.0, math.nan if k < 3 else 1.0, 2.0 if k else 9.0])
         standing.add(ranges, STILL, touching=False)
@@ -73,7 +73,7 @@ def test_a_beam_is_what_most_scans_had() -> None:
 
 
 def test_what_the_range_cuts_off_is_not_measured() -> None:
-    standing = Standing(SPEC.lidar)
+    standing = MedianScan(SPEC.lidar)
     standing.add(np.array([SPEC.lidar.range_max_m - 0.05, 3.0]), STILL, touching=False)
     assert np.array_equal(standing.median(), [math.nan, 3.0], equal_nan=True)
 
@@ -100,7 +100,7 @@ def test_far_ends_of_the_first_look_hold_the_robot() -> None:
 
 @pytest.mark.parametrize(("odometry", "touching"), [((0.01, 0.0, 0.0), False), ((0.0, 0.0, 0.0), True)])
 def test_who_has_moved_or_may_be_pushed_stands_no_more(odometry: tuple[float, float, float], touching: bool) -> None:
-    standing = Standing(LidarSpec())
+    standing = MedianScan(LidarSpec())
     for _ in range(MOST_SCANS + 5):
         standing.add(np.ones(4), STILL, touching=False)
     assert standing.number == MOST_SCANS

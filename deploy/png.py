@@ -1,4 +1,4 @@
-"""Pictures as files."""
+"""Pictures of matplotlib as PNG files."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2
 CUT_SIGMAS = 2.0  # deviations from the lidar's range at which it cuts off so many ranges that their median is too near
 
 
-class Standing:
+class MedianScan:
     """The scans of a robot that has not moved yet."""
 
     def __init__(self, lidar: LidarSpec) -> None:
