@@ -8,7 +8,7 @@ from deploy.config import RunConfig
 from deploy.view.invitation import withdraw
 from protocol.files import remove_parts
 from protocol.records import UNREADABLE
-from world.checkpoint import NAME, CheckpointError
+from world.checkpoint import CHECKPOINT_FILE, CheckpointError
 from world.episode import Episode
 from world.worldfile import load
 
@@ -30,7 +30,7 @@ def finish(run: Path) -> bool:
 
     Raises NoRunError and CheckpointError where the directory does not tell enough, OSError where it cannot be written.
     """
-    config, left = left_by(run), (run / NAME).exists()
+    config, left = left_by(run), (run / CHECKPOINT_FILE).exists()
     if not left and manifest.read(run).get("ended"):
         return False
     if left:
@@ -38,7 +38,7 @@ def finish(run: Path) -> bool:
         try:
             episode.close()
         except UNREADABLE as error:
-            raise CheckpointError(f"{run / NAME} is damaged ({type(error).__name__})") from error
+            raise CheckpointError(f"{run / CHECKPOINT_FILE} is damaged ({type(error).__name__})") from error
     remove_parts(run)
     withdraw(run)
     manifest.finish(run, ended=episode.ended if left else "interrupted")

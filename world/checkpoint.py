@@ -23,7 +23,7 @@ from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
 from protocol.records import UNREADABLE, opened, sealed
 
-NAME = "checkpoint.msgpack"
+CHECKPOINT_FILE = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
@@ -44,7 +44,7 @@ class Checkpoint:
 
     def __init__(self, out: Path) -> None:
         """`out` is the run directory."""
-        self._out, self._file = out, out / NAME
+        self._out, self._file = out, out / CHECKPOINT_FILE
         self._stream: FileIO | None = None
         self._size = 0
 
@@ -65,7 +65,7 @@ class Checkpoint:
             if state["format"] != FORMAT:
                 raise CheckpointError(f"{self._file} is not of format {FORMAT}, which this program reads")
         except FileNotFoundError:
-            raise CheckpointError(f"{self._out} holds no run that can go on: it has no {NAME}") from None
+            raise CheckpointError(f"{self._out} holds no run that can go on: it has no {CHECKPOINT_FILE}") from None
         except BlockingIOError:
             raise CheckpointError(f"{self._out}: its run goes on, in another process") from None
         except CheckpointError:
@@ -118,11 +118,11 @@ def restore_array(array: NDArray[Any], data: bytes) -> None:
         raise ValueError("a number is not finite")
 
 
-def luck_state(rng: np.random.Generator) -> str:
+def rng_state(rng: np.random.Generator) -> str:
     """State of a random generator. As JSON, because its numbers have 128 bits."""
     return json.dumps(rng.bit_generator.state)
 
 
-def restore_luck(rng: np.random.Generator, state: str) -> None:
+def restore_rng(rng: np.random.Generator, state: str) -> None:
     """Let a random generator go on from a state."""
     rng.bit_generator.state = json.loads(state)

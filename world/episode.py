@@ -12,7 +12,7 @@ from protocol.arrays import Floats
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
 from protocol.records import UNREADABLE
 from protocol.wireframe import Wireframe
-from world.checkpoint import NAME, Checkpoint, CheckpointError, State, luck_state, restore_luck
+from world.checkpoint import CHECKPOINT_FILE, Checkpoint, CheckpointError, State, restore_rng, rng_state
 from world.config import WorldConfig
 from world.draws import generator, starts_of
 from world.ledger import Ledger, Look
@@ -23,7 +23,7 @@ from world.physics import Physics
 from world.radio.gate import Radio
 from world.recorder import seconds
 from world.tick import Inputs, Outputs, checked_map
-from world.way import along
+from world.way import interpolated
 from world.worldfile import World, load
 
 CHECKPOINT_S = 5.0
@@ -77,8 +77,8 @@ class Episode:
             Odometry(start, spec.odometry, generator(config.seed, "odometry", robot))
             for robot, start in zip(self.robots, self.starts, strict=True)
         ]
-        luck = generator(config.seed, "people")
-        self._people = People(config.people, self.world, self.starts, spec.radius_m, self.period_s, luck)
+        rng = generator(config.seed, "people")
+        self._people = People(config.people, self.world, self.starts, spec.radius_m, self.period_s, rng)
         self._radio = Radio(self.robots, config.radio, config.seed, self.period_s, self.world.segments)
         books, past = self._radio.books, state and state["ledger"]
         self._ledger = Ledger(config, self.world, self.robots, self.starts, books, out, past)
@@ -105,7 +105,9 @@ class Episode:
         checkpoint = Checkpoint(out)
         state, log = checkpoint.read()
         if state.get("settings") != _settings_of(config, load(config.world)):
-            raise CheckpointError(f"{out / NAME} is of a run with other settings or another world than {out} tells")
+            raise CheckpointError(
+                f"{out / CHECKPOINT_FILE} is of a run with other settings or another world than {out} tells"
+            )
         try:
             episode = cls(config, out, state)
             for name, looked, arguments in log:
@@ -149,7 +151,7 @@ class Episode:
             "late_ticks": self.late_ticks,
             "physics": self._physics.state(),
             "people": self._people.state(),
-            "lidar_noise": [luck_state(rng) for rng in self._lidar_noise],
+            "lidar_noise": [rng_state(rng) for rng in self._lidar_noise],
             "odometry": [odometry.state() for odometry in self._odometry],
             "radio": self._radio.state(),
             "ledger": self._ledger.state(),
@@ -164,8 +166,8 @@ class Episode:
         self._physics.restore(state["physics"])
         self._people.restore(state["people"])
         self._radio.restore(state["radio"])
-        for rng, luck in zip(self._lidar_noise, state["lidar_noise"], strict=True):
-            restore_luck(rng, luck)
+        for rng, kept in zip(self._lidar_noise, state["lidar_noise"], strict=True):
+            restore_rng(rng, kept)
         for odometry, path in zip(self._odometry, state["odometry"], strict=True):
             odometry.restore(path)
 
@@ -242,10 +244,10 @@ class Episode:
         bodies = way.copy()
         bodies[..., 2] = self.config.spec.radius_m
         ranges, met = self._lidar.trace(way[:, rows], np.concatenate([bodies, self._people.bodies(len(way))], 1))
-        rays, luck = self._lidar.rays(way[:, rows]), [self._lidar_noise[row] for row in rows]
-        measured = (self._lidar.measured(ranges, luck, met, rays) if luck else ranges).astype("<f4")
+        rays, rngs = self._lidar.rays(way[:, rows]), [self._lidar_noise[row] for row in rows]
+        measured = (self._lidar.measured(ranges, rngs, met, rays) if rngs else ranges).astype("<f4")
         met[~np.isfinite(measured)] = -1  # a beam that returned nothing covers nothing
-        ways, slipping = along(self._physics.way, self._wheels_read), self._physics.touching
+        ways, slipping = interpolated(self._physics.way, self._wheels_read), self._physics.touching
         turned = self._physics.driven * (self.period_s / len(ways))
         inputs = {}
         for robot, row, scan in zip(live, rows.tolist(), measured, strict=True):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-NAME = re.compile(r"generated-(\d{1,3})x(\d{1,3})-(\d{1,9})")
+GENERATED = re.compile(r"generated-(\d{1,3})x(\d{1,3})-(\d{1,9})")
 """Name of a generated world: generated-WIDTHxHEIGHT-SEED, sides in metres."""
 MIN_SIDE_M, MAX_SIDE_M = 8.0, 100.0  # smaller mazes have no branches; larger ones have more wall than a world may
 
@@ -14,8 +14,8 @@ CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls w
 
 
 def named(name: str) -> dict[str, Any] | None:
-    """Fields of the world file of a generated world's NAME, None for another name; raises ValueError as `generate`."""
-    if not (given := NAME.fullmatch(name)):
+    """Fields of a maze's world file by its name, None for a name of another form; raises ValueError as `generate`."""
+    if not (given := GENERATED.fullmatch(name)):
         return None
     width, height, seed = map(int, given.groups())
     return generate(width, height, np.random.default_rng(seed)) | {"name": name}

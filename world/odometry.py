@@ -7,7 +7,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative, wrapped
 from protocol.messages import OdometrySpec
-from world.checkpoint import State, luck_state, restore_luck
+from world.checkpoint import State, restore_rng, rng_state
 
 
 class Odometry:
@@ -58,12 +58,12 @@ class Odometry:
 
     def state(self) -> State:
         """For a checkpoint."""
-        return {"true": self._true, "pose": self.pose, "rng": luck_state(self._rng)}
+        return {"true": self._true, "pose": self.pose, "rng": rng_state(self._rng)}
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
         self._true, self.pose = (pose_of(np.array(state[name], np.float64)) for name in ("true", "pose"))
-        restore_luck(self._rng, state["rng"])
+        restore_rng(self._rng, state["rng"])
 
 
 def _all_relative(a: Pose, poses: Floats) -> Floats:

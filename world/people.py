@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapely.geometry import Polygon
 
 from protocol.arrays import Floats
-from world.checkpoint import State, luck_state, restore_array, restore_luck
+from world.checkpoint import State, restore_array, restore_rng, rng_state
 from world.worldfile import World, WorldFileError
 
 LEG_M, COAT_M = 0.06, 0.2
@@ -81,13 +81,13 @@ class People:
 
     def state(self) -> State:
         """For a checkpoint."""
-        return {"rng": luck_state(self._rng)} | {name: part.tobytes() for name, part in self._parts().items()}
+        return {"rng": rng_state(self._rng)} | {name: part.tobytes() for name, part in self._parts().items()}
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
         for name, part in self._parts().items():
             restore_array(part, state[name])
-        restore_luck(self._rng, state["rng"])
+        restore_rng(self._rng, state["rng"])
 
     def _parts(self) -> dict[str, NDArray[Any]]:
         names = ("places", "_before", "_heading", "_walked", "_walked_before", "_target", "_speed", "_rest", "_stopped")

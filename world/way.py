@@ -11,7 +11,7 @@ Steps = tuple[Ints, Ints, Floats]
 """Of each of some moments: the values before and after it (n,), and the share of the way between them (n,)."""
 
 
-def along(way: Floats, moments: Floats) -> Floats:
+def interpolated(way: Floats, moments: Floats) -> Floats:
     """Values (n, ...) of a `way` (s, ...) at moments (n,), shares of its period from 0 to 1.
 
     The first value is at the begin of the period, the last one at its end. A way of one value has it all the time.

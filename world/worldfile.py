@@ -204,7 +204,7 @@ def bundled() -> list[str]:
 
 def load(name_or_path: str | Path) -> World:
     """World of a bundled or generated name, or of a YAML or JSON file; raises WorldFileError naming file and field."""
-    if maze.NAME.fullmatch(str(name_or_path)):
+    if maze.GENERATED.fullmatch(str(name_or_path)):
         return _generated(str(name_or_path))
     path = BUNDLED / f"{name_or_path}.yaml" if str(name_or_path) in bundled() else Path(name_or_path)
     try:

@@ -60,9 +60,9 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     ticks = {robot: min(len(track), ends.get(robot, len(track))) for robot, track in tracks.items()}
     noise = {robot: generator(config.seed, "lidar", robot) for robot in tracks}
     scans = {robot: np.empty((count, config.spec.lidar.beams), np.float32) for robot, count in ticks.items()}
-    starts, luck = np.array([tracks[robot][0] for robot in tracks]), generator(config.seed, "people")
+    starts, rng = np.array([tracks[robot][0] for robot in tracks]), generator(config.seed, "people")
     period_s = 1 / config.spec.lidar.rate_hz
-    people = People(config.people, world, starts, config.spec.radius_m, period_s, luck)
+    people = People(config.people, world, starts, config.spec.radius_m, period_s, rng)
     for tick in range(max(ticks.values())):  # as world.episode looks
         live = [robot for robot in tracks if tick < ticks[robot]]
         ways = np.stack([track[np.clip((tick - 1, tick), 0, len(track) - 1)] for track in tracks.values()], 1)

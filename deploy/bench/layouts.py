@@ -11,7 +11,7 @@ from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
 from world.draws import generator
-from world.maze import NAME
+from world.maze import GENERATED
 from world.worldfile import BUNDLED, load, to_yaml
 
 SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
@@ -25,7 +25,7 @@ def path_of(name: str) -> str:
 
     Raises FileNotFoundError where it is absent.
     """
-    if NAME.fullmatch(name):
+    if GENERATED.fullmatch(name):
         return name
     for path in (Path(name), BUNDLED / f"{name}.yaml", SHARED / f"{name}.yaml"):
         if path.is_file():

@@ -23,7 +23,7 @@ from protocol.wireframe import Wireframe
 from world.lidar.lidar import Lidar
 from world.odometry import Odometry
 from world.physics import STEP_S
-from world.way import along
+from world.way import interpolated
 from world.worldfile import World, from_document
 
 Point = tuple[float, float]
@@ -125,7 +125,7 @@ def carried(world: World, way: Floats, spec: RobotSpec, seed: int) -> Iterator[t
         period = way[end - steps : end + 1, None]
         ranges, met = lidar.trace(period)
         measured = lidar.measured(ranges, [rng], met, lidar.rays(period))[0].astype("<f4")
-        told = odometry.update(along(period, read)[:, 0])
+        told = odometry.update(interpolated(period, read)[:, 0])
         seen = Observation(
             tick=tick, ranges=measured.tobytes(), odometry=odometry.pose, way=told.astype("<f8").tobytes()
         )

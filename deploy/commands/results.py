@@ -28,7 +28,7 @@ def finish(run: RunDirectory) -> None:
     from deploy.finish import finish
 
     if finish(run):
-        draw(run)
+        write_results(run)
     else:
         print(f"{printable(str(run))} is finished already")
 
@@ -62,7 +62,7 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
-def draw(run: Path, pairs: bool = False) -> None:
+def write_results(run: Path, pairs: bool = False) -> None:
     """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
     from deploy.report import write_report
     from deploy.terminal.live import print_summary

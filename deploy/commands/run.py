@@ -26,7 +26,7 @@ from deploy.commands.options import (
     World,
     settings_of,
 )
-from deploy.commands.results import draw, leave
+from deploy.commands.results import leave, write_results
 from protocol.command import say
 from protocol.status import Status
 
@@ -97,7 +97,7 @@ def run(
             say(f"interrupted; `wireswarm report {directory}` draws what there is")
             print_summary(directory, pairs)
             raise Exit(result.status)
-        draw(directory, pairs)
+        write_results(directory, pairs)
         if not (quiet or view):
             name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
             say(f"`{name} view {directory}` shows it as a moving picture")

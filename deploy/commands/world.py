@@ -24,7 +24,7 @@ from deploy.commands.options import (
     World,
     settings_of,
 )
-from deploy.commands.results import draw, leave
+from deploy.commands.results import leave, write_results
 from protocol.command import stop_on_signals
 from protocol.status import Status, of_run
 from protocol.text import printable
@@ -135,7 +135,7 @@ def world_(
     print(f"ended: {ended}; {printable(str(directory))}", flush=True)
     if status != Status.INTERRUPTED:
         with on_interrupt(partial(leave, directory)):
-            draw(directory)
+            write_results(directory)
     raise Exit(status)
 
 

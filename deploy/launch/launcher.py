@@ -30,7 +30,7 @@ from protocol.inbox import SIGNAL_S
 from protocol.messages import Progress
 from protocol.secrets import new_secrets
 from protocol.status import ENDINGS, Status, of_run
-from world.checkpoint import NAME, CheckpointError
+from world.checkpoint import CHECKPOINT_FILE, CheckpointError
 from world.worldfile import load
 
 RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
@@ -107,7 +107,7 @@ def launch(
         manifest.begin(out, begun)
         children.follow()
     status, ended, errors = children.result()
-    if status != Status.INTERRUPTED and (out / NAME).exists():
+    if status != Status.INTERRUPTED and (out / CHECKPOINT_FILE).exists():
         try:
             finish(out)  # the world was killed, or failed
         except (CheckpointError, OSError) as error:

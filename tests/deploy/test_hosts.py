@@ -18,7 +18,7 @@ from deploy.launch.launcher import launch
 from tests.agent.shell.test_process import events
 from tests.deploy.sweep.sweeps import RUNS, comparable, results, undisturbed, write_sweep
 from tests.tiny import digests, tiny_config
-from world.checkpoint import NAME
+from world.checkpoint import CHECKPOINT_FILE
 
 REPO = Path(__file__).parents[2]
 ROBOTS = ["r1", "r2"]
@@ -144,7 +144,7 @@ def test_a_cable_that_is_cut_for_ten_seconds_costs_time_and_no_byte(hosts: Hosts
         end, sizes = time.monotonic() + WAIT_S, set[int]()
         while len(sizes) < 10:  # the log of its checkpoint grows with each tick
             assert time.monotonic() < end and world.poll() is None
-            sizes |= {file.stat().st_size for file in run.glob(NAME)}
+            sizes |= {file.stat().st_size for file in run.glob(CHECKPOINT_FILE)}
         hosts.plug("r2", "down")
         time.sleep(10.0)
         assert world.poll() is None and all(agent.poll() is None for agent in agents)

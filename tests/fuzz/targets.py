@@ -372,7 +372,9 @@ def a_checkpoint(data: bytes) -> None:
     for file, content in files.items():
         file.write_bytes(content)
     out = _folder() / "killed"
-    (out / checkpoint.NAME).write_bytes(b"".join(map(_sealed, _values(data[1:]))) if data[:1] == b"\1" else data[1:])
+    (out / checkpoint.CHECKPOINT_FILE).write_bytes(
+        b"".join(map(_sealed, _values(data[1:]))) if data[:1] == b"\1" else data[1:]
+    )
     with suppress(checkpoint.CheckpointError):
         Episode.resume(config, out)
 
@@ -406,7 +408,7 @@ def _killed() -> tuple[WorldConfig, dict[Path, bytes]]:
 
 
 def _checkpoints() -> list[bytes]:
-    whole = next(content for file, content in _killed()[1].items() if file.name == checkpoint.NAME)
+    whole = next(content for file, content in _killed()[1].items() if file.name == checkpoint.CHECKPOINT_FILE)
     unpacker = msgpack.Unpacker()
     unpacker.feed(whole)
     return [b"\0" + whole, b"\1" + b"".join(data for _, data in unpacker)]

@@ -13,7 +13,7 @@ from deploy.config import RunConfig
 from protocol.records import sealed
 from tests.scripted import Wanderer
 from tests.tiny import digests, tiny_config
-from world.checkpoint import FORMAT, NAME, CheckpointError
+from world.checkpoint import CHECKPOINT_FILE, FORMAT, CheckpointError
 from world.episode import Episode
 from world.tick import Outputs
 
@@ -65,7 +65,7 @@ class Run:
     def end(self) -> dict[str, str]:
         self.until(1000)
         self.episode.close()
-        assert not (self.out / NAME).exists()
+        assert not (self.out / CHECKPOINT_FILE).exists()
         return digests(self.out)
 
 
@@ -88,7 +88,7 @@ def test_a_world_that_is_killed_at_any_tick_ends_with_the_bytes_of_one_that_is_n
 def test_an_entry_of_the_log_that_was_cut_off_counts_as_never_told(tmp_path: Path) -> None:
     run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
     run.until(30)
-    file = run.out / NAME
+    file = run.out / CHECKPOINT_FILE
     for cut in (1, 2, 3):
         file.write_bytes(file.read_bytes()[:-cut])
         run.kill_and_resume()
@@ -101,7 +101,7 @@ def test_an_entry_of_the_log_that_was_cut_off_counts_as_never_told(tmp_path: Pat
 def test_a_damaged_checkpoint_is_refused_with_one_sentence(tmp_path: Path) -> None:
     run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
     run.until(30)
-    file, rng = run.out / NAME, np.random.default_rng(0)
+    file, rng = run.out / CHECKPOINT_FILE, np.random.default_rng(0)
     whole, refused = file.read_bytes(), 0
     for _ in range(60):
         damaged = bytearray(whole)
@@ -149,7 +149,7 @@ def test_what_a_half_copied_run_lacks_is_one_sentence(tmp_path: Path) -> None:
     (run.out / "metrics.csv").unlink()
     with pytest.raises(CheckpointError, match="is damaged"):
         run.kill_and_resume()
-    (run.out / NAME).unlink()
-    os.mkfifo(run.out / NAME)
+    (run.out / CHECKPOINT_FILE).unlink()
+    os.mkfifo(run.out / CHECKPOINT_FILE)
     with pytest.raises(CheckpointError, match="is damaged"):
         run.kill_and_resume()

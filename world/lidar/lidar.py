@@ -15,7 +15,7 @@ from protocol.walls import directions, lengths
 from world.lidar.beams import beams_within, keep_nearest
 from world.lidar.readings import readings
 from world.lidar.turning import Scans, Turning
-from world.way import along
+from world.way import interpolated
 
 CELL_M = 1.0  # the walls within range are looked up once for each cell of this size
 STRIDE_M = 0.05  # ... and for each multiple of this that a lidar moves in half a scan
@@ -54,7 +54,7 @@ class Lidar:
 
     def rays(self, ways: Floats) -> Floats:
         """Where each beam begins and points, (k, beams, 3): x, y and direction, world frame; `ways` as in `trace`."""
-        poses = along(_ways(ways), self.spec.moments()).swapaxes(0, 1)
+        poses = interpolated(_ways(ways), self.spec.moments()).swapaxes(0, 1)
         x, y, heading = np.moveaxis(poses, 2, 0)
         cos, sin, mount_x, mount_y = np.cos(heading), np.sin(heading), self.spec.mount_x_m, self.spec.mount_y_m
         places = (x + cos * mount_x - sin * mount_y, y + sin * mount_x + cos * mount_y)
@@ -82,7 +82,7 @@ class Lidar:
             if self.spec.turning:
                 self._turning(ways[:, part], discs, nearness[part], met[part])
             else:
-                self._standing(ways[-1, part], discs[-1], nearness[part], met[part])
+                self._at_once(ways[-1, part], discs[-1], nearness[part], met[part])
         with np.errstate(divide="ignore"):
             ranges = 1 / nearness[:, self._order]
         met = met[:, self._order]
@@ -135,7 +135,7 @@ class Lidar:
         parts = (wall, robot, start, end, nearest, area)
         return tuple(part[facing] for part in parts)  # type: ignore[return-value]
 
-    def _standing(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
+    def _at_once(self, poses: Floats, discs: Floats, nearness: Floats, met: Ints) -> None:
         own = _own(poses, discs)
         if self.spec.mount_x_m or self.spec.mount_y_m:
             poses = self.rays(poses)[:, 0] - [0, 0, self.spec.bearings()[0]]

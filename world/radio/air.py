@@ -45,7 +45,7 @@ Loses = Callable[[Hop], bool]
 """Whether a model of the air loses a message."""
 
 
-class Luck:
+class Generators:
     """The random generators of one model."""
 
     def __init__(self, seed: int, model: str, place: int) -> None:
@@ -83,19 +83,19 @@ def losses(
     made: list[tuple[str, Loses]] = []
     seen: Counter[str] = Counter()
     for model in models:
-        luck = Luck(seed, model.kind, seen[model.kind])
+        rngs = Generators(seed, model.kind, seen[model.kind])
         seen[model.kind] += 1
         match model:
             case LineOfSight():
                 made.append(("walls", lambda hop: walls_between(walls, hop.here, hop.there) > 0))
             case LogDistance():
-                made.append(("fading", _log_distance(model, walls, luck)))
+                made.append(("fading", _log_distance(model, walls, rngs)))
             case Bernoulli():
-                made.append(("loss", _bernoulli(model, luck)))
+                made.append(("loss", _bernoulli(model, rngs)))
             case GilbertElliott():
-                made.append(("burst", _gilbert_elliott(model, period_s, luck)))
+                made.append(("burst", _gilbert_elliott(model, period_s, rngs)))
             case Asymmetric():
-                made.append(("asymmetric", _asymmetric(model, robots, luck)))
+                made.append(("asymmetric", _asymmetric(model, robots, rngs)))
             case Blackout():
                 made.append(("blackout", _blackout(model, robots, period_s)))
             case Latency() | Capacity():
@@ -119,31 +119,31 @@ def walls_between(walls: Floats, here: Floats, there: Floats) -> int:
     return int(((near > 0) & (far <= 0) & ((left > 0) != (right > 0))).sum())
 
 
-def _log_distance(model: LogDistance, walls: Floats, luck: Luck) -> Loses:
+def _log_distance(model: LogDistance, walls: Floats, rngs: Generators) -> Loses:
     """Log-distance path loss, walls, and fading per message."""
-    link_db = luck.once_a_link(lambda rng: float(rng.normal(0, model.link_db)))
+    link_db = rngs.once_a_link(lambda rng: float(rng.normal(0, model.link_db)))
 
     def loses(hop: Hop) -> bool:
         away = max(math.dist(hop.here, hop.there), 0.01)
         margin_db = 10 * model.exponent * math.log10(model.reach_m / away) + link_db(hop)
         if model.wall_db:
             margin_db -= model.wall_db * walls_between(walls, hop.here, hop.there)
-        return bool(margin_db + luck.of_hop(hop).normal(0, model.fading_db) < 0)
+        return bool(margin_db + rngs.of_hop(hop).normal(0, model.fading_db) < 0)
 
     return loses
 
 
-def _chance(loss: Callable[[Hop], float], luck: Luck) -> Loses:
+def _chance(loss: Callable[[Hop], float], rngs: Generators) -> Loses:
     """A probability of loss for each message."""
-    return lambda hop: bool(luck.of_hop(hop).random() < loss(hop))
+    return lambda hop: bool(rngs.of_hop(hop).random() < loss(hop))
 
 
-def _bernoulli(model: Bernoulli, luck: Luck) -> Loses:
+def _bernoulli(model: Bernoulli, rngs: Generators) -> Loses:
     """The same probability of loss for all messages."""
-    return _chance(lambda _: model.loss, luck)
+    return _chance(lambda _: model.loss, rngs)
 
 
-def _gilbert_elliott(model: GilbertElliott, period_s: float, luck: Luck) -> Loses:
+def _gilbert_elliott(model: GilbertElliott, period_s: float, rngs: Generators) -> Loses:
     """A Markov chain of two states per directed link, stepped once a tick."""
     by_state = model.loss_good, model.loss_bad
     leave = min(1.0, period_s / model.good_s), min(1.0, period_s / model.bad_s)
@@ -153,7 +153,7 @@ def _gilbert_elliott(model: GilbertElliott, period_s: float, luck: Luck) -> Lose
     def loss(hop: Hop) -> float:
         link = hop.sender, hop.receiver
         if link not in links:
-            rng = luck.of_link(hop)
+            rng = rngs.of_link(hop)
             links[link] = rng, 0, bool(rng.random() < often_bad)
         rng, tick, bad = links[link]
         for chance in rng.random(hop.tick - tick).tolist():
@@ -161,18 +161,18 @@ def _gilbert_elliott(model: GilbertElliott, period_s: float, luck: Luck) -> Lose
         links[link] = rng, hop.tick, bad
         return by_state[bad]
 
-    return _chance(loss, luck)
+    return _chance(loss, rngs)
 
 
-def _asymmetric(model: Asymmetric, robots: list[str], luck: Luck) -> Loses:
+def _asymmetric(model: Asymmetric, robots: list[str], rngs: Generators) -> Loses:
     """A probability of loss per directed link."""
-    drawn = luck.once_a_link(lambda rng: float(rng.uniform(0, model.most)))
+    drawn = rngs.once_a_link(lambda rng: float(rng.uniform(0, model.most)))
 
     def loss(hop: Hop) -> float:
         given = model.links.get(f"{robots[hop.sender]}>{robots[hop.receiver]}")
         return drawn(hop) if given is None else given
 
-    return _chance(loss, luck)
+    return _chance(loss, rngs)
 
 
 def _blackout(model: Blackout, robots: list[str], period_s: float) -> Loses:
@@ -189,10 +189,12 @@ def _blackout(model: Blackout, robots: list[str], period_s: float) -> Loses:
 def delays(models: list[Model], seed: int) -> Callable[[Hop], int]:
     """Ticks from sending to hearing: the sum of what the latency models say, at least one."""
     latencies = [model for model in models if isinstance(model, Latency)]
-    jitters = [(model.jitter, Luck(seed, "latency", place)) for place, model in enumerate(latencies) if model.jitter]
+    jitters = [
+        (model.jitter, Generators(seed, "latency", place)) for place, model in enumerate(latencies) if model.jitter
+    ]
 
     def ticks(hop: Hop) -> int:
-        late = sum(int(luck.of_hop(hop).integers(jitter + 1)) for jitter, luck in jitters)
+        late = sum(int(rngs.of_hop(hop).integers(jitter + 1)) for jitter, rngs in jitters)
         return max(1, sum(model.ticks for model in latencies) + late)
 
     return ticks

@@ -12,7 +12,7 @@ from protocol.messages import LidarSpec
 from world import maze, worldfile
 from world.lidar.lidar import DISC, NOTHING, Lidar
 from world.lidar.readings import readings
-from world.way import along
+from world.way import interpolated
 
 SPEC = LidarSpec()
 ROOM = np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]], float)
@@ -76,7 +76,7 @@ def test_each_beam_is_cast_at_its_own_moment(name: str, turn: float) -> None:
     discs = np.concatenate([bodies, np.full((*bodies.shape[:2], 1), 0.105)], 2)
     lidar = Lidar(world.segments, spec, one_sided=True)
     ranges, met = lidar.trace(ways, discs)
-    places = along(discs, spec.moments())
+    places = interpolated(discs, spec.moments())
     for robot in range(4):
         others = np.delete(places, robot, 1)
         agree(ranges[robot], reference(world.segments, lidar.rays(ways)[robot], spec.range_max_m, others))
