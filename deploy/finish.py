@@ -6,8 +6,8 @@ from deploy import manifest
 from deploy.bandwidth.replay import config_of
 from deploy.config import RunConfig
 from deploy.view.invitation import withdraw
+from protocol.checksum import UNREADABLE
 from protocol.files import remove_parts
-from protocol.records import UNREADABLE
 from world.checkpoint import CHECKPOINT_FILE, CheckpointError
 from world.episode import Episode
 from world.worldfile import load

@@ -18,10 +18,10 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.checksum import UNREADABLE, opened, sealed
 from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.files import UnwritableError, write_whole
-from protocol.records import UNREADABLE, opened, sealed
 
 CHECKPOINT_FILE = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""

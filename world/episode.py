@@ -9,8 +9,8 @@ from typing import Any, Self
 import numpy as np
 
 from protocol.arrays import Floats
+from protocol.checksum import UNREADABLE
 from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
-from protocol.records import UNREADABLE
 from protocol.wireframe import Wireframe
 from world.checkpoint import CHECKPOINT_FILE, Checkpoint, CheckpointError, State, restore_rng, rng_state
 from world.config import WorldConfig

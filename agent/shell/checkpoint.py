@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from agent.shell.mind import Mind
 from agent.state import State
+from protocol.checksum import UNREADABLE, opened, sealed
 from protocol.files import write_whole
-from protocol.records import UNREADABLE, opened, sealed
 
 CHECKPOINT_S = 4.0
 """Simulated time between two checkpoints: a robot that comes back is to lose 5 s of its map at most. One takes 1 ms."""

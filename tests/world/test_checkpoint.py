@@ -10,7 +10,7 @@ import pytest
 
 from agent.config import AgentConfig
 from deploy.config import RunConfig
-from protocol.records import sealed
+from protocol.checksum import sealed
 from tests.scripted import Wanderer
 from tests.tiny import digests, tiny_config
 from world.checkpoint import CHECKPOINT_FILE, FORMAT, CheckpointError
