@@ -141,7 +141,11 @@ Model = Annotated[
 
 
 class RadioConfig(Config):
-    """Who hears whom. A message must pass the range and then every model, in their order."""
+    """Who hears whom.
+
+    A message must pass the sender's MTU and capacity, the range, and each model that loses messages, in their order;
+    when it arrives, the receiver's capacity.
+    """
 
     range_m: Positive | None = 4.0
     """Range in m, judged at the sending tick (paper III: robots within radio range); null for no limit."""
