@@ -18,8 +18,6 @@ STILL_HEARD_S = 10.0
 """The robot drives to the peer itself if its place is not older: the peer drives 2.2 m in the time."""
 HERE_M = 0.6
 """Places nearer than this show the robot nothing new."""
-GONE = "the peer has gone"
-"""Why a drive ends, or is not begun, that is taken up at the next contact."""
 IN_FRONT_M = 0.8
 """Distance from a wall at which the robot stands to see it."""
 
@@ -60,14 +58,11 @@ class ProposalQueue:
     def set_goal(self, tick: int, pose: Pose, arrived: bool | None) -> tuple[Proposed, str] | None:
         """To the place of contact of the first proposal, then elsewhere; that proposal, and why its drive has ended.
 
-        Where the peer has gone, and walls alone can not decide, there is nothing to drive for.
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         if not self.proposals:
             return None
         peer, errand = self.proposals[0], self.errand
-        if not peer.trial.walls_may_decide and not peer.log.heard_within(tick, self._still_heard):
-            return peer, GONE
         if errand is None:
             assert peer.log.contact is not None
             self.errand = Errand(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
@@ -75,6 +70,8 @@ class ProposalQueue:
             return peer, "it took too long"
         elif arrived is False and not errand.detours:
             return peer, "unreachable"
+        elif peer.trial.asks_for_a_sighting and not peer.log.heard_within(tick, self._still_heard):
+            return peer, "undecided"
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, errand.detours)
             if place is None or errand.detours >= DETOURS:

@@ -15,7 +15,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.errand import GONE, STILL_HEARD_S, Errand, ProposalQueue
+from agent.cooperation.errand import STILL_HEARD_S, Errand, ProposalQueue
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
 from agent.cooperation.merging import (
     REFUSED_MAPS,
@@ -434,7 +434,7 @@ class Team:
 
     def _end_drive(self, peer: Proposed, reason: str) -> None:
         """A drive has decided nothing: the proposal waits for a sighting, if that is all that is missing, or ends."""
-        if reason == GONE or peer.trial.asks_for_a_sighting:
+        if peer.trial.asks_for_a_sighting:
             self.queue.remove(peer)
             peer.waits_since = peer.log.contact
         else:

@@ -133,14 +133,6 @@ class Trial:
         return self.config.discs and sum(nats) >= WALLS_MOST_NATS
 
     @property
-    def walls_may_decide(self) -> bool:
-        """Whether walls that are not seen yet may make the transform accepted without another look at the peer."""
-        if not self.config.discs:
-            return True
-        rest = sum(self.nats[kind] for kind in ("discs", "heard", "thirds") if getattr(self.config, kind))
-        return not self.asks_for_a_sighting and rest + WALLS_MOST_NATS >= self.config.accept
-
-    @property
     def thirds_suffice(self) -> bool:
         """Whether merged peers alone decide: maps of robots that share their work need not have walls in common."""
         return self.config.thirds and self.nats["thirds"] >= self.config.accept

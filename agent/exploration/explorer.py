@@ -41,10 +41,6 @@ AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
-ERRAND_M = 6.0
-"""Longest drive to verify a proposal while there is something else to do. In ten runs of maze-15 a drive that ended in
-a merge with a peer still heard took 20 s at most, 4.4 m, but for one pair. Robots that heard each other through walls
-had ways of 7 to 16 m, and drove 30 to 50 s, away from what they alone were about to map."""
 BACK_OFF_M = 0.2  # how far a stuck robot moves away from what it is close to
 BACK_OFF_S = 3.0  # ... and for how long at most
 
@@ -148,17 +144,14 @@ class Explorer:
     def place_of_contact(self, scene: Scene) -> Target | None:
         """The way to where a proposal is verified; None without proposal, or if its drive has ended or there is no way.
 
-        A long drive is put off while there is something else to do. What is under way goes on: it makes room for a
-        teammate, or is done instead.
+        While something else is under way (making room for a teammate), that goes on.
         """
         if scene.errand is None:
             return None
-        if (self.target is None or self.target.task.kind == "park") and self._errand_arrived is None:
+        if self.target is None and self._errand_arrived is None:
             for roads in self.surroundings.ways(scene):
                 route = standing.near(scene.errand, roads)
                 if route is not None:
-                    if length_of(route.path) > ERRAND_M and not self.complete:
-                        return None
                     return self._pursue(scene, Task("errand", scene.errand, route.path[-1]), roads, None)
             self._errand_arrived = False
         return self.target

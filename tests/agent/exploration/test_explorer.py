@@ -296,25 +296,6 @@ def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     assert step(robot, situation).reason == "sweep"
 
 
-def test_a_long_drive_to_verify_a_proposal_is_put_off_while_there_is_something_else_to_do():
-    """Two robots that heard each other through walls had 7 and 16 m of way, and left what was open."""
-    room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
-    everywhere = np.array([(x, 0.0) for x in np.arange(-5.0, 6.0)])
-
-    def reasons(robot: Explorer, errand_x: float, seen: np.ndarray, ticks: range = range(3)) -> list[str]:
-        told = {"errand": np.array([errand_x, 0.0]), "viewpoints": seen}
-        situations = (Situation(tick, room, 1, (-5.0, 0.0, 0.0), Wireframe(), NOBODY, **told) for tick in ticks)
-        return [step(robot, situation).reason for situation in situations]
-
-    def sweeper() -> Explorer:
-        return explorer(default_state="interior-sweep")
-
-    assert reasons(sweeper(), 0.0, everywhere[:0])[-1] == "errand"
-    far = sweeper()
-    assert set(reasons(far, 5.0, everywhere[:0])) == {"sweep"}
-    assert reasons(far, 5.0, everywhere, range(3, 9))[-1] == "errand"  # now nothing is left
-
-
 def test_a_new_frontier_wakes_a_complete_robot_but_one_scan_does_not():
     closed = chain([(-2, -2), (2, -2), (2, 2), (-2, 2), (-2, -2)])
     opened = chain([(-2, -2), (2, -2), (2, 2), (0.5, 2)], labels=Label.FRONTIER)
