@@ -211,7 +211,8 @@ class WireframeFilter:
             self._begin_anew()
         grown = self.move(odometry, slips=scan.touching)
         self._still += 1
-        hit_before = _scans_of_tentative(self.edges[self.best])
+        best = self.edges[self.best]  # of this scan: weighing may make another particle the best
+        hit_before = _scans_of_tentative(best)
         scores = update_particles(
             *self._particles(),
             grown,
@@ -223,6 +224,7 @@ class WireframeFilter:
             self._patience,
             self._still <= STILL_SCANS or scan.stood > 0,
         )
+        glimpses = best["tip"][_scans_of_tentative(best) > hit_before].mean(1)
         self._weigh(scores)
         if scan.stood and self._noisy:
             self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
@@ -230,7 +232,7 @@ class WireframeFilter:
             hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.stood)
             return
         walls, count = self.edges[self.best], int(self.counts[self.best])
-        self.glimpses = walls["tip"][_scans_of_tentative(walls) > hit_before].mean(1)
+        self.glimpses = glimpses
         see_poles(self.poles, walls, count, self.pose, scan.pieces, scan.sight, self._noise, self._noise_share)
 
     def _begin_anew(self) -> None:
