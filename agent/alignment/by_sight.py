@@ -2,8 +2,8 @@
 
 A disc does not say which robot it is. It may even be a post or a wall's end, which stand still, so only places between
 which the peer has moved count. The places of two robots that drive straight at the same speed can be laid on each
-other whoever they are, so places on one line are no proof. The method needs no wall, and tells apart rooms that are
-alike, which no test on two maps can.
+other whoever they are, so places on one line are no proof, unless nobody else is there. The method needs no wall, and
+tells apart rooms that are alike, which no test on two maps can.
 """
 
 import math
@@ -33,6 +33,7 @@ class Sighting:
     theirs: Pose  # the peer in the peer's frame
     discs: Floats  # (d, 2) discs seen, the robot's own frame, metres
     scan: CornerScan
+    alone: bool = False  # whether nobody else was heard lately: then no other robot is one of the discs
 
 
 class Consensus(NamedTuple):

@@ -106,6 +106,12 @@ class PeerLog:
         """Whether it was heard at most so many ticks ago."""
         return tick - self.pose_tick <= ticks
 
+    @property
+    def met_alone(self) -> bool:
+        """Whether it was seen, and nobody else was heard whenever it was: then a disc that moves as it does is it."""
+        seen = [one for one in self.sightings if len(one.discs)]
+        return len(seen) > 0 and all(one.alone for one in seen)
+
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
         claim = inverse(np.array(mine_in_theirs))

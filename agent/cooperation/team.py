@@ -46,6 +46,8 @@ LATE_S = 0.4
 """A place in a message older than this is no sighting: the peer drives 0.1 m in the time."""
 REFINE_S = 4.0
 """Least interval at which the transform of a merged peer is refined with a newer map."""
+ALONE_S = 20.0
+"""Who was not heard for so long is not in view, as who is in view sends a beacon every 5 s."""
 STRANGER_S = 20.0
 """A peer counts as a stranger for this long after it was merged: it may not know the robot's frame yet."""
 PLACE_KNOWN_S = 60.0
@@ -183,12 +185,13 @@ class Team:
         """
         self.events, self.changed, self._views_changed = [], False, False
         discs = apply(here, scan.discs)
+        alone = self._hears_one(tick, told)
         for news in told:
             peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
             log, beacon = peer.log, news.beacon
             if beacon is not None and log.pose_tick < min(beacon.tick, tick):
                 pose_tick = min(beacon.tick, tick)  # nobody is ahead of time
-                sighting = Sighting(here, beacon.pose, discs, scan)
+                sighting = Sighting(here, beacon.pose, discs, scan, alone)
                 log.take_beacon(news.since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
                 if tick - pose_tick <= self._ticks(LATE_S):
                     log.take_sighting(sighting)
@@ -215,6 +218,11 @@ class Team:
             view = view_of(scan, here, WALL_MARGIN_M)
             for peer in self.peers.values() if self.config.verification.ground else ():
                 self._look(peer, view)
+
+    def _hears_one(self, tick: int, told: Sequence[News]) -> bool:
+        """Whether one peer alone was heard for a while, by a radio that reaches as far as the lidar."""
+        heard = {name for name, peer in self.peers.items() if peer.log.heard_within(tick, self._ticks(ALONE_S))}
+        return len(heard | {news.peer for news in told}) == 1 and self.aligner.range_m >= self.spec.lidar.range_max_m
 
     def _weigh(self, trial: Trial, sighting: Sighting) -> None:
         trial.weigh(sighting, self.aligner.reach_m, self.spec.radius_m)
@@ -285,6 +293,7 @@ class Team:
             self.aligner.compare(peer, said)
         elif said.transform is None:
             self._say("attempt", log, said.reason, said.best, said.figures())
+            log.sighting_is_news = len(log.sightings) > 0  # the walls that both have may tell now
         else:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True

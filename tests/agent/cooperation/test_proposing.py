@@ -6,17 +6,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agent.alignment.by_sight import Sighting
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import Encounter
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.peer import PeerLog
 from agent.cooperation.proposing import Aligner
+from agent.geometry.transform import inverse
+from deploy.bench.alignment import exact
 from deploy.bench.made import traced
+from protocol.geometry import apply
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 from tests.agent.alignment.test_alignment import chain, maze
+from tests.agent.mapping.test_layers import scan_at
+from tests.agent.mapping.test_particle_filter import ROOM
 from world.worldfile import from_document
 
+CORRIDOR = chain([(6.0, 2.0), (0.0, 2.0), (0.0, 0.0), (6.0, 0.0)])
+FRAME = np.array([4.0, 1.0, math.pi])  # of the peer that was passed
 MET = Encounter((0.5, 0.5, 0.0), (0.5, 0.9, 0.0))
 
 
@@ -63,3 +71,42 @@ def test_the_half_turn_of_a_hall_needs_more_than_what_decides(seed: int) -> None
     own = chain(*[[*ring[:-1], ring[0]] for ring in rings])
     for noisy in (True, False):
         assert not aligner(noisy=noisy).walls_agree(heard(own), own, np.array([0.0, 0.0, math.pi]), True)
+
+
+def passed(*, alone: bool) -> PeerLog:
+    """A peer that drove straight along a corridor, with a disc seen at five places; its map has two true corners."""
+    scan = scan_at((1.0, 1.0, 0.0), ROOM)
+    places = np.column_stack([np.linspace(-2.0, 0.0, 5), np.zeros(5)])
+    discs = apply(FRAME, places)
+    log = heard(replace(CORRIDOR, points=apply(inverse(FRAME), CORRIDOR.points)))
+    for (x, y), disc in zip(places.tolist(), discs, strict=True):
+        log.take_sighting(Sighting((3.0, 1.0, 0.0), (x, y, 0.0), disc[None], scan, alone))
+    return log
+
+
+def test_two_that_pass_each_other_straight_know_their_frames_if_nobody_else_is_heard() -> None:
+    found = aligner(noisy=False).align_by_sight(passed(alone=True), CORRIDOR)
+    assert found is not None and found[0].spread_m < 0.01 and found[1].transform is not None
+    assert np.allclose(found[1].transform, FRAME, atol=0.005)
+    assert aligner(noisy=False).walls_agree(passed(alone=True), CORRIDOR, FRAME, True)
+
+
+def test_where_others_are_heard_a_straight_pass_tells_nothing() -> None:
+    assert aligner(noisy=False).align_by_sight(passed(alone=False), CORRIDOR) is None
+    assert not aligner(noisy=False).walls_agree(passed(alone=False), CORRIDOR, FRAME, True)
+
+
+def test_walls_along_a_corridor_do_not_tell_how_far_along_it() -> None:
+    sides = chain([(0.0, 0.0), (6.0, 0.0)], [(6.0, 2.0), (0.0, 2.0)])
+    log = passed(alone=True)
+    log.map = ReceivedMap(replace(sides, points=apply(inverse(FRAME), sides.points)), 0)
+    found = aligner(noisy=False).align_by_sight(log, sides)
+    assert found is not None and found[1].transform is None
+
+
+def test_robots_in_a_loop_of_like_corners_merge_as_they_pass() -> None:
+    """Before, they had to meet again round a corner, at 66 s."""
+    run = exact.measure("loop-3", 0, limit_s=26.0)
+    pairs = {(merge["robot"], merge["peer"]): merge["at_once"] for merge in run["merges"]}
+    assert run["false"] == 0 and {("r1", "r2"), ("r2", "r1")} <= pairs.keys()
+    assert all(metres < 0.02 and degrees < 0.1 for metres, degrees in pairs.values())
