@@ -15,6 +15,7 @@ from rich.console import Console
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
 from deploy.sensing import named
+from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
 from protocol.status import Status
@@ -38,11 +39,17 @@ shows that all works; `TABLES`; and maybe `beforehand(quick)`, which makes what 
 class Benchmark:
     """All that `wireswarm bench NAME` measures."""
 
-    def __init__(self, name: str, tables: Container[str] | None = None) -> None:
-        """tables: only those parts that have one of these; None: all."""
-        parts = [import_module(f"deploy.bench.{part}") for part in PARTS[name].split()]
-        self.name = name
-        self.parts = [part for part in parts if tables is None or any(table.name in tables for table in part.TABLES)]
+    def __init__(self, name: str, tables: Container[str] | None = None, part: str | None = None) -> None:
+        """tables: only those parts that have one of these; None: all. part: only the part of that name.
+
+        Raises InputError where no part is called so.
+        """
+        modules = {module.rpartition(".")[2]: module for module in PARTS[name].split()}
+        if part is not None and part not in modules:
+            raise InputError(f"--part {part}: {name} has no such part; its parts are {', '.join(modules)}")
+        parts = [import_module(f"deploy.bench.{modules[chosen]}") for chosen in ([part] if part else modules)]
+        self.name, self.part = name, part
+        self.parts = [one for one in parts if tables is None or any(table.name in tables for table in one.TABLES)]
 
     def cases(self, quick: bool) -> list[Case]:
         """The cases of all parts."""
@@ -54,14 +61,14 @@ class Benchmark:
         return [section for section in made if section.rows]
 
     def stem(self, quick: bool, ideal: bool = False) -> str:
-        """How the files of its figures are called, without ending: -ideal and -quick appended to NAME where so."""
+        """How the folder of its cases is called: -ideal and -quick appended to NAME where so."""
         return f"{self.name}{'-ideal' if ideal else ''}{'-quick' if quick else ''}"
 
     def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
-        Cases are kept under folder/STEM and the tables in folder/STEM.json (`stem`). ideal: with the paper's sensing in
-        all runs that do not set it themselves.
+        Cases are kept under folder/STEM (`stem`), the tables in folder/STEM.json, or of one part in folder/STEM-PART.json.
+        ideal: with the paper's sensing in all runs that do not set it themselves.
         """
         stem = folder / self.stem(quick, ideal)
         for part in self.parts:
@@ -69,7 +76,8 @@ class Benchmark:
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
         sections = self.sections(outcome.figures)
-        report(stem.name, sensing, sections, outcome.failed, folder / f"{stem.name}.json")
+        file = f"{stem.name}-{self.part}.json" if self.part else f"{stem.name}.json"
+        report(stem.name, sensing, sections, outcome.failed, folder / file)
         if outcome.failed:
             return Status.FAILURE
         return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK

@@ -111,11 +111,18 @@ def study(
 
 
 def _measure(
-    context: Context, quick: Quick = False, ideal: Ideal = False, jobs: Jobs = None, results: Results = Path("results")
+    context: Context,
+    quick: Quick = False,
+    ideal: Ideal = False,
+    jobs: Jobs = None,
+    results: Results = Path("results"),
+    part: Annotated[
+        str | None, Option(help="One part of it only, such as exact; a wrong name tells all.", show_default="all")
+    ] = None,
 ) -> None:
     from deploy.bench.benchmark import Benchmark
 
-    raise Exit(Benchmark(str(context.info_name)).run(quick, results, jobs, ideal))
+    raise Exit(Benchmark(str(context.info_name), part=part).run(quick, results, jobs, ideal))
 
 
 for _name, _words in BENCHMARKS.items():

@@ -49,6 +49,22 @@ def test_a_study_measures_what_its_published_tables_need_and_no_more(name: str) 
     assert kept.keys() <= set().union(*parts) and all(tables & kept.keys() for tables in parts)
 
 
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_a_benchmark_measures_one_part_only_where_asked(name: str) -> None:
+    parts = {part.__name__.rpartition(".")[2]: part for part in Benchmark(name).parts}
+    for chosen, part in parts.items():
+        assert Benchmark(name, part=chosen).parts == [part]
+    with pytest.raises(InputError, match=f"its parts are {next(iter(parts))}"):
+        Benchmark(name, part="nothing")
+
+
+def test_one_part_leaves_the_tables_of_all_parts_alone(tmp_path: Path) -> None:
+    (tmp_path / "radio-quick.json").write_text("as before")
+    Benchmark("radio", part="codec").run(True, tmp_path, 1)
+    assert (tmp_path / "radio-quick.json").read_text() == "as before"
+    assert set(json.loads((tmp_path / "radio-quick-codec.json").read_text())["sections"]) == {"codec"}
+
+
 def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
     figures = {
         f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
