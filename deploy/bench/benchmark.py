@@ -67,8 +67,8 @@ class Benchmark:
     def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
-        Cases are kept under folder/STEM (`stem`), the tables in folder/STEM.json, or of one part in folder/STEM-PART.json.
-        ideal: with the paper's sensing in all runs that do not set it themselves.
+        Cases are kept under folder/STEM (`stem`), the tables in folder/STEM.json, those of one part in
+        folder/STEM-PART.json. ideal: with the paper's sensing in all runs that do not set it themselves.
         """
         stem = folder / self.stem(quick, ideal)
         for part in self.parts:
