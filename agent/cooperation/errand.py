@@ -70,7 +70,7 @@ class ProposalQueue:
             return peer, "it took too long"
         elif arrived is False and not errand.detours:
             return peer, "unreachable"
-        elif peer.trial.asks_for_a_sighting and not peer.log.heard_within(tick, self._still_heard):
+        elif (errand.detours or arrived) and peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
             return peer, "undecided"
         elif arrived is not None:
             place = self._elsewhere(tick, peer, pose, errand.detours)
@@ -79,9 +79,12 @@ class ProposalQueue:
             self.errand = Errand(place, errand.since, errand.detours + 1)
         return None
 
+    def _is_heard(self, tick: int, peer: Proposed) -> bool:
+        return peer.log.heard_within(tick, self._still_heard)
+
     def _elsewhere(self, tick: int, peer: Proposed, pose: Pose, detours: int) -> Floats | None:
         """(2,) where to look next: in turns the peer itself, if it is still heard, and what only it has seen."""
-        unseen, heard = peer.trial.walls.unseen(), peer.log.heard_within(tick, self._still_heard)
+        unseen, heard = peer.trial.walls.unseen(), self._is_heard(tick, peer)
         if heard and (detours % 2 == 0 or not len(unseen) or peer.trial.asks_for_a_sighting):
             return np.asarray(apply(peer.transform, np.array([peer.log.pose[:2]]))[0])
         stands = unseen[:, :2] + IN_FRONT_M * np.column_stack([-unseen[:, 3], unseen[:, 2]])

@@ -114,10 +114,9 @@ class Trial:
     @property
     def weight(self) -> float:
         """Log-odds of right against wrong, by the kinds of evidence that count."""
-        nats = {kind: self.nats[kind] if getattr(self.config, kind) else 0.0 for kind in KINDS}
-        walls = nats["ground"] + nats["later_maps"]
+        walls = self._nats("ground", "later_maps")
         walls = min(walls, WALLS_MOST_NATS) if self.config.discs else walls
-        return walls + nats["discs"] + nats["heard"] + nats["thirds"]
+        return walls + self._nats("discs", "heard", "thirds")
 
     @property
     def verdict(self) -> bool | None:
@@ -128,9 +127,13 @@ class Trial:
 
     @property
     def asks_for_a_sighting(self) -> bool:
-        """Whether walls have said all that they can, so that only seeing the peer where it must be may decide."""
-        nats = (self.nats[kind] for kind in ("ground", "later_maps") if getattr(self.config, kind))
-        return self.config.discs and sum(nats) >= WALLS_MOST_NATS
+        """Whether only seeing the peer where it must be may decide: the most that walls can say would not suffice."""
+        most = self._nats("discs", "heard", "thirds") + WALLS_MOST_NATS
+        return self.config.discs and most < self.config.accept
+
+    def _nats(self, *kinds: str) -> float:
+        """Weight of some kinds of evidence, of those that count."""
+        return sum(self.nats[kind] for kind in kinds if getattr(self.config, kind))
 
     @property
     def thirds_suffice(self) -> bool:

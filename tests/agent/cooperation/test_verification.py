@@ -54,12 +54,15 @@ def test_walls_alone_accept_nothing_where_the_teammate_may_be_seen() -> None:
     assert one.verdict is True
 
 
-def test_where_walls_have_said_all_they_can_only_a_sighting_may_decide() -> None:
+def test_only_a_sighting_may_decide_where_the_most_that_walls_can_say_would_not_suffice() -> None:
     one = trial()
+    assert one.asks_for_a_sighting
     one.nats["ground"] = 2.9
-    assert not one.asks_for_a_sighting
     one.align_again(True)
     assert one.asks_for_a_sighting and one.verdict is None
+    seen = trial()
+    seen.nats["discs"] = 2.5
+    assert not seen.asks_for_a_sighting
     alone = trial(discs=False)
     alone.nats["ground"] = 3.0
     assert not alone.asks_for_a_sighting

@@ -1,4 +1,4 @@
-"""A proposal of which walls have said all that they can waits for the next contact, and no drive is made for it."""
+"""A proposal that only seeing the peer can decide waits for the next contact, and no further drive is made for it."""
 
 import numpy as np
 import pytest
@@ -11,28 +11,30 @@ from agent.cooperation.peer import PeerLog, Proposed, Unaligned
 from agent.cooperation.team import Team
 from agent.cooperation.verification import DISC_NATS, GROUND_MOST_NATS
 from protocol.messages import RobotSpec
-from protocol.wireframe import Wireframe
+from protocol.wireframe import Wireframe, enclosed
 
 HERE = (0.0, 0.0, 0.0)
 EMPTY = Wireframe()
+ROOM = enclosed([np.array([(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)])])
 LATER = 1000  # a tick, long after the last contact
 
 
-def on_trial(ground: float) -> tuple[Team, Proposed]:
-    """A team whose only peer is on trial and silent, its walls worth `ground` nats, at the end of the drive to it."""
+def on_trial(ground: float, discs: float = 0.0) -> tuple[Team, Proposed]:
+    """A team whose only peer is on trial and silent, at the end of the drive to it; nats of its walls and sightings."""
     team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
     peer = Unaligned(PeerLog("r2", contact=Encounter(HERE, (3.0, 0.0, 0.0))))
     peer.log.map = ReceivedMap(EMPTY, 0)
     proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
     team.judge(LATER - 1, EMPTY, HERE, None)
     assert team.errand is not None and team.errand.goal.tolist() == [3.0, 0.0]
-    proposed.trial.nats["ground"] = ground
+    proposed.trial.nats["ground"], proposed.trial.nats["discs"] = ground, discs
     team.judge(LATER, EMPTY, HERE, True)
     return team, proposed
 
 
-def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again() -> None:
-    team, proposed = on_trial(GROUND_MOST_NATS)
+@pytest.mark.parametrize("ground", [0.0, GROUND_MOST_NATS])
+def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again(ground: float) -> None:
+    team, proposed = on_trial(ground)
     assert team.errand is None and not team.queue.proposals and team.proposed == [proposed]
     team.judge(LATER + 1, EMPTY, HERE, None)
     assert team.errand is None  # the same contact, long over
@@ -51,7 +53,20 @@ def test_a_sighting_decides_while_it_waits(sighting: float) -> None:
     assert said == ["its walls do not fit" if sighting > 0 else "the evidence decides"]
 
 
-def test_a_drive_that_has_shown_less_ends_in_a_rejection() -> None:
-    team, _ = on_trial(0.5 * GROUND_MOST_NATS)
+def test_where_walls_may_still_decide_a_drive_that_has_shown_too_little_ends_in_a_rejection() -> None:
+    team, _ = on_trial(0.5 * GROUND_MOST_NATS, DISC_NATS)
     assert [event.data["reason"] for event in team.events if event.event == "rejected"] == ["undecided"]
     assert not team.proposed
+
+
+def test_a_silent_peer_is_driven_to_once_and_not_sought_by_its_walls() -> None:
+    """In a maze a robot drove for 93 s to walls that the peer alone had seen; all of them would not have decided."""
+    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
+    peer = Unaligned(PeerLog("r2", contact=Encounter(HERE, (3.0, 0.0, 0.0))))
+    peer.log.map = ReceivedMap(ROOM, 0)
+    proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
+    assert len(proposed.trial.walls.unseen())
+    team.judge(LATER - 1, EMPTY, HERE, None)
+    assert team.errand is not None
+    team.judge(LATER, EMPTY, HERE, True)
+    assert team.errand is None and team.proposed == [proposed]
