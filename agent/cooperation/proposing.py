@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from agent.alignment.agreement import BENT_M, EXACT_M, agreement, beside
-from agent.alignment.align import Alignment, align_prepared
+from agent.alignment.align import LEAST_CORNERS, Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus, squared
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
@@ -47,9 +47,6 @@ BESIDE_NATS = 50.0
 """What it would weigh against a proposal if all walls that both maps have lay beside themselves: a twentieth of them
 beyond `max_beside` weighs as much as a sighting. Half turns of halls that are nearly the same after one have 0.13 to
 0.25, and need one to three more. Of 27 right ones in three such halls, where odometry errs, 7 have 0.10 to 0.15."""
-LEAST_CORNERS = 4
-"""Corners of both maps that must match where sightings give the transform, and whenever a proposal is accepted. Fewer
-than for an alignment by maps, as young maps of robots that see each other have few."""
 KNOWN_SD_M = 0.01
 """Standard error of a fit on walls that needs no corners, where the peer was met alone. Half a metre of wall across a
 corridor gives it. Of 711 such fits near sightings in 62 runs none was wrong, and the worst was 10 mm off."""

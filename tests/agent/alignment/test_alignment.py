@@ -136,6 +136,16 @@ def test_a_row_of_twins_is_ambiguous_though_only_one_transform_lays_all_of_it_on
     assert found(row, theirs).reason == "ambiguous"  # it may lie farther on, beyond what either has seen
 
 
+@pytest.mark.parametrize(("size", "reason"), [(1.0, "aligned"), (0.3, "weak")])
+def test_four_corners_in_common_suffice_where_long_walls_agree(size: float, reason: str) -> None:
+    shared = [(0.0, 0.0), (8.0, 0.0), (8.0, 5.0), (20.0, 5.0), (20.0, 9.0), (26.0, 9.0)]
+    mine = [(-30.0, 0.0), (-30.0, 3.0), (-33.0, 3.0), (-33.0, 4.0)]
+    theirs = [(50.0, 20.0), (52.0, 20.0), (52.0, 27.0), (53.0, 27.0)]
+    maps = (chain([(size * x, size * y) for x, y in shared], other) for other in (mine, theirs))
+    said = found(next(maps), moved(next(maps), (3.0, -2.0, 0.7)), min_corners=6)
+    assert (said.reason, said.inliers) == (reason, 4)
+
+
 def test_what_a_map_has_from_others_is_not_aligned() -> None:
     whole = maze(1)
     heard = replace(whole, own=np.zeros(len(whole.edges), np.bool_))
