@@ -398,8 +398,8 @@ class Team:
     def judge(self, tick: int, own: Wireframe, pose: Pose, arrived: bool | None) -> None:
         """Decide the proposals whose evidence suffices, and where to drive for the first of the others.
 
-        Where a drive has shown all that walls can say, only a sighting of the peer decides: the proposal waits for the
-        next contact with it, without a drive, and what was seen is not lost.
+        Where only a sighting of the peer can decide, and it has gone, the proposal waits for the next contact with it,
+        without a further drive, and what was seen is not lost.
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         self._decide(tick, own)
@@ -442,7 +442,7 @@ class Team:
         self.propose(Unaligned(peer.log), pose_of(peer.transform), own, figures, how="on trial again")
 
     def _end_drive(self, peer: Proposed, reason: str) -> None:
-        """A drive has decided nothing: the proposal waits for a sighting, if that is all that is missing, or ends."""
+        """A drive has decided nothing: the proposal waits for a sighting, if nothing else can decide, or ends."""
         if peer.trial.asks_for_a_sighting:
             self.queue.remove(peer)
             peer.waits_since = peer.log.contact

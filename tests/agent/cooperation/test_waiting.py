@@ -19,11 +19,14 @@ ROOM = enclosed([np.array([(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)])])
 LATER = 1000  # a tick, long after the last contact
 
 
-def on_trial(ground: float, discs: float = 0.0) -> tuple[Team, Proposed]:
-    """A team whose only peer is on trial and silent, at the end of the drive to it; nats of its walls and sightings."""
+def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tuple[Team, Proposed]:
+    """A team whose only peer is on trial and silent, at the end of the drive to where it was.
+
+    ground, discs: what its walls and sightings weigh, nats; theirs: its map.
+    """
     team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
     peer = Unaligned(PeerLog("r2", contact=Encounter(HERE, (3.0, 0.0, 0.0))))
-    peer.log.map = ReceivedMap(EMPTY, 0)
+    peer.log.map = ReceivedMap(theirs, 0)
     proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
     team.judge(LATER - 1, EMPTY, HERE, None)
     assert team.errand is not None and team.errand.goal.tolist() == [3.0, 0.0]
@@ -61,12 +64,6 @@ def test_where_walls_may_still_decide_a_drive_that_has_shown_too_little_ends_in_
 
 def test_a_silent_peer_is_driven_to_once_and_not_sought_by_its_walls() -> None:
     """In a maze a robot drove for 93 s to walls that the peer alone had seen; all of them would not have decided."""
-    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
-    peer = Unaligned(PeerLog("r2", contact=Encounter(HERE, (3.0, 0.0, 0.0))))
-    peer.log.map = ReceivedMap(ROOM, 0)
-    proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
+    team, proposed = on_trial(0.0, theirs=ROOM)
     assert len(proposed.trial.walls.unseen())
-    team.judge(LATER - 1, EMPTY, HERE, None)
-    assert team.errand is not None
-    team.judge(LATER, EMPTY, HERE, True)
     assert team.errand is None and team.proposed == [proposed]
