@@ -40,10 +40,10 @@ class Alignment:
 LEAST_CORNERS = 4
 """Corners of both maps that must match where sightings give the transform, and whenever a proposal is accepted. Fewer
 than `min_inliers`, as young maps of robots that see each other have few."""
-LONG_SCORE_M = 12.0
-"""Score from which LEAST_CORNERS suffice for an alignment by maps, too: two that share a long corridor have few corners
-in common. Of 6,319 pairs of recorded maps 19 have 4 or 5 corners and this score, and all are right; of 27 with 8 to
-12 m two are wrong, and 4 of the 3,306 that have corners enough."""
+LONG = 3.0
+"""Times `min_score_m` from which LEAST_CORNERS suffice for an alignment by maps, too: two that share a long corridor
+have few corners in common. Of 6,319 pairs of recorded maps 19 have 4 or 5 corners and 12 m, and all are right; of 27
+with 8 to 12 m two are wrong, and 4 of the 3,306 that have corners enough."""
 
 Method = Callable[[PreparedMap, PreparedMap, AlignmentConfig, np.random.Generator], Alignment]
 """Finds and judges the best transform between two maps. Benchmarks compare others with `by_features`."""
@@ -58,7 +58,7 @@ def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig,
     if config.repetition and found.scores[0] > 0.0:
         rival = rival_score(found.transforms[0], float(found.agreement[0]), mine, theirs, config.drawing, rng)
     said = described(found, mine, theirs, rival)
-    corners = LEAST_CORNERS if said.score >= LONG_SCORE_M else config.min_inliers
+    corners = LEAST_CORNERS if said.score >= LONG * config.min_score_m else config.min_inliers
     if said.inliers < corners or said.score < config.min_score_m:
         return replace(said, reason="weak")
     if said.conflict > config.max_conflict * said.agreement:

@@ -20,7 +20,7 @@ class AlignmentConfig(Config):
     """Walls of its own that a map may have; larger ones are refused, as work grows with the square. A building of
     600 m2 has 200."""
     min_inliers: Annotated[int, Field(ge=2, le=20_000)] = 6
-    """Corners of both maps that must match, where less than 12 m of wall agree."""
+    """Corners of both maps that must match; four, where three times `min_score_m` of wall agree."""
     min_score_m: NotNegative = 4.0
     """Metres of wall that must agree, less the weighted metres in conflict."""
     conflict_weight: Positive = 20.0
