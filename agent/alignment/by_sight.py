@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.agreement import agreement
-from agent.alignment.align import Alignment
+from agent.alignment.align import LEAST_CORNERS, Alignment
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
@@ -82,13 +82,10 @@ def consensus(sightings: Sequence[Sighting], gate_m: float, base_m: float) -> Co
     return Consensus(best, int(seen.sum()), rival, middle, math.sqrt(max(across, 0.0)))
 
 
-def align_by_sight(
-    mine: PreparedMap, theirs: PreparedMap, found: Consensus, config: AlignmentConfig, least_corners: int
-) -> Alignment:
+def align_by_sight(mine: PreparedMap, theirs: PreparedMap, found: Consensus, config: AlignmentConfig) -> Alignment:
     """The alignment that a consensus gives, refined on the corners of both maps; its reason says if walls agree.
 
-    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`. least_corners:
-    those that must match.
+    Reasons: `sighted`, with a transform, or `unlike` (no corners match near it), `weak`, `conflict`.
     """
     none = Alignment(None, "unlike", best=pose_of(found.transform))
     square = squared(found.transform, found.middle, mine.corners.walls, theirs.corners.walls)
@@ -102,7 +99,7 @@ def align_by_sight(
         agreed, conflict = agreement(mine.walls, theirs.walls, t)
         score = agreed - config.conflict_weight * conflict
         reason = "sighted"
-        if inliers < least_corners or agreed < config.min_score_m:
+        if inliers < LEAST_CORNERS or agreed < config.min_score_m:
             reason = "weak"
         elif conflict > config.max_conflict * agreed:
             reason = "conflict"

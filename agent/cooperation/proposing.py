@@ -172,7 +172,7 @@ class Aligner:
         self, log: PeerLog, own: Wireframe, maps: tuple[PreparedMap, PreparedMap], near: Consensus
     ) -> Alignment:
         """The alignment near a consensus on corners, or on walls alone where there are too few and it was met alone."""
-        said = align_by_sight(*maps, near, self.config, LEAST_CORNERS)
+        said = align_by_sight(*maps, near, self.config)
         if said.transform is not None or not log.met_alone:
             return said
         assert log.map is not None
@@ -180,7 +180,7 @@ class Aligner:
         start = squared(near.transform, near.middle, mine.corners.walls, theirs.corners.walls)
         fit = fit_on_walls(own, log.map.wireframe, start)
         agreed, conflict = agreement(mine.walls, theirs.walls, fit.transform)
-        if not is_known(fit) or agreed < self.config.min_score_m or contradict(agreed, conflict, self.config):
+        if not is_known(fit) or not bear_out(agreed, conflict, self.config):
             return said
         share = agreed / min(mine.walls.length_m, theirs.walls.length_m)
         pose = pose_of(fit.transform)
@@ -208,8 +208,7 @@ class Aligner:
         most = self.config.max_beside + (spare_nats / BESIDE_NATS if self.spec.odometry.noisy else 0.0)
         if beside(mine.walls, theirs.walls, fit.transform, EXACT_M) > most:
             return False
-        agreed, conflict = agreement(mine.walls, theirs.walls, fit.transform)
-        return agreed >= self.config.min_score_m and conflict <= self.config.max_conflict * agreed
+        return bear_out(*agreement(mine.walls, theirs.walls, fit.transform), self.config)
 
 
 def is_known(fit: WallFit) -> bool:
@@ -228,6 +227,11 @@ def corners_agree(mine: PreparedMap, theirs: PreparedMap, transform: Floats) -> 
 def contradict(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
     """Whether metres of wall in conflict are too many for those that agree; robots that share work have few."""
     return conflict_m > config.max_conflict * max(agreed_m, config.min_score_m)
+
+
+def bear_out(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
+    """Whether enough metres of wall agree, and few for that are in conflict."""
+    return agreed_m >= config.min_score_m and not contradict(agreed_m, conflict_m, config)
 
 
 def off_its_map(log: PeerLog) -> bool:

@@ -64,11 +64,15 @@ class Benchmark:
         """How the folder of its cases is called: -ideal and -quick appended to NAME where so."""
         return f"{self.name}{'-ideal' if ideal else ''}{'-quick' if quick else ''}"
 
+    def file(self, folder: Path, quick: bool, ideal: bool = False) -> Path:
+        """Of its tables, STEM.json; those of one part are in STEM-PART.json and leave that alone."""
+        return folder / f"{self.stem(quick, ideal)}{f'-{self.part}' if self.part else ''}.json"
+
     def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
-        Cases are kept under folder/STEM (`stem`), the tables in folder/STEM.json, those of one part in
-        folder/STEM-PART.json. ideal: with the paper's sensing in all runs that do not set it themselves.
+        Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
+        that do not set it themselves.
         """
         stem = folder / self.stem(quick, ideal)
         for part in self.parts:
@@ -76,8 +80,7 @@ class Benchmark:
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
         sections = self.sections(outcome.figures)
-        file = f"{stem.name}-{self.part}.json" if self.part else f"{stem.name}.json"
-        report(stem.name, sensing, sections, outcome.failed, folder / file)
+        report(stem.name, sensing, sections, outcome.failed, self.file(folder, quick, ideal))
         if outcome.failed:
             return Status.FAILURE
         return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK

@@ -30,7 +30,7 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     before = json.loads(published.read_text(encoding="utf-8"))
     benchmark = Benchmark(STUDIES[name], before["sections"])
     status = benchmark.run(quick, folder, jobs)
-    now = json.loads((folder / f"{benchmark.stem(quick)}.json").read_text(encoding="utf-8"))
+    now = json.loads(benchmark.file(folder, quick).read_text(encoding="utf-8"))
     comparison(before, now).section({}).print(Console())
     return status
 
