@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from agent.geometry.lines import above, along
 from agent.geometry.wall_tiles import MOST
 from agent.mapping.submaps.matching import BESIDE_M, FACING, nearest_wall, tiles_of
 from agent.mapping.submaps.segments import SEGMENT
@@ -20,12 +19,11 @@ def scattered(count: int, size: float, rng: np.random.Generator) -> Records:
 
 
 def nearest_of_all(walls: Records, x: float, y: float, ux: float, uy: float, gate: float) -> int:
-    best, found = gate, -1
-    for k, wall in enumerate(walls.view(np.recarray)):
-        beside = wall.low - BESIDE_M <= along(wall, x, y) <= wall.high + BESIDE_M
-        if wall.ux * ux + wall.uy * uy >= FACING and beside and abs(above(wall, x, y)) < best:
-            best, found = abs(above(wall, x, y)), k
-    return found
+    dx, dy = x - walls["x"], y - walls["y"]
+    off, t = np.abs(dy * walls["ux"] - dx * walls["uy"]), dx * walls["ux"] + dy * walls["uy"]
+    beside = (walls["low"] - BESIDE_M <= t) & (t <= walls["high"] + BESIDE_M)
+    off[~beside | (walls["ux"] * ux + walls["uy"] * uy < FACING)] = gate
+    return int(off.argmin()) if (off < gate).any() else -1
 
 
 @pytest.mark.parametrize(("count", "size"), [(0, 1.0), (1, 1.0), (200, 20.0), (200, 300.0)])
