@@ -17,6 +17,7 @@ from agent.mapping.edges import (
     doubt,
     has_slot,
     join,
+    may_hide_slot,
     part,
     set_end,
     set_tip,
@@ -66,7 +67,7 @@ def see_end(
         return
     if too_long or too_short:
         if outlasted(e, side, patience):
-            if too_short and label == OCCLUSION and _is_inner_corner(edges, k, side):
+            if too_short and label == OCCLUSION and _may_end_at_slot(edges, k, side):
                 show_slot(e, side, known - seen, slack)
             part(edges, k, side)
             set_end(e, side, label, slack, 1.0)
@@ -94,10 +95,10 @@ def see_end(
 
 
 @kernel
-def _is_inner_corner(edges: Records, k: int, side: int) -> bool:
-    """Whether an end of wall k is a corner that stands back from the room: behind others no wall goes on."""
+def _may_end_at_slot(edges: Records, k: int, side: int) -> bool:
+    """Whether an end of wall k is a corner beside which a slot may be."""
     f = edges[k].link[side]
-    return f >= 0 and (1.0 if side == 1 else -1.0) * meet(edges[k], edges[f])[0] > 0.0
+    return f >= 0 and (may_hide_slot(edges[k], edges[f]) if side == 1 else may_hide_slot(edges[f], edges[k]))
 
 
 @kernel
@@ -130,11 +131,11 @@ def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: f
     """
     if e == f or not may_meet(edges, e, 1, f):
         return
-    sine, at_e = meet(edges[e], edges[f])
+    at_e = meet(edges[e], edges[f])[1]
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
     linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)
-    if sine > 0.0 and (linked or slot):  # behind a corner that stands out into the room no wall goes on
+    if (linked or slot) and may_hide_slot(edges[e], edges[f]):
         see_bare(edges[e], 1, gap_e, p.apart[1], p.bearing[1])
         see_bare(edges[f], 0, gap_f, q.apart[0], q.bearing[0])
     if linked:

@@ -13,6 +13,7 @@ from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.blunt_corners import close_blunt_corners
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
+from agent.mapping.chords import hide_chords
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
 from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
@@ -430,22 +431,27 @@ def _scans_of_tentative(walls: Records) -> Floats:
 @kernel
 def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
     """The arrays of that wireframe, in the order of its fields: slots open, short walls square, blunt corners and
-    small faces closed.
+    small faces closed, chords left away.
 
     noise: m, standard deviation of a range.
     """
-    place, m = np.full(len(edges), -1), 0
+    shown = np.full(len(edges), -1)
     for k in range(len(edges)):
         if is_published(edges[k]):
-            place[k] = m
-            m += 1
+            shown[k] = 1
     edges = edges.copy()
     for k in range(len(edges)):
-        if place[k] >= 0 and edges[k].link[1] >= 0 and has_slot(edges, k, edges[k].link[1]):
+        if shown[k] >= 0 and edges[k].link[1] >= 0 and has_slot(edges, k, edges[k].link[1]):
             part(edges, k, 1)
-    square_short_walls(edges, place, noise)
-    close_blunt_corners(edges, place, noise)
-    joined = close_small_faces(edges, place)
+    square_short_walls(edges, shown, noise)
+    close_blunt_corners(edges, shown, noise)
+    hide_chords(edges, shown)
+    joined = close_small_faces(edges, shown)
+    place, m = np.full(len(edges), -1), 0
+    for k in range(len(edges)):
+        if shown[k] >= 0:
+            place[k] = m
+            m += 1
     total = m + int((joined >= 0).sum())
     tips, labels, following = np.empty((total, 2, 2)), np.empty((total, 2), np.uint8), np.empty(total, np.int64)
     likelihood, own = np.empty(total, np.float32), np.empty(total, np.bool_)

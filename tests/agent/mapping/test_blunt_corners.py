@@ -8,10 +8,12 @@ import pytest
 from agent.cooperation.merging import HITS_PER_M, SAME_WALL_M
 from agent.kernels import kernel
 from agent.mapping.association import Gates
+from agent.mapping.blunt_corners import close_blunt_corners
+from agent.mapping.chords import hide_chords
 from agent.mapping.edges import EDGE, WALL
 from agent.mapping.layers import layer_of, merged
 from agent.mapping.scan_merge import same_line
-from protocol.arrays import Floats, Records
+from protocol.arrays import Floats, Ints, Records
 from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain
 from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round_tour
@@ -90,6 +92,45 @@ def test_a_stub_ends_where_a_peer_saw_a_blunt_corner() -> None:
     theirs = certain(np.array([(0.0, 0.0), (3.0, 0.0), (3.0 + 2.0 * c, 2.0 * s)]), np.array([(0, 1), (1, 2)]))
     out = laid(own_wall((0.0, 0.0), (1.0, 0.0)), theirs)
     assert len(out) == 2 and out["tip"][0] == pytest.approx(np.array([(0.0, 0.0), (3.0, 0.0)]), abs=0.02)
+
+
+@kernel
+def published(edges: Records) -> Ints:
+    """(n,) head links of walls that are all shown, -2 for chords."""
+    shown = np.ones(len(edges), np.int64)
+    close_blunt_corners(edges, shown, 0.01)
+    hide_chords(edges, shown)
+    return np.where(shown < 0, -2, edges["link"][:, 1])
+
+
+def bent(turn_deg: float, past_m: float, before_m: float = 1.5) -> Records:
+    """Walls of 1.5 m on either side of a corner at the origin, each that much longer: a hand's breadth behind it."""
+    way = np.array([math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))])
+    return np.concatenate((own_wall((-before_m, 0.0), (past_m, 0.0)), own_wall(tuple(-past_m * way), tuple(1.5 * way))))
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "past_m", "linked"), [(2.0, 1.0, 1), (14.0, 0.4, 1), (24.0, 0.08, 1), (24.0, 0.5, -1)]
+)
+def test_walls_that_cross_end_where_they_do(turn_deg: float, past_m: float, linked: int) -> None:
+    """In `made.traced` each fourth map had walls that crossed, up to 3.4 cm deep."""
+    edges = bent(turn_deg, past_m)
+    assert published(edges).tolist() == [linked, -1]
+    ends = np.array([edges["tip"][0, 1], edges["tip"][1, 0]])
+    assert linked < 0 or ends == pytest.approx(np.zeros((2, 2)), abs=1e-6)
+
+
+def test_of_two_walls_that_it_crosses_a_wall_ends_at_the_first() -> None:
+    edges = np.concatenate((bent(5.0, 0.8), own_wall((0.307, -0.034), (2.0, 0.264))))
+    assert published(edges).tolist() == [1, 2, -1]
+
+
+def test_a_wall_across_a_corner_is_a_chord_and_not_shown() -> None:
+    corner = bent(50.0, 0.0)
+    chord = own_wall((-0.15, -0.02), (0.1, 0.1))
+    edges = np.concatenate((corner, chord))
+    edges["link"][0, 1], edges["link"][1, 0] = 1, 0
+    assert published(edges).tolist() == [1, -1, -2]
 
 
 @kernel

@@ -8,7 +8,7 @@ import pytest
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
 from agent.mapping.edges import EDGE, WALL, join, set_tip, tip_at
 from agent.mapping.ends import close_open_corners, see_corner, see_end
-from agent.mapping.slots import see_bare
+from agent.mapping.slots import see_bare, show_slot
 from agent.mapping.tentative import become_wall, wall_probability
 
 
@@ -59,6 +59,20 @@ def test_a_corner_is_not_closed_again_where_views_passed_behind_the_end_of_a_wal
     see_bare(edges[0], 1, 0.01, 0.02, 1.0)  # from another place the wall goes on to the corner
     close_open_corners(edges, 2)
     assert edges["link"][0, 1] == 1
+
+
+@pytest.mark.parametrize(("turn_deg", "linked"), [(90.0, -1), (50.0, -1), (23.0, 1), (-90.0, 1)])
+def test_slots_are_beside_corners_that_stand_back_and_are_not_blunt(turn_deg: float, linked: int) -> None:
+    """What spoke for a slot before another wall held two apart that share a corner: they crossed, and stayed open."""
+    edges, turn = np.zeros(2, EDGE), math.radians(turn_deg)
+    edges["alive"], edges["own"], edges["link"], edges["label"] = WALL, 1, -1, OCCLUSION
+    edges["ux"], edges["uy"] = (1.0, math.cos(turn)), (0.0, math.sin(turn))
+    set_tip(edges[0], 0, -1.0)
+    set_tip(edges[0], 1, 0.02)
+    set_tip(edges[1], 1, 1.0)
+    show_slot(edges[0], 1, 0.08, 0.03)
+    close_open_corners(edges, 2)
+    assert edges["link"][0, 1] == linked
 
 
 def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_it() -> None:
