@@ -4,8 +4,7 @@ A peer is heard, then proposed (an alignment is on trial while the robot drives 
 given up. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
 """
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.errand import STILL_HEARD_S, Errand, ProposalQueue
+from agent.cooperation.errand import Errand, ProposalQueue
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
 from agent.cooperation.merging import (
     REFUSED_MAPS,
@@ -29,13 +28,14 @@ from agent.cooperation.merging import (
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
-from agent.cooperation.verification import DISC_GATE_M, Trial, nats_of_thirds
+from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
+from agent.cooperation.whereabouts import Whereabouts
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, pose_of
-from protocol.messages import Event, RobotSpec, TeammatePose
+from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Wireframe
 
 LOOK_S = 0.6
@@ -48,21 +48,6 @@ REFINE_S = 4.0
 """Least interval at which the transform of a merged peer is refined with a newer map."""
 ALONE_S = 20.0
 """Who was not heard for so long is not in view, as who is in view sends a beacon every 5 s."""
-STRANGER_S = 20.0
-"""A peer counts as a stranger for this long after it was merged: it may not know the robot's frame yet."""
-PLACE_KNOWN_S = 60.0
-"""A teammate silent for longer has no part in the division of work: it drives 13 m in the time."""
-TOLD_SD = 0.01
-"""Standard deviation, m and rad, of a pose that a teammate tells: of those of robots in their maps."""
-STRAIGHT_SDS, TURNED_M = 3.0, 0.5
-"""Since then it may have driven straight on, which counts as so many deviations, and turned by a radian each so many
-metres: round the corner of a doorway."""
-NEARER_M = 1.0
-"""A frontier is left to a teammate that is nearer by this much, and by half the way that it may have gone since.
-
-The second of two by name leaves what is as near to the first: three and six robots in three layouts, 44 runs, are
-complete after 266 s instead of 285 (means; the paired difference is 19 s, with a standard error of 7)."""
-
 EMPTY_LOOKS = 4
 """Looks in a row at free floor where a merged teammate must be before the merge is undone: one in ten misses it."""
 
@@ -77,6 +62,7 @@ class Team:
         self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
         self.peers = Peers()
+        self.whereabouts = Whereabouts(self.peers, spec, config.division)
         self.queue = ProposalQueue(config.verification.time_out_s, spec.lidar.rate_hz)
         """Z."""
         self.changed = False
@@ -116,64 +102,6 @@ class Team:
     def frames(self) -> Mapping[str, Pose]:
         """Where their frames lie in the robot's own."""
         return self.peers.frames if self.config.division else NOBODY
-
-    def teammates(self, tick: int) -> list[TeammatePose]:
-        """Where peers with a transform were last heard to be, in the robot's own frame."""
-        known = []
-        for name, peer in sorted(self.peers.items()):
-            if isinstance(peer, Unaligned) or peer.log.pose_tick < 0:
-                continue
-            pose, drive_m = self._last_pose(tick, peer)
-            spread = math.hypot(TOLD_SD + peer.transform_sd_m, drive_m / STRAIGHT_SDS)
-            turn = min(math.pi, TOLD_SD + drive_m / TURNED_M)
-            known.append(
-                TeammatePose(
-                    robot=name,
-                    tick=peer.log.pose_tick,
-                    pose=pose,
-                    covariance=(spread**2, 0.0, 0.0, 0.0, spread**2, 0.0, 0.0, 0.0, turn**2),
-                    status="merged" if isinstance(peer, Merged) else "proposed",
-                )
-            )
-        return known
-
-    def places(self, tick: int) -> Floats:
-        """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
-        found = []
-        for peer in self.merged:
-            if peer.log.heard_within(tick, STILL_HEARD_S * self.spec.lidar.rate_hz):
-                (x, y, _), drive_m = self._last_pose(tick, peer)
-                found.append((x, y, DISC_GATE_M + drive_m))
-        return np.array(found, np.float64).reshape(-1, 3)
-
-    def strangers(self, tick: int, present: Iterable[str]) -> bool:
-        """Whether a peer in contact has a frame that is not known, or not for long."""
-        lately = tick - STRANGER_S * self.spec.lidar.rate_hz
-        heard = (self.peers[name] for name in present if name in self.peers)
-        return any(not isinstance(peer, Merged) or peer.since >= lately for peer in heard)
-
-    def know(self, tick: int, heard: Iterable[str]) -> bool:
-        """Whether the places of all who are heard are known, and have been for a while."""
-        named = list(heard)
-        return all(name in self.peers for name in named) and not self.strangers(tick, named)
-
-    def partners(self, tick: int, robot: str) -> Floats:
-        """(k, 3) merged teammates: place, and metres by which each must be nearer to a frontier to have it.
-
-        robot: its own name. Of two that are about as near the first by name has it: else both would drive there.
-        """
-        found = []
-        for peer in self.shares_work_with:
-            if peer.log.heard_within(tick, self._ticks(PLACE_KNOWN_S)):
-                (x, y, _), drive_m = self._last_pose(tick, peer)
-                nearer_m = NEARER_M if robot < peer.log.name else 0.0
-                found.append((x, y, nearer_m + 0.5 * drive_m))
-        return np.array(found, np.float64).reshape(-1, 3)
-
-    def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
-        """Where a peer said that it is, own frame, and how many metres it may have driven since."""
-        drive_m = self.spec.max_speed_mps * (tick - peer.log.pose_tick) / self.spec.lidar.rate_hz
-        return peer.log.place(peer.transform), drive_m
 
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
