@@ -133,7 +133,7 @@ class Robot:
         self._arrived = command.arrived
         viewpoints, ends = explorer.viewpoints, explorer.goals.in_vain
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
-        in_sight = len(scan.discs) > 0 and self.team.whereabouts.strangers(tick, self.exchange.contacts)
+        in_sight = len(scan.discs) > 0 and self.team.whereabouts.unknown_to(self.exchange.contacts)
         sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
@@ -191,6 +191,7 @@ class Robot:
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,
+            unknown=self.team.whereabouts.unknown_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,
         )

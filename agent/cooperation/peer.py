@@ -75,6 +75,8 @@ class PeerLog:
     explained_by_proposal: int = 0
     """The same of the last proposal by sight: another one must explain more."""
 
+    knows_me: bool = False
+    """Whether it has said where the robot's own frame lies: it has merged the robot's map."""
     claim: Floats | None = None
     """(3,) its frame in the robot's own by its own word, which it gives where it has merged the robot's map."""
     tried_claim: Floats | None = None
@@ -114,7 +116,7 @@ class PeerLog:
 
     def take_frame(self, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
-        claim = inverse(np.array(mine_in_theirs))
+        self.knows_me, claim = True, inverse(np.array(mine_in_theirs))
         if self.tried_claim is None or apart(claim, self.tried_claim, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
             self.claim = claim
 

@@ -13,7 +13,7 @@ from protocol.geometry import Pose
 from protocol.messages import RobotSpec, TeammatePose
 
 STRANGER_S = 20.0
-"""A peer counts as a stranger for this long after it was merged: it may not know the robot's frame yet."""
+"""A peer counts as a stranger for this long after it was merged: the merge may be undone by what is seen first."""
 PLACE_KNOWN_S = 60.0
 """A teammate silent for longer has no part in the division of work: it drives 13 m in the time."""
 TOLD_SD = 0.01
@@ -78,17 +78,14 @@ class Whereabouts:
                 found.append((x, y, nearer_m + 0.5 * drive_m))
         return np.array(found, np.float64).reshape(-1, 3)
 
-    def strangers(self, tick: int, present: Iterable[str]) -> bool:
-        """Whether a peer in contact has a frame that is not known, or not for long."""
-        return any(self._is_strange(tick, name) for name in present if name in self._peers)
+    def unknown_to(self, contacts: Iterable[str]) -> bool:
+        """Whether one of those in contact has not merged the robot's map, by all that it said."""
+        return any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
 
     def know(self, tick: int, heard: Iterable[str]) -> bool:
         """Whether the places of all who are heard are known, and have been for a while."""
-        return not any(name not in self._peers or self._is_strange(tick, name) for name in heard)
-
-    def _is_strange(self, tick: int, name: str) -> bool:
-        peer = self._peers[name]
-        return not isinstance(peer, Merged) or peer.since >= tick - STRANGER_S * self._rate_hz
+        lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
+        return all(isinstance(peer, Merged) and peer.since < lately for peer in peers)
 
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
         """Where a peer said that it is, own frame, and how many metres it may have driven since."""

@@ -37,6 +37,7 @@ RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
+MOST_SHOWN = 8  # places where a complete robot shows itself: two sightings decide, and most are lost behind walls
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
@@ -81,6 +82,7 @@ class Explorer:
         self._decided_tick, self._decided_version = 0, -1
         self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
         self._sd_at_home_m = 0.0  # of its place when it was last there: where that did not help, it is not tried again
+        self._shown: list[Floats] = []  # (2,) each, where it has shown itself since it is complete
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
@@ -173,7 +175,12 @@ class Explorer:
         return self.target or self._choose_frontier(scene, self._put_back)
 
     def default_state(self, scene: Scene) -> Target:
-        """What else is under way, or the default state's next task, or the place to park."""
+        """What else is under way, or the default state's next task, or the place to park.
+
+        A robot that has parked steps aside where it is seen by somebody who does not know its frame.
+        """
+        if self.complete and scene.unknown and len(scene.discs) and (aside := self._step_aside(scene)):
+            return aside
         return self.target or self._choose_default(scene, self._put_back)
 
     def drive(self, scene: Scene, target: Target) -> Command:
@@ -219,7 +226,7 @@ class Explorer:
 
     def _resume(self, place: Floats, reason: str) -> None:
         """End `complete`; place: (2,) where something is to be done."""
-        self.complete, self.target = False, None
+        self.complete, self.target, self._shown = False, None, []
         self._tell("resumed", reason=reason, place=rounded(place))
 
     # what became of the target
@@ -377,6 +384,20 @@ class Explorer:
         route = route or standing.out_of_the_way(places, roads)
         path = scene.here[None] if route is None else route.path
         self.target = Target(Task("park", path[-1], path[-1]), path, roads.clearance)
+        self.headway.restart(scene.tick)
+        return self.target
+
+    def _step_aside(self, scene: Scene) -> Target | None:
+        """Park elsewhere, nearby: what stands still may be a post, and is no evidence of where its frame lies."""
+        parked = self.target
+        if parked is None or not parked.within(ARRIVED_M, scene.here) or len(self._shown) >= MOST_SHOWN:
+            return None
+        self._shown.append(scene.here)
+        *_, roads = self.surroundings.ways(scene)
+        route = standing.aside(np.array(self._shown), self.viewpoints.own_places(), roads)
+        if route is None:
+            return None
+        self.target = Target(Task("park", route.path[-1], route.path[-1]), route.path, roads.clearance)
         self.headway.restart(scene.tick)
         return self.target
 

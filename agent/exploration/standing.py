@@ -8,6 +8,8 @@ from protocol.arrays import Floats
 
 _RINGS_M = (0.3, 0.6)  # distances from an errand's place at which standing points are looked for, in eight directions
 _OFF_COST = 2.0  # metres of path that a metre of distance from an errand's place is worth
+_APART_M = 0.35  # a robot that shows itself goes so far from all places where it did: what is seen nearer is no news
+_ASIDE_M, _ASIDE_MOST_M = 0.5, 2.0  # ... about so far from where it is, and at most
 _RETREAT_M = 1.2  # a robot that makes room goes at least this far from the teammate: it can turn off in between
 _PASSING_M = 0.45  # from walls to a parked robot: another (0.21 m wide) passes on either side; no doorway is blocked
 _PARK_ROOM_M = 1.0  # more room than this is no better for parking: half the width of a corridor of the mazes
@@ -20,6 +22,13 @@ def near(place: Floats, roads: Roads) -> Route | None:
     away = np.hypot(*(points - place).T)
     good = roads.with_view(points, np.repeat(place[None], len(points), 0))
     return roads.nearest(points[good], _OFF_COST * away[good])
+
+
+def aside(taken: Floats, places: Floats, roads: Roads) -> Route | None:
+    """The way to a place out of the way that is apart from places (k, 2) that were taken, the last of them now."""
+    points = np.vstack((places, taken[-1] + _ASIDE_M * circle(8)))
+    away = np.hypot(*(points[:, None] - taken[None]).transpose(2, 0, 1))
+    return out_of_the_way(points[(away.min(1) >= _APART_M) & (away[:, -1] <= _ASIDE_MOST_M)], roads)
 
 
 def away_from(teammate: tuple[float, float], places: Floats, walls: Floats, roads: Roads) -> Route | None:

@@ -76,6 +76,13 @@ def test_who_is_merged_is_known_after_a_while_and_nobody_else() -> None:
     assert not team.whereabouts.know(lately + 1, ["a", "p"])
 
 
+def test_who_has_merged_the_robots_map_says_so() -> None:
+    team = team_of({"a": PEER})
+    assert team.whereabouts.unknown_to(["a"]) and not team.whereabouts.unknown_to([])
+    team.peers["a"].log.take_frame((1.0, 2.0, 0.3))
+    assert not team.whereabouts.unknown_to(["a"]) and team.whereabouts.unknown_to(["a", "never heard of"])
+
+
 def test_the_word_of_most_is_taken() -> None:
     peer = merged("p", PEER)
     others = team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))}).merged
