@@ -133,7 +133,8 @@ class Robot:
         self._arrived = command.arrived
         viewpoints, ends = explorer.viewpoints, explorer.goals.in_vain
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
-        in_sight = len(scan.discs) > 0 and self.team.whereabouts.unknown_to(self.exchange.contacts)
+        places, contacts = self.team.places, self.exchange.contacts
+        in_sight = len(scan.discs) > 0 and (places.unknown_to(contacts) or not places.known(tick, contacts))
         sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
@@ -154,7 +155,7 @@ class Robot:
             MapReport(tick=tick, wireframe=self._map_bytes) if changed else None,
             lambda: (
                 ScanReport(tick=tick, wireframe=encode_wireframe(seen)),
-                PoseReport(tick=tick, pose=pose, teammates=self.team.whereabouts.teammates(tick)),
+                PoseReport(tick=tick, pose=pose, teammates=self.team.places.teammates(tick)),
             ),
         )
 
@@ -164,7 +165,7 @@ class Robot:
         heard: who was heard in this tick.
         """
         tick, poses, way = observation.tick, observation.poses(), self.filter.way(observation.poses())
-        places, strangers = self.team.whereabouts.places(tick), not self.team.whereabouts.know(tick, heard)
+        places, strangers = self.team.places.lately(tick), not self.team.places.known(tick, heard)
         pose, known = self.filter.pose, self.wireframe
         scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
         if tick % self._merge_ticks == 0:
@@ -187,11 +188,11 @@ class Robot:
             scan=seen,
             discs=scan.discs,
             errand=None if self.team.errand is None else self.team.errand.goal,
-            partners=self.team.whereabouts.partners(tick, self.robot),
+            partners=self.team.places.partners(tick, self.robot),
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,
-            unknown=self.team.whereabouts.unknown_to(self.exchange.contacts),
+            unknown=self.team.places.unknown_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,
         )

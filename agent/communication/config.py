@@ -13,8 +13,9 @@ class TalkConfig(Config):
     beacon_s: Positive = 5.0
     """Seconds between two beacons. Two robots that pass each other at full speed are within 4 m for 18 s."""
     sight_beacon_s: Positive = 1.0
-    """The same while a teammate is seen and a peer is heard that does not know the robot's frame. Beacons and sightings
-    together give that frame, and two robots that pass see each other for a few seconds only."""
+    """The same while a teammate is seen and a peer in contact does not know the robot's frame, or the robot not its, or
+    not for long. Beacons and sightings together give a frame, and show a wrong one soon. Two robots that pass see each
+    other for a few seconds only."""
     map_period_s: Positive = 5.0
     """Seconds between two updates of the map to one peer, longer where more than three are in contact. Walls of some
     seconds take few bytes more than one wall."""

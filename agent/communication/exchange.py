@@ -269,8 +269,8 @@ class Exchange:
         pose: the robot's own. told_to: the map for a peer. state: a number that changes whenever one of these maps may
         have. looked: where it looked from, for those that ask. ask: the transform of each peer whose viewpoints are
         wanted; they are asked for once a beacon's period, and the question holds the transform until that peer has
-        asked, too. Each of them is told the transforms of the others. in_sight: a peer that does not know the
-        robot's frame may be in sight, and so see the robot, too; beacons come sooner then.
+        asked, too. Each of them is told the transforms of the others. in_sight: a peer may be in sight, and so
+        see the robot, too, and one of the two does not know the other's frame; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks

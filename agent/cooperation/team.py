@@ -26,11 +26,11 @@ from agent.cooperation.merging import (
     update,
 )
 from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
+from agent.cooperation.peer_places import PeerPlaces
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
-from agent.cooperation.whereabouts import Whereabouts
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
@@ -62,7 +62,7 @@ class Team:
         self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
         self.peers = Peers()
-        self.whereabouts = Whereabouts(self.peers, spec, config.division)
+        self.places = PeerPlaces(self.peers, spec, config.division)
         self.queue = ProposalQueue(config.verification.time_out_s, spec.lidar.rate_hz)
         """Z."""
         self.changed = False

@@ -5,7 +5,7 @@ import pytest
 
 from agent.config import AgentConfig
 from agent.cooperation.peer import Unaligned
-from agent.cooperation.whereabouts import NEARER_M
+from agent.cooperation.peer_places import NEARER_M
 from agent.robot import Robot, Step
 from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
@@ -53,14 +53,14 @@ def test_the_teammate_s_pose_is_published_where_it_is(met) -> None:
     run, _, teammates = met
     assert any(one.status == "merged" for one in teammates)
     for name, mind in run.robots.items():
-        for one in mind.team.whereabouts.teammates(run.episode.tick):
+        for one in mind.team.places.teammates(run.episode.tick):
             assert one.robot != name and one.covariance[0] > 0 and one.covariance[8] > 0
 
 
 def test_of_two_that_are_as_near_the_first_by_name_goes(met) -> None:
     run, _, _ = met
     mind = next(mind for mind in run.robots.values() if mind.team.merged)
-    first, second = (mind.team.whereabouts.partners(run.episode.tick, name) for name in ("a", "z"))
+    first, second = (mind.team.places.partners(run.episode.tick, name) for name in ("a", "z"))
     assert len(first) and (first[:, :2] == second[:, :2]).all()
     assert first[:, 2] == pytest.approx(second[:, 2] + NEARER_M)
 

@@ -10,9 +10,9 @@ from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import MOST_FRAMES, Laid, Merged, PeerLog, Proposed, Unaligned
+from agent.cooperation.peer_places import STRANGER_S
 from agent.cooperation.team import CIRCLES_S, Team
 from agent.cooperation.verification import THIRD_NATS
-from agent.cooperation.whereabouts import STRANGER_S
 from agent.mapping.layers import layer_of
 from deploy.bench.alignment.pairs import moved
 from protocol.arrays import Floats
@@ -69,18 +69,18 @@ def met(team: Team) -> Unaligned:
 
 def test_who_is_merged_is_known_after_a_while_and_nobody_else() -> None:
     team, lately = team_of({"a": PEER}), round(STRANGER_S * SPEC.lidar.rate_hz)
-    assert not team.whereabouts.know(lately, ["a"])
-    assert team.whereabouts.know(lately + 1, ["a"])
-    assert not team.whereabouts.know(lately + 1, ["a", "never heard of"])
+    assert not team.places.known(lately, ["a"])
+    assert team.places.known(lately + 1, ["a"])
+    assert not team.places.known(lately + 1, ["a", "never heard of"])
     met(team)
-    assert not team.whereabouts.know(lately + 1, ["a", "p"])
+    assert not team.places.known(lately + 1, ["a", "p"])
 
 
 def test_who_has_merged_the_robots_map_says_so() -> None:
     team = team_of({"a": PEER})
-    assert team.whereabouts.unknown_to(["a"]) and not team.whereabouts.unknown_to([])
+    assert team.places.unknown_to(["a"]) and not team.places.unknown_to([])
     team.peers["a"].log.take_frame((1.0, 2.0, 0.3))
-    assert not team.whereabouts.unknown_to(["a"]) and team.whereabouts.unknown_to(["a", "never heard of"])
+    assert not team.places.unknown_to(["a"]) and team.places.unknown_to(["a", "never heard of"])
 
 
 def test_the_word_of_most_is_taken() -> None:

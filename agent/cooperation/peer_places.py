@@ -28,7 +28,7 @@ The second of two by name leaves what is as near to the first: three and six rob
 complete after 266 s instead of 285 (means; the paired difference is 19 s, with a standard error of 7)."""
 
 
-class Whereabouts:
+class PeerPlaces:
     """Of all peers that a robot has heard, as they are now."""
 
     def __init__(self, peers: Peers, spec: RobotSpec, division: bool) -> None:
@@ -56,7 +56,7 @@ class Whereabouts:
             )
         return known
 
-    def places(self, tick: int) -> Floats:
+    def lately(self, tick: int) -> Floats:
         """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
         found = []
         for peer in self._peers.merged:
@@ -82,7 +82,7 @@ class Whereabouts:
         """Whether one of those in contact has not merged the robot's map, by all that it said."""
         return any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
 
-    def know(self, tick: int, heard: Iterable[str]) -> bool:
+    def known(self, tick: int, heard: Iterable[str]) -> bool:
         """Whether the places of all who are heard are known, and have been for a while."""
         lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
         return all(isinstance(peer, Merged) and peer.since < lately for peer in peers)
