@@ -100,6 +100,7 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
         "both": mutual.waits(),
         "bytes": sum(robot["bytes_sent"] for robot in summary.values()),
         "t_99": [robot["t_99"] for robot in summary.values()],
+        "crossing_m": max(crossing_m(mind.wireframe) for mind in run.robots.values()),
     }
 
 
@@ -121,6 +122,20 @@ def wrong_wall(wireframe: Wireframe, frame: tuple[float, float, float], truth: T
     ways: Floats = directions(segments)[wall]
     stands_for = (lengths(segments) / count)[wall]
     return float(stands_for[distance_to(points, ways, truth.outline) > WRONG_M].sum())
+
+
+def crossing_m(wireframe: Wireframe) -> float:
+    """How far walls of a map reach beyond others that they cross, metres, at the deepest crossing; 0 without any."""
+    segments = wireframe.segments()
+    segments = segments[lengths(segments) > 1e-6]
+    size, (ux, uy), (x, y) = lengths(segments), directions(segments).T, segments[:, :2].T
+    sine = ux[:, None] * uy - uy[:, None] * ux
+    off = (x - x[:, None]) * uy - (y - y[:, None]) * ux  # of each wall's start from the line of each other one
+    with np.errstate(divide="ignore", invalid="ignore"):  # parallel walls cross nowhere
+        along = off / sine  # where a wall meets each other one, metres along it
+        beyond = np.minimum(along, size[:, None] - along) * np.abs(sine)
+    deepest = np.minimum(beyond, beyond.T)[np.isfinite(along)]
+    return round(float(deepest.max(initial=0.0)), 4)
 
 
 class Mutual:
@@ -172,8 +187,8 @@ def _table(name: str, title: str, twins: bool) -> Table:
     heads = columns(
         f"world; runs count; false total <= 0; pairs >= {TWINS_MERGED if twins else PAIRS_MERGED}: pairs merged; "
         "m_95 <= 0.02: 95 % m; worst_m <= 0.04; deg_95 <= 0.1: 95 % deg; worst_deg <= 0.3; "
-        "wrong_99 <= 0.5: wrong wall 99 % m; wrong <= 2: worst m; soon >= 0.95: both ways in 30 s of contact; "
-        "bytes median",
+        "wrong_99 <= 0.5: wrong wall 99 % m; wrong <= 2: worst m; crossing_m most: walls cross m; "
+        "soon >= 0.95: both ways in 30 s of contact; bytes median",
         pairs=over("merged", "met"),
         m_95=_quantile("later", 0, 0.95),
         worst_m=_quantile("later", 0, 1.0),
