@@ -1,11 +1,12 @@
-"""Chords: what scans have fitted across a corner, beside both of its walls, is none of the published walls (ours).
+"""Chords: a line that scans have fitted across a corner, or along a wall, is none of the published walls (ours).
 
 Where lines have taken a few hits of each other, the hits between them fit a third line, that crosses both. Real walls
-do not cross, and the two that share a corner explain the hits.
+do not cross, and the two that share a corner explain the hits. So does one wall that is bent by a few degrees.
 """
 
-from agent.geometry.lines import Record, meet
+from agent.geometry.lines import Record, above, along, meet
 from agent.kernels import kernel
+from agent.mapping.blunt_corners import BESIDE_M, CROSSED_M
 from agent.mapping.edges import tip_at
 from protocol.arrays import Ints, Records
 
@@ -17,10 +18,23 @@ def hide_chords(edges: Records, shown: Ints) -> None:
         if shown[k] < 0 or edges[k].link[0] >= 0 or edges[k].link[1] >= 0:
             continue
         for e in range(len(edges)):
-            f = edges[e].link[1] if shown[e] >= 0 else -1
-            if f >= 0 and shown[f] >= 0 and _cross(edges[k], edges[e]) and _cross(edges[k], edges[f]):
+            if e == k or shown[e] < 0 or not _cross(edges[k], edges[e]):
+                continue
+            f = edges[e].link[1]
+            across_corner = f >= 0 and shown[f] >= 0 and _cross(edges[k], edges[f])
+            if across_corner or _is_along(edges[k], edges[e]):
                 shown[k] = -1
                 break
+
+
+@kernel
+def _is_along(e: Record, f: Record) -> bool:
+    """Whether all of wall e lies close beside wall f, but for what may go on past a corner of it."""
+    for x, y in e.tip:
+        t = along(f, x, y)
+        if abs(above(f, x, y)) > BESIDE_M or not tip_at(f, 0) - CROSSED_M <= t <= tip_at(f, 1) + CROSSED_M:
+            return False
+    return True
 
 
 @kernel

@@ -133,6 +133,14 @@ def test_a_wall_across_a_corner_is_a_chord_and_not_shown() -> None:
     assert published(edges).tolist() == [1, -1, -2]
 
 
+@pytest.mark.parametrize(("tail", "shown"), [((-1.0, -0.05), -2), ((-1.0, -0.12), -1), ((-2.0, -0.05), -1)])
+def test_a_wall_that_crosses_another_close_beside_it_is_that_wall(tail: tuple[float, float], shown: int) -> None:
+    walls = own_wall((-1.5, 0.0), (1.5, 0.0)), own_wall(tail, (1.0, 0.06)), own_wall((9.0, 9.0), (9.0, 8.0))
+    edges = np.concatenate(walls)
+    edges["link"][0], edges["link"][2] = 2, 0  # it has corners, so it does not end where they cross
+    assert published(edges)[1] == shown
+
+
 @kernel
 def are_one(walls: Records) -> bool:
     return bool(same_line(walls[0], walls[1], GATES))
