@@ -37,7 +37,7 @@ RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
-MOST_SHOWN = 8  # places where a complete robot shows itself: two sightings decide, and most are lost behind walls
+MOST_SHOWN = 8  # places where a complete robot shows itself: three sightings decide, and who never merges gains no more
 AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
