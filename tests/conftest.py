@@ -1,6 +1,7 @@
 """What tests of several packages share."""
 
 import importlib.util
+import signal
 from pathlib import Path
 from types import ModuleType
 
@@ -8,6 +9,10 @@ import pytest
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 """Worlds and the scorer, beside the repository. Tests that need them skip where they are absent."""
+
+# a shell ignores Ctrl-C for what it starts in the background, and so would all commands that tests start
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
