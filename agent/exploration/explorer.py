@@ -382,7 +382,10 @@ class Explorer:
         *_, roads = self.surroundings.ways(scene)
         route = None if old is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
         route = route or standing.out_of_the_way(places, roads)
-        path = scene.here[None] if route is None else route.path
+        return self._park_at(scene, scene.here[None] if route is None else route.path, roads)
+
+    def _park_at(self, scene: Scene, path: Floats, roads: Roads) -> Target:
+        """Park at the end of a path (k, 2)."""
         self.target = Target(Task("park", path[-1], path[-1]), path, roads.clearance)
         self.headway.restart(scene.tick)
         return self.target
@@ -395,11 +398,7 @@ class Explorer:
         self._shown.append(scene.here)
         *_, roads = self.surroundings.ways(scene)
         route = standing.aside(np.array(self._shown), self.viewpoints.own_places(), roads)
-        if route is None:
-            return None
-        self.target = Target(Task("park", route.path[-1], route.path[-1]), route.path, roads.clearance)
-        self.headway.restart(scene.tick)
-        return self.target
+        return None if route is None else self._park_at(scene, route.path, roads)
 
     def _barred(self, scene: Scene) -> bool:
         """Whether there would be something to do if no teammate stood in the way."""

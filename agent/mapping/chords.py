@@ -4,7 +4,8 @@ Where lines have taken a few hits of each other, the hits between them fit a thi
 do not cross, and the two that share a corner explain the hits. So does one wall that is bent by a few degrees.
 """
 
-from agent.geometry.lines import Record, above, along, meet
+from agent.geometry.clearance import crosses
+from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.blunt_corners import BESIDE_M, CROSSED_M
 from agent.mapping.edges import tip_at
@@ -39,9 +40,8 @@ def _is_along(e: Record, f: Record) -> bool:
 
 @kernel
 def _cross(e: Record, f: Record) -> bool:
-    """Whether two walls cross between their ends, going about the same way."""
-    sine, at_e = meet(e, f)
-    if sine == 0.0 or e.ux * f.ux + e.uy * f.uy < 0.0:
+    """Whether two walls cross, going about the same way."""
+    if e.ux * f.ux + e.uy * f.uy < 0.0:
         return False
-    at_f = meet(f, e)[1]
-    return bool(tip_at(e, 0) < at_e < tip_at(e, 1) and tip_at(f, 0) < at_f < tip_at(f, 1))
+    a, b = e.tip, f.tip
+    return crosses(a[0, 0], a[0, 1], a[1, 0], a[1, 1], b[0, 0], b[0, 1], b[1, 0], b[1, 1])
