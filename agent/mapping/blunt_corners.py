@@ -75,7 +75,7 @@ def _open_ends(edges: Records, shown: Ints, side: int) -> Ints:
 def _off_corner(e: Record, f: Record, noise: float) -> float:
     """How far the head of e or the tail of f lies beside the other wall's line, metres; inf if they share no corner.
 
-    Walls do not cross: where each goes on past the other with less than half of it, that is their corner, however well
+    Walls do not cross: where they go on past each other with less than half of both, that is their corner, however well
     it is known, and before any other. Of several the first one along goes on with it, so distances count as negative.
     """
     sine, at_e = meet(e, f)
@@ -85,8 +85,8 @@ def _off_corner(e: Record, f: Record, noise: float) -> float:
     past_e, past_f = tip_at(e, 1) - at_e, at_f - tip_at(f, 0)
     off = abs(sine) * max(past_e, past_f)
     if min(past_e, past_f) > 0.0:
-        halves = at_e - tip_at(e, 0) > past_e and tip_at(f, 1) - at_f > past_f
-        return -off if halves and off <= CROSSED_M else math.inf
+        kept = at_e - tip_at(e, 0) + tip_at(f, 1) - at_f
+        return -off if past_e + past_f < kept and off <= CROSSED_M else math.inf
     apart = min(past_e, past_f) < -CLOSE_CORNER_M and past_e + past_f < 0.0
     if apart or off > BESIDE_M or not LEAST_SINE <= abs(sine) < MIN_CORNER_SINE:
         return math.inf

@@ -120,6 +120,13 @@ def test_walls_that_cross_end_where_they_do(turn_deg: float, past_m: float, link
     assert linked < 0 or ends == pytest.approx(np.zeros((2, 2)), abs=1e-6)
 
 
+def test_two_walls_along_one_bend_end_where_they_cross_in_the_order_that_keeps_more() -> None:
+    """`made.traced(3)`, seed 0: two lines along two bends of 5 degrees crossed, one with half of its length."""
+    edges = np.concatenate((own_wall((-0.5, 0.0), (0.5, 0.0)), own_wall((-0.6, -0.042), (0.9, 0.063))))
+    assert published(edges).tolist() == [1, -1]
+    assert edges["tip"][:, :, 0] == pytest.approx(np.array([(-0.5, 0.0), (0.0, 0.9)]), abs=1e-6)
+
+
 def test_of_two_walls_that_it_crosses_a_wall_ends_at_the_first() -> None:
     edges = np.concatenate((bent(5.0, 0.8), own_wall((0.307, -0.034), (2.0, 0.264))))
     assert published(edges).tolist() == [1, 2, -1]
