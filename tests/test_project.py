@@ -12,7 +12,9 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+from typer.testing import CliRunner
 
+from deploy.cli import app
 from deploy.config import load
 from world.worldfile import bundled, from_document
 
@@ -108,7 +110,7 @@ def test_the_commands_of_the_readme_exist() -> None:
         options.setdefault(command, set()).update(re.findall(r"--[a-z-]+", line.split("#")[0]))
     assert {("run",), ("world",), ("agent",), ("bandwidth",)} <= set(options)
     for command, used in options.items():
-        told = run(str(Path(sys.executable).with_name("wireswarm")), *command, "--help")
+        told = CliRunner().invoke(app, [*command, "--help"]).stdout
         assert used <= set(re.findall(r"--[a-z-]+", told)), command
 
 

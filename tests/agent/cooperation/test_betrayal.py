@@ -144,7 +144,7 @@ def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) ->
     bounds = {"below": STRANGE_WALLS + len(honest.own.edges), "rooms": COMPARED_WALLS + len(honest.own.edges)}
     assert hostile.most_walls <= honest.most_walls + bounds.get(kind, 20)
     assert kind not in bounds or hostile.most_walls > 3 * len(hostile.own.edges)
-    for times in range(3, 10):  # more on a busy machine
+    for times in range(2, 10):  # the first also loads kernels; more on a busy machine
         usual_ms, hostile_ms = cpu_ms(kind, True, times), cpu_ms(kind, False, times)
         print(f"{kind}: {hostile.most_walls} walls, {hostile_ms:.2f} ms a step, else {usual_ms:.2f}")
         if hostile_ms < 2.0 * usual_ms:
