@@ -9,7 +9,7 @@ from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
 from agent.exploration.glimpses import Glimpses
-from agent.exploration.goals import GoalMemory
+from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.path import length_of
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import Scene

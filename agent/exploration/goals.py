@@ -1,17 +1,14 @@
 """The map's open ends as goals: which are there, from where they are seen on, and what became of them (ours).
 
-Goals are remembered by place and direction, as a map's vertices come and go. What a teammate has looked at in vain is
-left to it, to be tried again where the map changes.
+What a teammate has looked at in vain is left to it, to be tried again where the map changes.
 """
-
-import math
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from agent.exploration.agenda import Task, TaskKind, is_end
 from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
+from agent.exploration.goal_memory import SAME_PLACE_M, GoalMemory, same_ends
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from protocol.arrays import Floats, Ints
@@ -24,71 +21,9 @@ OTHER_STAND_M = 0.25  # a standing point nearer than this to one that did not he
 STARE_COST = 0.5  # metres of path that a metre from standing point to goal is worth: from nearer more is seen
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
 TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
-SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
-SAME_DIRECTION_RAD = 0.8
-"""The directions in which the walls of two such ends go on differ by less, 45 degrees: those of the two walls at a
-corner differ by 90."""
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
-REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 LEFT = "a teammate looked at it in vain"  # the reason why a goal is left to a teammate
-
-
-@dataclass(slots=True)
-class Tried:
-    """What became of a goal."""
-
-    attempts: int = 0  # in vain
-    blocked: int = 0  # times when a teammate was in the way; these are no attempts
-    version: int = -1  # map version at the last attempt
-    stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
-    reason: str = ""  # of the last attempt's end
-    unreachable: bool = False
-    told: bool = False  # whether teammates are told that it was looked at in vain
-
-
-def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
-    """Per open end (g,) the row of the same one among others (n, 4), place and direction, or -1.
-
-    points, along: (g, 2) metres and unit.
-    """
-    if not len(others) or not len(points):
-        return np.full(len(points), -1)
-    d2 = ((points[:, None] - others[None, :, :2]) ** 2).sum(2)
-    like = along @ others[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
-    d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
-    best = d2.argmin(1)
-    return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
-
-
-class GoalMemory:
-    """What became of goals; the oldest are forgotten when there are too many."""
-
-    def __init__(self, size: int = REMEMBERED) -> None:
-        self.size = size
-        self.tried: list[Tried] = []
-        self._table = np.zeros((0, 4))
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of what is remembered."""
-        return sum(48 + 16 * len(record.stands) for record in self.tried)
-
-    def find(self, points: Floats, along: Floats) -> Ints:
-        """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
-        return same_ends(points, along, self._table)
-
-    def note(self, point: Floats, along: Floats) -> Tried:
-        """The record of a goal, a new one if there is none."""
-        k = int(self.find(point[None], along[None])[0])
-        if k >= 0:
-            return self.tried[k]
-        if len(self.tried) >= self.size:
-            del self.tried[0]
-            self._table = self._table[1:]
-        self.tried.append(Tried())
-        self._table = np.vstack((self._table, (*point, *along)))
-        return self.tried[-1]
 
 
 class Goals:

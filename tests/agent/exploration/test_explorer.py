@@ -13,7 +13,7 @@ from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.explorer import AT_HOME_M, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
-from agent.exploration.goals import GoalMemory
+from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation
 from agent.exploration.teammates import Teammates

@@ -1,0 +1,71 @@
+"""What became of goals, remembered by place and direction, as a map's vertices come and go (ours)."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from protocol.arrays import Floats, Ints
+
+SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
+SAME_DIRECTION_RAD = 0.8
+"""The directions in which the walls of two such ends go on differ by less, 45 degrees: those of the two walls at a
+corner differ by 90."""
+REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
+
+
+@dataclass(slots=True)
+class Tried:
+    """What became of a goal."""
+
+    attempts: int = 0  # in vain
+    blocked: int = 0  # times when a teammate was in the way; these are no attempts
+    version: int = -1  # map version at the last attempt
+    stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
+    reason: str = ""  # of the last attempt's end
+    unreachable: bool = False
+    told: bool = False  # whether teammates are told that it was looked at in vain
+
+
+def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
+    """Per open end (g,) the row of the same one among others (n, 4), place and direction, or -1.
+
+    points, along: (g, 2) metres and unit.
+    """
+    if not len(others) or not len(points):
+        return np.full(len(points), -1)
+    d2 = ((points[:, None] - others[None, :, :2]) ** 2).sum(2)
+    like = along @ others[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
+    d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
+    best = d2.argmin(1)
+    return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
+
+
+class GoalMemory:
+    """What became of goals; the oldest are forgotten when there are too many."""
+
+    def __init__(self, size: int = REMEMBERED) -> None:
+        self.size = size
+        self.tried: list[Tried] = []
+        self._table = np.zeros((0, 4))
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is remembered."""
+        return sum(48 + 16 * len(record.stands) for record in self.tried)
+
+    def find(self, points: Floats, along: Floats) -> Ints:
+        """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
+        return same_ends(points, along, self._table)
+
+    def note(self, point: Floats, along: Floats) -> Tried:
+        """The record of a goal, a new one if there is none."""
+        k = int(self.find(point[None], along[None])[0])
+        if k >= 0:
+            return self.tried[k]
+        if len(self.tried) >= self.size:
+            del self.tried[0]
+            self._table = self._table[1:]
+        self.tried.append(Tried())
+        self._table = np.vstack((self._table, (*point, *along)))
+        return self.tried[-1]
