@@ -31,7 +31,7 @@ class CooperationConfig(Config):
     """What a robot does with the maps of others."""
 
     sharing: bool = True
-    """Align, verify and merge the maps of others. Without it every robot maps for itself."""
+    """Align, verify and merge the maps of others. Without it every robot maps for itself, though it tells its map."""
     division: bool = True
     """Leave frontiers to a merged teammate that is nearer, and what teammates have swept. Without it, cooperation is
     the paper's."""

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from agent.cooperation.config import CooperationConfig
 from agent.cooperation.errand import STILL_HEARD_S
 from agent.cooperation.peer import Merged, Peers, Proposed, Unaligned
 from agent.cooperation.verification import DISC_GATE_M
@@ -31,9 +32,9 @@ complete after 266 s instead of 285 (means; the paired difference is 19 s, with 
 class PeerPlaces:
     """Of all peers that a robot has heard, as they are now."""
 
-    def __init__(self, peers: Peers, spec: RobotSpec, division: bool) -> None:
-        """peers: those of the team, which change. spec: of all robots. division: whether they divide the work."""
-        self._peers, self._division = peers, division
+    def __init__(self, peers: Peers, spec: RobotSpec, config: CooperationConfig) -> None:
+        """peers: those of the team, which change. spec: of all robots."""
+        self._peers, self._division, self._sharing = peers, config.division, config.sharing
         self._speed_mps, self._rate_hz = spec.max_speed_mps, spec.lidar.rate_hz
 
     def teammates(self, tick: int) -> list[TeammatePose]:
@@ -79,8 +80,8 @@ class PeerPlaces:
         return np.array(found, np.float64).reshape(-1, 3)
 
     def unknown_to(self, contacts: Iterable[str]) -> bool:
-        """Whether one of those in contact has not merged the robot's map, by all that it said."""
-        return any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
+        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
+        return self._sharing and any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
 
     def known(self, tick: int, heard: Iterable[str]) -> bool:
         """Whether the places of all who are heard are known, and have been for a while."""
