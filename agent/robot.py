@@ -25,7 +25,7 @@ from protocol.geometry import pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.wireframe import Wireframe, encode_wireframe
 
-MERGE_S = 0.2
+UPDATE_S = 0.2
 """Scans are merged this far apart, at least: walls and their ends count scans for and against them, which have much
 the same errors where they come from nearly one place."""
 FIRST_LOOK_S = 10.0
@@ -70,7 +70,7 @@ class Robot:
         self._map = Drawing()  # the same with merged maps laid over it
         self._told_version = 0  # rises whenever what peers are told may have changed
         self._map_bytes = encode_wireframe(self.wireframe)
-        self._merge_ticks = max(1, round(MERGE_S * spec.lidar.rate_hz))
+        self._update_ticks = max(1, round(UPDATE_S * spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = round(FIRST_LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks left of it
@@ -168,7 +168,7 @@ class Robot:
         places, strangers = self.team.places.lately(tick), not self.team.places.known(tick, heard)
         pose, known = self.filter.pose, self.wireframe
         scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
-        if tick % self._merge_ticks == 0:
+        if tick % self._update_ticks == 0:
             self.filter.update(scan, poses, places)
         else:
             self.filter.move(poses, slips=scan.touching)
@@ -187,7 +187,7 @@ class Robot:
             pose=self.filter.pose,
             scan=seen,
             discs=scan.discs,
-            errand=None if self.team.errand is None else self.team.errand.goal,
+            errand=None if self.team.errand is None else self.team.errand.place,
             partners=self.team.places.partners(tick, self.robot),
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,

@@ -299,7 +299,7 @@ class Episode:
         self._radio.offer(self.tick, {robot: outputs[robot].sends for robot in live}, self.poses[:, :2])
         before = self.poses
         self._people.advance(before[:, :2])
-        self._ledger.drive(self.tick, before, self._physics.advance(commands))
+        self._ledger.drive(before, self._physics.advance(commands))
         self.tick, self._inputs = self.tick + 1, None
         self.ended = self.ended or self._end()
         self._record()

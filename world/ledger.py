@@ -169,7 +169,7 @@ class Ledger:
             reason = f"more than {at_once} bytes of {what} and {a_second} a second are left out"
             self.happened(tick, robot, "muted", reason)
 
-    def drive(self, tick: int, before: Floats, after: Floats) -> None:
+    def drive(self, before: Floats, after: Floats) -> None:
         """Account for the moves (k, 3) to (k, 3) that end a tick. Raises UnwritableError where they cannot be kept."""
         self.path_m += np.hypot(*(after - before)[:, :2].T)
         if self._recorder:

@@ -11,6 +11,7 @@ GENERATED = re.compile(r"generated-(\d{1,3})x(\d{1,3})-(\d{1,9})")
 MIN_SIDE_M, MAX_SIDE_M = 8.0, 100.0  # smaller mazes have no branches; larger ones have more wall than a world may
 
 CORRIDOR_M, THICKNESS_M = 2.0, 0.15  # width of corridors, about, and of walls where nothing else is asked for
+SPAWNS = 6
 
 
 def named(name: str) -> dict[str, Any] | None:
@@ -22,13 +23,7 @@ def named(name: str) -> dict[str, Any] | None:
 
 
 def generate(
-    width_m: float,
-    height_m: float,
-    rng: np.random.Generator,
-    *,
-    loops: float = 0.15,
-    robots: int = 6,
-    thickness_m: float = THICKNESS_M,
+    width_m: float, height_m: float, rng: np.random.Generator, *, loops: float = 0.15, thickness_m: float = THICKNESS_M
 ) -> dict[str, Any]:
     """Fields of a world file with a maze of this outer size, lower left corner at the origin (ours).
 
@@ -72,7 +67,7 @@ def generate(
         for low, high in _runs(north[:, j]):
             wall(low, j + 1, high, j + 1)
 
-    cells = rng.permutation(columns * rows)[:robots]
+    cells = rng.permutation(columns * rows)[:SPAWNS]
     middles = half + (np.stack([cells % columns, cells // columns], 1) + 0.5) * pitch
     spawns = [[_mm(x), _mm(y), _mm(rng.uniform(-math.pi, math.pi))] for x, y in middles.tolist()]
     return {"name": f"maze-{width_m:g}x{height_m:g}", "units": "m", "spawns": spawns, "boxes": boxes}

@@ -259,18 +259,18 @@ class Exchange:
         tick: int,
         pose: Pose,
         told_to: Callable[[str], Wireframe],
-        state: int,
+        told_version: int,
         looked: Looked = NOWHERE,
         ask: Mapping[str, Pose] = NOBODY,
         in_sight: bool = False,
     ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
-        pose: the robot's own. told_to: the map for a peer. state: a number that changes whenever one of these maps may
-        have. looked: where it looked from, for those that ask. ask: the transform of each peer whose viewpoints are
-        wanted; they are asked for once a beacon's period, and the question holds the transform until that peer has
-        asked, too. Each of them is told the transforms of the others. in_sight: a peer may be in sight, and so
-        see the robot, too, and one of the two does not know the other's frame; beacons come sooner then.
+        pose: the robot's own. told_to: the map for a peer. told_version: a number that changes whenever one of these
+        maps may have. looked: where it looked from, for those that ask. ask: the transform of each peer whose
+        viewpoints are wanted; they are asked for once a beacon's period, and the question holds the transform until
+        that peer has asked, too. Each of them is told the transforms of the others. in_sight: a peer may be in sight,
+        and so see the robot, too, and one of the two does not know the other's frame; beacons come sooner then.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -280,17 +280,17 @@ class Exchange:
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
         self._answers = []
         for peer in self.contacts:
-            kind, parts = self._due(tick, peer, told_to, state)
+            kind, parts = self._due(tick, peer, told_to, told_version)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        sends += self._talk_of_views(tick, state, looked, ask)
+        sends += self._talk_of_views(tick, told_version, looked, ask)
         return (sends + self._talk_of_frames(tick, ask))[:MAX_SENDS]
 
-    def _talk_of_views(self, tick: int, state: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
+    def _talk_of_views(self, tick: int, told_version: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
         """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
             told = self._told[peer]
-            if not told.parts and told.compared == state:
+            if not told.parts and told.compared == told_version:
                 told.current = tick
             views = looked.between(since, told.current, self.mtu_bytes, peer)
             if views is not None:
@@ -322,7 +322,9 @@ class Exchange:
             ]
         return sends
 
-    def _due(self, tick: int, peer: str, told_to: Callable[[str], Wireframe], state: int) -> tuple[str, list[Part]]:
+    def _due(
+        self, tick: int, peer: str, told_to: Callable[[str], Wireframe], told_version: int
+    ) -> tuple[str, list[Part]]:
         """Kind and parts of the next update to a peer, or those that were not acknowledged in time."""
         told = self._told[peer]
         late = tick - told.sent >= self._retry_ticks << min(told.tries, MOST_DOUBLINGS)
@@ -330,8 +332,8 @@ class Exchange:
             return RESEND, []
         half_there = len(told.parts) > 0 and told.parts[0].parts > 1 and told.tries < MOST_TRIES
         period = self._period_ticks * max(TOLD_IN_TURN, len(self.contacts)) // TOLD_IN_TURN
-        if told.compared != state and not half_there and tick - told.update >= period:
-            told.compared = state
+        if told.compared != told_version and not half_there and tick - told.update >= period:
+            told.compared = told_version
             try:
                 parts, told.untold = self._update(tick, told, told_to(peer)), ""
             except ProtocolError as error:

@@ -26,7 +26,7 @@ IN_FRONT_M = 0.8
 class Errand:
     """The drive to verify the first proposal of the queue."""
 
-    goal: Floats
+    place: Floats
     """(2,) metres, the robot's own frame."""
     since: int
     """Tick of setting out to the place of contact."""
@@ -55,7 +55,7 @@ class ProposalQueue:
         if peer in self.proposals:
             self.proposals.remove(peer)
 
-    def set_goal(self, tick: int, pose: Pose, arrived: bool | None) -> tuple[Proposed, str] | None:
+    def set_out(self, tick: int, pose: Pose, arrived: bool | None) -> tuple[Proposed, str] | None:
         """To the place of contact of the first proposal, then elsewhere; that proposal, and why its drive has ended.
 
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
@@ -64,8 +64,8 @@ class ProposalQueue:
             return None
         peer, errand = self.proposals[0], self.errand
         if errand is None:
-            assert peer.log.contact is not None
-            self.errand = Errand(apply(peer.transform, np.array([peer.log.contact.theirs[:2]]))[0], tick)
+            assert peer.log.first_encounter is not None
+            self.errand = Errand(apply(peer.transform, np.array([peer.log.first_encounter.theirs[:2]]))[0], tick)
         elif tick - errand.since > self._time_out:
             return peer, "it took too long"
         elif arrived is False and not errand.detours:

@@ -58,8 +58,8 @@ class PeerLog:
     """When it was there; -1: never heard."""
     placed: tuple[Floats, Pose, Pose] | None = None
     """Its frame in the robot's own and its pose, and where both put it, when that was last asked; see `place`."""
-    contact: Encounter | None = None
-    """When the last contact was made."""
+    first_encounter: Encounter | None = None
+    """Where both were as the last contact began."""
     encounters: list[Encounter] = field(default_factory=list)
     """At messages of this contact, the first ones."""
     sightings: deque[Sighting] = field(default_factory=lambda: deque(maxlen=ENCOUNTERS_KEPT))
@@ -134,8 +134,8 @@ class PeerLog:
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
         encounter = Encounter(sighting.here, sighting.theirs)
-        if self.contact is None or since >= self.pose_tick:
-            self.contact, self.encounters = encounter, []
+        if self.first_encounter is None or since >= self.pose_tick:
+            self.first_encounter, self.encounters = encounter, []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
@@ -189,7 +189,7 @@ class Proposed:
     transform_sd_m: float
     """Standard error of the transform, metres."""
     waits_since: Encounter | None = None
-    """The contact after which it waits for a sighting in another one; None while it is in the queue."""
+    """How the contact began after which it waits for a sighting in another one; None while it is in the queue."""
 
     @property
     def transform(self) -> Floats:

@@ -94,13 +94,13 @@ class Aligner:
         """Align by the maps. A transform that puts a message out of the radio's range, or a body into a wall, is
         impossible. That never helps another one to win, as the true one need not be among the candidates.
         """
-        assert log.map is not None and log.contact is not None
+        assert log.map is not None and log.first_encounter is not None
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         said = align_prepared(mine, theirs, self.config, self.rng)
         if said.transform is None or mine is None or theirs is None:
             return said
         spaces = mine.free_space, theirs.free_space
-        if not log.contact.allows(np.array([said.transform]), *spaces, self.range_m, self.spec.radius_m)[0]:
+        if not log.first_encounter.allows(np.array([said.transform]), *spaces, self.range_m, self.spec.radius_m)[0]:
             return replace(said, transform=None, reason="impossible")
         exact = fit_on_walls(own, log.map.wireframe, np.array(said.transform)).transform
         if beside(mine.walls, theirs.walls, exact, self._on_m) > self.config.max_beside:

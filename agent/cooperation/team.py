@@ -62,7 +62,7 @@ class Team:
         self.config, self.spec = config, spec
         self.aligner = Aligner(alignment, spec, rng)
         self.peers = Peers()
-        self.places = PeerPlaces(self.peers, spec, config.division)
+        self.places = PeerPlaces(self.peers, spec, config)
         self.queue = ProposalQueue(config.verification.time_out_s, spec.lidar.rate_hz)
         """Z."""
         self.changed = False
@@ -206,12 +206,12 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        if isinstance(peer, Unaligned) and log.contact is not None and self._align_by_word(peer, own):
+        if isinstance(peer, Unaligned) and log.first_encounter is not None and self._align_by_word(peer, own):
             return True
         growth = log.growth if isinstance(peer, Unaligned) else GROWTH_ON_TRIAL
         if not self.aligner.due(log, own, growth):
             return isinstance(peer, Unaligned) and self._align_by_sight(peer, own)
-        if log.contact is None:
+        if log.first_encounter is None:
             return False
         if off_its_map(log):
             self._say("attempt", log, "its place is off its own map", None, {})
@@ -334,10 +334,10 @@ class Team:
         if tick % self._ticks(CIRCLES_S) == 0 and self.config.verification.thirds:
             self._close_circles(own)
         for peer in self.proposed:
-            if peer.waits_since is not None and peer.waits_since is not peer.log.contact:
+            if peer.waits_since is not None and peer.waits_since is not peer.log.first_encounter:
                 peer.waits_since = None
                 self.queue.add(peer)
-        if ended := self.queue.set_goal(tick, pose, arrived):
+        if ended := self.queue.set_out(tick, pose, arrived):
             self._end_drive(*ended)
 
     def _decide(self, tick: int, own: Wireframe) -> None:
@@ -373,7 +373,7 @@ class Team:
         """A drive has decided nothing: the proposal waits for a sighting, if nothing else can decide, or ends."""
         if peer.trial.asks_for_a_sighting:
             self.queue.remove(peer)
-            peer.waits_since = peer.log.contact
+            peer.waits_since = peer.log.first_encounter
         else:
             self._reject(peer, reason)
 

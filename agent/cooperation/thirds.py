@@ -17,7 +17,7 @@ from protocol.geometry import wrapped
 from protocol.wireframe import Wireframe
 
 
-class Claim(NamedTuple):
+class Majority(NamedTuple):
     """The transform of a peer that most thirds agree on."""
 
     transform: Floats
@@ -56,8 +56,8 @@ def balance(peer: Proposed | Merged, merged: Sequence[Merged]) -> int:
     return log.balanced[1]
 
 
-def best(said: Floats, wireframe: Wireframe) -> Claim | None:
-    """The claim of (k, 3) that most others are like, of these the median; None without any."""
+def best(said: Floats, wireframe: Wireframe) -> Majority | None:
+    """The one of (k, 3) that most others are like, of these the median; None without any."""
     if not len(said):
         return None
     middle = _middle_of(wireframe)
@@ -66,7 +66,7 @@ def best(said: Floats, wireframe: Wireframe) -> Claim | None:
     like = alike[alike.sum(1).argmax()]
     first = placed[like][0]
     turn = first[2] + np.median(wrapped(placed[like, 2] - first[2]))
-    return Claim(compose(np.array([*np.median(placed[like, :2], axis=0), turn]), -middle), int(like.sum()))
+    return Majority(compose(np.array([*np.median(placed[like, :2], axis=0), turn]), -middle), int(like.sum()))
 
 
 def _middle_of(wireframe: Wireframe) -> Floats:

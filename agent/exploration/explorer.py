@@ -104,7 +104,7 @@ class Explorer:
         if not len(scene.wireframe.edges):
             return scene
         read_ticks = self.goals.read(scene)
-        self._wake(scene, read_ticks)
+        self._wake(read_ticks)
         self._judge(scene, moved_on)
         if self.target is None or (read_ticks and self._reconsiders(scene, self.target)):
             self._decided_tick, self._decided_version = scene.tick, scene.version
@@ -214,7 +214,7 @@ class Explorer:
         if more < 0 and self.complete:
             self._resume(scene.here, "what a teammate saw was taken back")
 
-    def _wake(self, scene: Scene, read_ticks: int) -> None:
+    def _wake(self, read_ticks: int) -> None:
         """A new frontier that lasts ends `complete`; read_ticks: ticks for which this reading of ends stands."""
         if not read_ticks or not self.complete:
             return

@@ -130,7 +130,7 @@ def set_line(lines: Lines, edges: Records, k: int, gates: Gates) -> None:
     A line's standard deviation grows by `slope` a metre from its centroid at most, so no piece off the disc is on it.
     """
     e, discs, row = edges[k], lines.discs, lines.rows[k]
-    if e.alive != WALL:
+    if e.kind != WALL:
         discs[0, k] = math.inf
         return
     row[0], row[1], row[2], row[3] = e.ux, e.uy, e.x, e.y

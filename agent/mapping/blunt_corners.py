@@ -65,7 +65,7 @@ def _open_ends(edges: Records, shown: Ints, side: int) -> Ints:
     """(n,) the published walls that have an end here which is no corner."""
     found, count = np.empty(len(edges), np.int64), 0
     for e in range(len(edges)):
-        if edges[e].alive == WALL and shown[e] >= 0 and edges[e].link[side] < 0:
+        if edges[e].kind == WALL and shown[e] >= 0 and edges[e].link[side] < 0:
             found[count] = e
             count += 1
     return found[:count]

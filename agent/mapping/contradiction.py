@@ -49,10 +49,10 @@ def contradict(edges: Records, count: int, view: View, walls: Ints, bodies: Bodi
     teammates, reach = seen_teammates(bodies, view.pose), bodies.radius + view.margin
     for e in range(count):
         w = edges[e]
-        if w.alive == FREE:
+        if w.kind == FREE:
             continue
         if not in_reach(w, view):
-            if w.alive == TENTATIVE:
+            if w.kind == TENTATIVE:
                 remove(edges, e)  # a tentative wall has to become one of the map while the robot passes once
             continue
         samples = samples_along(w, STEP_M)
@@ -164,7 +164,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         high = head
     low, high, size = low - half, high + half, head - tail
     keep_tail, keep_head = low - tail > MIN_WALL_M, head - high > MIN_WALL_M
-    if edges[e].alive == TENTATIVE or not (keep_tail or keep_head):
+    if edges[e].kind == TENTATIVE or not (keep_tail or keep_head):
         remove(edges, e)
         return count
     if keep_tail and keep_head:

@@ -26,7 +26,7 @@ MIN_WALL_M = 0.05  # shorter remainders of a wall that was cut, and shorter wall
 
 EDGE = np.dtype(
     [
-        ("alive", "i8"),  # FREE, WALL or TENTATIVE
+        ("kind", "i8"),  # FREE, WALL or TENTATIVE
         ("own", "i8"),  # 1: seen by this robot itself
         ("hits", "f8"),  # beams on the wall: weight of the line
         ("x", "f8"),  # m, centroid of the hits, on the line
@@ -66,7 +66,7 @@ def check_records(edges: Records) -> None:
     """Raise ValueError where records (n,) from a file make no sense, as kernels trust them."""
     numbers = [edges[name] for name in EDGE.names or () if edges[name].dtype.kind == "f"]
     whole = {
-        "alive": (0, 2),
+        "kind": (0, 2),
         "own": (0, 1),
         "label": (0, 2),
         "link": (-1, len(edges) - 1),
@@ -158,7 +158,7 @@ def direction_sd(e: Record, noise: float) -> float:
 @kernel
 def is_published(e: Record) -> bool:
     """Whether a record is a wall that enough scans have hit."""
-    return bool(e.alive == WALL and e.seen >= PUBLISH_AFTER)
+    return bool(e.kind == WALL and e.seen >= PUBLISH_AFTER)
 
 
 @kernel
@@ -269,13 +269,13 @@ def remove(edges: Records, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)
     part(edges, e, 1)
-    edges[e].alive = FREE
+    edges[e].kind = FREE
 
 
 @kernel
 def new_slot(edges: Records, count: int) -> tuple[int, int]:
     """A free record and the new count; (-1, count) if the array is full."""
     for k in range(count):
-        if edges[k].alive == FREE:
+        if edges[k].kind == FREE:
             return k, count
     return (count, count + 1) if count < len(edges) else (-1, count)

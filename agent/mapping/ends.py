@@ -189,11 +189,11 @@ def close_open_corners(edges: Records, count: int) -> None:
     tails = np.empty(count, np.int64)
     found = 0
     for f in range(count):
-        if edges[f].alive == WALL and edges[f].link[0] < 0:
+        if edges[f].kind == WALL and edges[f].link[0] < 0:
             tails[found] = f
             found += 1
     for e in range(count):
-        if edges[e].alive != WALL or edges[e].link[1] >= 0:
+        if edges[e].kind != WALL or edges[e].link[1] >= 0:
             continue
         best, winner = CLOSE_CORNER_M, -1
         for f in tails[:found]:

@@ -31,9 +31,9 @@ def keep_first_look(edges: Records, counts: Ints, noise: float) -> None:
     for p in range(len(counts)):
         for e in range(counts[p]):
             w = edges[p, e]
-            if w.alive != TENTATIVE or w.seen < LEAST_SCANS or not is_steady(w, noise):
+            if w.kind != TENTATIVE or w.seen < LEAST_SCANS or not is_steady(w, noise):
                 continue
-            w.alive, w.own, w.misses, w.through = WALL, 1, 0.0, 0.0
+            w.kind, w.own, w.misses, w.through = WALL, 1, 0.0, 0.0
             for side in range(2):
                 if not is_landmark(w, side):
                     set_end(w, side, FRONTIER, 0.0, 0.0)

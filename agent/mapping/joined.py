@@ -28,7 +28,7 @@ def hold_joined(edges: Records, before: Records, joint: Floats, shift: Floats) -
     known = min(len(before), has_rows(joint))
     for f in range(known):
         e = edges[f].twin - 1
-        if edges[f].alive != FREE or before[f].alive != WALL or e < 0 or e >= known:
+        if edges[f].kind != FREE or before[f].kind != WALL or e < 0 or e >= known:
             continue
         part, wall = before[f], before[e]
         if not (related(part) and related(wall) and joint[row_of(f), row_of(f)] > 0.0):

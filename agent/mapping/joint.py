@@ -93,7 +93,7 @@ def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
     """Write into each wall how well its line is known from where the robot is, and which ends are known."""
     for e in range(min(count, has_rows(joint))):
         edges[e].held[:] = 0
-        if edges[e].alive != FREE and joint[row_of(e), row_of(e)] > 0.0:
+        if edges[e].kind != FREE and joint[row_of(e), row_of(e)] > 0.0:
             _relate(edges[e], row_of(e), joint, pose)
             for side in range(2):
                 end = row_of(e) + 2 + side
@@ -162,7 +162,7 @@ def carry(edges: Records, joint: Floats, shift: Floats, pose: Pose) -> None:
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
         w, row = edges[e], row_of(e)
         aside, turn = shift[row], shift[row + 1]
-        if w.alive == FREE or (aside == 0.0 and turn == 0.0):
+        if w.kind == FREE or (aside == 0.0 and turn == 0.0):
             continue
         angle = math.atan2(w.uy, w.ux) + turn
         ux, uy = math.cos(angle), math.sin(angle)
@@ -193,7 +193,7 @@ def move_walls(edges: Records, shift: Floats) -> None:
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
         wall, row = edges[e], row_of(e)
         aside, turn = shift[row], shift[row + 1]
-        if wall.alive == FREE or (aside == 0.0 and turn == 0.0):
+        if wall.kind == FREE or (aside == 0.0 and turn == 0.0):
             continue
         ends, size = (tip_at(wall, 0) + shift[row + 2], tip_at(wall, 1) + shift[row + 3]), spread(wall)
         beside = squares_beside(wall)
@@ -216,8 +216,8 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
     new, number = np.empty(len(edges), np.int64), 0
     for e in range(min(len(edges), has_rows(joint))):
         wall, row = edges[e], row_of(e)
-        is_wall = e < count and wall.alive == WALL
-        holds = is_wall or (e < count and wall.alive == TENTATIVE and is_steady(wall, noise))
+        is_wall = e < count and wall.kind == WALL
+        holds = is_wall or (e < count and wall.kind == TENTATIVE and is_steady(wall, noise))
         if holds and wall.twin == 0 and related(wall):
             if is_wall and e < len(tentative) and tentative[e]:
                 new[number] = e

@@ -133,7 +133,7 @@ def _cut_off_heard(edges: Records, count: int, own: Records) -> int:
         was = own[k]
         if not is_published(was):
             continue
-        if edges[k].alive != WALL or edges[k].own == 0 or _shared(edges[k], was) < MIN_WALL_M:
+        if edges[k].kind != WALL or edges[k].own == 0 or _shared(edges[k], was) < MIN_WALL_M:
             edges[k].own = 0
             edges[count] = was
             for side in range(2):
@@ -171,7 +171,7 @@ def _shared(e: Record, was: Record) -> float:
 def _keep_published(edges: Records, count: int) -> None:
     """Remove what own scans have hit too seldom, as layers must not lean on it."""
     for e in range(count):
-        if edges[e].alive != FREE and not is_published(edges[e]):
+        if edges[e].kind != FREE and not is_published(edges[e]):
             remove(edges, e)
 
 
@@ -182,7 +182,7 @@ def _lay(edges: Records, count: int, pieces: Records, likelihood: Floats, gates:
     count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, 1.0, False)
     for k in range(len(pieces)):
         e = walls[k]
-        if e >= 0 and edges[e].alive == WALL and edges[e].seen == 0.0:
+        if e >= 0 and edges[e].kind == WALL and edges[e].seen == 0.0:
             edges[e].due = SCANS
             edges[e].seen = max(PUBLISH_AFTER, likelihood[k] * (SCANS + 2.0) - 1.0)
     return count

@@ -34,7 +34,7 @@ def log_likelihood(edges: Records, count: int, view: View, walls: Ints, gates: G
         total += _corner_odds(edges, view.pieces, walls, k)
         total -= LABEL_ODDS * _wrong_ends(edges[walls[k]], view.pieces[k], view.margin + END_SKIP_M)
     for e in range(count):
-        if edges[e].alive == WALL and in_reach(edges[e], view):
+        if edges[e].kind == WALL and in_reach(edges[e], view):
             total -= _odds_against(e, edges[e], view, walls)
     return total
 

@@ -111,7 +111,7 @@ def update_particles(
             scores[p] = log_likelihood(edges[p], counts[p], view, walls, gates)
         put_off(view.pieces, dice[p, 1], bodies, view.margin)
         before = edges[p, : counts[p]].copy()
-        tentative = before["alive"] == TENTATIVE
+        tentative = before["kind"] == TENTATIVE
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, bodies, patience[p])
         if not exact:
@@ -425,7 +425,7 @@ class WireframeFilter:
 
 def _scans_of_tentative(walls: Records) -> Floats:
     """(n,) how many scans have hit each record of a particle; 0 of what is no tentative wall."""
-    return np.where(walls["alive"] == TENTATIVE, walls["seen"], 0.0)
+    return np.where(walls["kind"] == TENTATIVE, walls["seen"], 0.0)
 
 
 @kernel

@@ -216,7 +216,7 @@ def _on_wall(edges: Records, count: int, x: float, y: float) -> bool:
     """Whether a wall explains what was hit at (x, y). One as short as a pole's may be of hits on the pole."""
     for e in range(count):
         w = edges[e]
-        if w.alive == WALL and abs(above(w, x, y)) < SAME_POLE_M and length(w) > POLE_M:
+        if w.kind == WALL and abs(above(w, x, y)) < SAME_POLE_M and length(w) > POLE_M:
             t = along(w, x, y)
             if tip_at(w, 0) - SAME_POLE_M < t < tip_at(w, 1) + SAME_POLE_M:
                 return True
@@ -229,7 +229,7 @@ def _clear(poles: Records, used: int, edges: Records, count: int, k: int) -> Non
     x, y = poles[k].x, poles[k].y
     for e in range(count):
         w = edges[e]
-        if w.alive != FREE and math.hypot(w.x - x, w.y - y) < SAME_POLE_M and length(w) < NARROW_M:
+        if w.kind != FREE and math.hypot(w.x - x, w.y - y) < SAME_POLE_M and length(w) < NARROW_M:
             remove(edges, e)
     for j in range(used):
         if j != k and math.hypot(poles[j].x - x, poles[j].y - y) < SAME_POLE_M:

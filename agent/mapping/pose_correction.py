@@ -80,7 +80,7 @@ def axis_of(edges: Records, count: int, noise: float) -> Axis:
         return Axis(angle, math.inf)
     on_axis, everything = 0.0, 0.0
     for k in range(count):
-        if edges[k].alive == WALL:
+        if edges[k].kind == WALL:
             everything += length(edges[k])
             on_axis += length(edges[k]) if abs(_off_axis(edges[k], angle)) < MAX_OFF_AXIS else 0.0
     if on_axis < ON_AXIS * everything:
@@ -96,7 +96,7 @@ def _axis_about(edges: Records, count: int, axis: Axis, noise: float) -> Axis:
     """The axis of those walls that lie on this one."""
     total, mean, square = 0.0, 0.0, 0.0
     for k in range(count):
-        if edges[k].alive != WALL:
+        if edges[k].kind != WALL:
             continue
         off, own = _off_axis(edges[k], axis.angle), noise**2 / spread(edges[k])
         if off * off < min(AXIS_SIGMAS**2 * (own + axis.sd**2), MAX_OFF_AXIS**2):
@@ -205,7 +205,7 @@ def _best_known_first(edges: Records, joint: Floats) -> Ints:
     variance, number = np.empty(len(edges)), 0
     for e in range(min(len(edges), has_rows(joint))):
         row = row_of(e) + 1
-        if edges[e].alive == WALL and joint[row, row] > 0.0:
+        if edges[e].kind == WALL and joint[row, row] > 0.0:
             known[number], variance[number] = e, joint[row, row]
             number += 1
     return known[:number][np.argsort(variance[:number], kind="mergesort")]
@@ -214,7 +214,7 @@ def _best_known_first(edges: Records, joint: Floats) -> Ints:
 @kernel
 def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> bool:
     """Whether a piece of a wall lies on another one that is the same: what was mapped twice comes together."""
-    if edges[e].alive != WALL or not related(edges[e]) or overlap(edges[e], p, gates) <= END_MARGIN_M:
+    if edges[e].kind != WALL or not related(edges[e]) or overlap(edges[e], p, gates) <= END_MARGIN_M:
         return False
     return math.isfinite(cost(edges[e], p, gates)) and same_line(edges[wall], edges[e], gates)
 

@@ -68,7 +68,7 @@ def merge_scan(
         if _is_wall(edges, walls[k]) and not bent[k] and pieces[k].hits >= TELLING_HITS:
             _see_ends(edges, pieces, walls, k, patience)
     for e in range(count):
-        if edges[e].alive == WALL and edges[e].link[1] >= 0:
+        if edges[e].kind == WALL and edges[e].link[1] >= 0:
             settle_corner(edges, e)
     close_open_corners(edges, count)
     return count
@@ -77,7 +77,7 @@ def merge_scan(
 @kernel
 def _is_wall(edges: Records, e: int) -> bool:
     """Whether a piece's record is a wall of the map."""
-    return e >= 0 and edges[e].alive == WALL
+    return e >= 0 and edges[e].kind == WALL
 
 
 @kernel

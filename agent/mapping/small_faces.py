@@ -61,7 +61,7 @@ def _nearest(edges: Records, shown: Ints, e: int, side: int) -> int:
 def _ends_here(edges: Records, shown: Ints, e: int, side: int) -> bool:
     """Whether a published wall was seen to end here, and what it meets was not."""
     w = edges[e]
-    return bool(w.alive == WALL and shown[e] >= 0 and w.link[side] < 0 and w.label[side] == OCCLUSION)
+    return bool(w.kind == WALL and shown[e] >= 0 and w.link[side] < 0 and w.label[side] == OCCLUSION)
 
 
 @kernel

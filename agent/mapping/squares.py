@@ -29,7 +29,7 @@ def square_short_walls(edges: Records, shown: Ints, noise: float) -> None:
     """
     turns = np.zeros(len(edges))
     for e in range(len(edges)):
-        if edges[e].alive == WALL and shown[e] >= 0:
+        if edges[e].kind == WALL and shown[e] >= 0:
             turns[e] = _turn(edges, shown, e, noise)
     for e in range(len(edges)):
         if turns[e] != 0.0:
@@ -38,7 +38,7 @@ def square_short_walls(edges: Records, shown: Ints, noise: float) -> None:
             _turn_tips(w, c, s)
     for e in range(len(edges)):
         f = edges[e].link[1]
-        if edges[e].alive == WALL and f >= 0 and (turns[e] != 0.0 or turns[f] != 0.0):
+        if edges[e].kind == WALL and f >= 0 and (turns[e] != 0.0 or turns[f] != 0.0):
             settle_corner(edges, e)
 
 

@@ -61,7 +61,7 @@ def main_axis(edges: Records, count: int) -> tuple[float, float]:
     """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
     c, s, total = 0.0, 0.0, 1e-9
     for e in range(count):
-        if edges[e].alive == WALL:
+        if edges[e].kind == WALL:
             angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
             c += size * math.cos(angle)
             s += size * math.sin(angle)
@@ -74,7 +74,7 @@ def tentative_of(edges: Records, count: int, p: Record, gates: Gates) -> int:
     """The tentative wall that a piece on no wall lies on, or -1."""
     best, e = math.inf, -1
     for f in range(count):
-        if edges[f].alive == TENTATIVE and math.isfinite(overlap(edges[f], p, gates)):
+        if edges[f].kind == TENTATIVE and math.isfinite(overlap(edges[f], p, gates)):
             chi2 = cost(edges[f], p, gates)
             if chi2 < best:
                 best, e = chi2, f
@@ -101,7 +101,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
     e, count = new_slot(edges, count)
     if e >= 0:
         n = edges[e]
-        n.alive, n.own, n.probation = TENTATIVE, 0, 1
+        n.kind, n.own, n.probation = TENTATIVE, 0, 1
         n.hits, n.x, n.y, n.ux, n.uy = p.hits, p.x, p.y, p.ux, p.uy
         n.xx, n.xy, n.yy = scatter(p)
         n.bend[0], n.bend[1] = p.bend[0], p.bend[1]
@@ -166,7 +166,7 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
 @kernel
 def become_wall(wall: Record, p: Record, own: bool) -> None:
     """Make a tentative wall one of the map, which ends as its newest piece p does, or as far as all were seen."""
-    wall.alive, wall.own, wall.misses, wall.through = WALL, 1 if own else 0, 0.0, 0.0
+    wall.kind, wall.own, wall.misses, wall.through = WALL, 1 if own else 0, 0.0, 0.0
     t = along(wall, p.x, p.y)
     for side in range(2):
         if p.hits < TELLING_HITS:
@@ -194,12 +194,12 @@ def cuts_corner(edges: Records, near: Ints, p: Record) -> bool:
     short = p.end[1] - p.end[0] < SMEAR_M
     for e in near:
         a = edges[e]
-        if a.alive != WALL or a.ux * p.ux + a.uy * p.uy < 0 or not _ends_on(a, p, 0):
+        if a.kind != WALL or a.ux * p.ux + a.uy * p.uy < 0 or not _ends_on(a, p, 0):
             continue
         steps = short and min(abs(a.ux * p.uy - a.uy * p.ux), a.ux * p.ux + a.uy * p.uy) > math.sin(OFF_AXIS)
         for f in near:
             b = edges[f]
-            if f == e or b.alive != WALL or b.ux * p.ux + b.uy * p.uy < 0:
+            if f == e or b.kind != WALL or b.ux * p.ux + b.uy * p.uy < 0:
                 continue
             beside = steps and b.ux * a.ux + b.uy * a.uy > math.cos(OFF_AXIS)
             if (f == a.link[1] or beside) and _ends_on(b, p, 1):

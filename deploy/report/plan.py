@@ -133,7 +133,7 @@ def _layer(run: Run, robot: str, drawn: list[str], trail: str, width: float, pla
     return f'<g class="robot" data-robot="{escape(robot)}" style="{colours}">{paths}</g>'
 
 
-def _trail(path: Floats | None, begin: str = "M") -> str:
+def _trail(path: Floats | None) -> str:
     """A robot's path, without positions within 5 cm of the last drawn one."""
     if path is None or not len(path):
         return ""
@@ -141,7 +141,7 @@ def _trail(path: Floats | None, begin: str = "M") -> str:
     for point in path[1:, 1:]:
         if abs(point - kept[-1]).max() >= 0.05:
             kept.append(point)
-    return begin + "L".join(f"{x:.2f} {y:.2f}" for x, y in kept)
+    return "M" + "L".join(f"{x:.2f} {y:.2f}" for x, y in kept)
 
 
 def _place(run: Run, robot: str, t: float) -> str:

@@ -240,8 +240,8 @@ def _rgba(colour: str, opacity: int = 0xFF) -> int:
     return int(colour[1:], 16) << 8 | opacity
 
 
-def _paint(colour: int, count: int = 1) -> NDArray[np.uint32]:
-    return np.full(count, colour, np.uint32)
+def _paint(colour: int) -> NDArray[np.uint32]:
+    return np.array([colour], np.uint32)
 
 
 def _is_pose(value: Any) -> bool:

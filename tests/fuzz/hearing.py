@@ -92,7 +92,7 @@ def _message(
             return []
         case 6:  # its map is merged as it was told
             found = robot.team.peers.get(peer)
-            if isinstance(found, Unaligned) and found.log.map is not None and found.log.contact is not None:
+            if isinstance(found, Unaligned) and found.log.map is not None and found.log.first_encounter is not None:
                 transform = FRAME if one % 2 else (one / 16, two / 16, one / 40)
                 robot.team.merge(robot.team.propose(found, transform, robot.own, {}), tick, robot.own)
             return []

@@ -68,7 +68,7 @@ def records_of(segments: Records) -> Records:
     sine = ux * uy[following] - uy * ux[following]
     following = np.where(np.abs(sine) >= MIN_CORNER_SINE, following, -1)
     out = np.zeros(len(walls), EDGE)
-    out["alive"], out["own"], out["hits"], out["tip"] = WALL, 1, HITS, tips
+    out["kind"], out["own"], out["hits"], out["tip"] = WALL, 1, HITS, tips
     for name in ("x", "y", "ux", "uy"):
         out[name] = walls[name]
     for name in ("xx", "xy", "yy"):

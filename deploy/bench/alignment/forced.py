@@ -87,7 +87,7 @@ class ForcedRun:
                 continue
             if isinstance(peer, Merged):  # a near miss that later maps put right, or a failure: go on
                 team.undo(peer, "made free for the next", {})
-            elif isinstance(peer, Unaligned) and peer.log.contact is not None and peer.log.map is not None:
+            elif isinstance(peer, Unaligned) and peer.log.first_encounter is not None and peer.log.map is not None:
                 theirs = peer.log.map.wireframe
                 if min(len(theirs.edges), len(robot.own.edges)) >= LEAST_WALLS:
                     self._force(robot, peer, theirs, observation.tick)
@@ -118,8 +118,8 @@ class ForcedRun:
                     if not right(*errors(found, mine, their_frame, theirs.points.mean(0))):
                         return pose_of(found)
         # a turn about where the peer was at the contact, which stays within range
-        assert peer.log.contact is not None
-        x, y, _ = compose(truth, peer.log.contact.theirs)
+        assert peer.log.first_encounter is not None
+        x, y, _ = compose(truth, peer.log.first_encounter.theirs)
         turn = float(self.rng.choice([0.5, 1.0, 1.5])) * math.pi
         return compose(compose((x, y, turn), (-x, -y, 0.0)), truth)
 

@@ -63,7 +63,7 @@ def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gener
             return None
         wall = np.zeros(1, EDGE)[0]  # well seen from end to end
         _lie_on(wall, HITS, HITS * float(np.hypot(*(head - tail))) ** 2 / 12, tail, head)
-        wall["alive"], wall["own"], wall["label"], wall["link"] = 1, 1, OCCLUSION, -1
+        wall["kind"], wall["own"], wall["label"], wall["link"] = 1, 1, OCCLUSION, -1
         wall["strength"], wall["seen"], wall["due"] = STRENGTH, SEEN, SEEN
         edges[e] = wall
         return count
@@ -211,7 +211,7 @@ def _same_wall(edges: Records, count: int, point: Floats, unit: Floats) -> int |
     along = dx * used["ux"] + dy * used["uy"]
     off = np.abs(dy * used["ux"] - dx * used["uy"])
     tip = (used["tip"] - np.stack([used["x"], used["y"]], 1)[:, None]) @ unit
-    fits = (used["alive"] == 1) & (used["ux"] * unit[0] + used["uy"] * unit[1] > 0.97) & (off < 0.05)
+    fits = (used["kind"] == 1) & (used["ux"] * unit[0] + used["uy"] * unit[1] > 0.97) & (off < 0.05)
     fits &= (tip[:, 0] < along) & (along < tip[:, 1])
     return int(np.flatnonzero(fits)[np.argmin(off[fits])]) if fits.any() else None
 
@@ -223,7 +223,7 @@ def _drawn_wall(edges: Records, truth: Truth, lengths: tuple[float, float], rng:
 
 
 def _is_true(wall: np.void, truth: Truth, lengths: tuple[float, float]) -> bool:
-    if wall["alive"] != 1 or wall["seen"] < STRENGTH or not lengths[0] <= length(wall) <= lengths[1]:
+    if wall["kind"] != 1 or wall["seen"] < STRENGTH or not lengths[0] <= length(wall) <= lengths[1]:
         return False
     tail, head, unit, _ = _ends(wall)
     samples = _between(tail, head)

@@ -54,7 +54,7 @@ def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_
             robot.robot == "r1"
             and isinstance(peer, Unaligned)
             and peer.log.map is not None
-            and peer.log.contact
+            and peer.log.first_encounter
             and not undone
         ):
             half_turn = relative(runs[0].frame("r1"), compose((0.0, 0.0, math.pi), runs[0].frame("r2")))

@@ -67,7 +67,9 @@ def test_of_two_that_are_as_near_the_first_by_name_goes(met) -> None:
 
 def test_without_sharing_nothing_is_aligned() -> None:
     run = explore({**MEET, "max_time_s": 40.0}, {"cooperation": {"sharing": False}})
-    assert all(not mind.team.peers for mind in run.robots.values())
+    for mind in run.robots.values():
+        assert mind.exchange.contacts and not mind.team.peers
+        assert not mind.team.places.unknown_to(mind.exchange.contacts)  # nor does it drive to be seen
 
 
 def test_forced_wrong_proposals_are_not_accepted() -> None:

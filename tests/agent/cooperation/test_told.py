@@ -33,7 +33,7 @@ def test_a_told_transform_is_merged_if_own_evidence_says_so_and_only_then(off: s
             team._align = lambda tick, peer, own: (  # type: ignore[method-assign]
                 align(tick, peer, own)
                 if isinstance(peer, Proposed)
-                else peer.log.contact is not None and team._align_as_told(peer, own)
+                else peer.log.first_encounter is not None and team._align_as_told(peer, own)
             )
             return
         team._align = lambda *_: False  # type: ignore[method-assign]

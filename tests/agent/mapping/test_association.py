@@ -42,7 +42,7 @@ def asked(edges: Records, pieces: Records, gates: Gates) -> tuple[Bools, Bools]:
             are[k, j] = not is_off(lines.rows[j], p, gates)
         for j in range(len(edges)):
             finite = math.isfinite(overlap(edges[j], p, gates)) and math.isfinite(cost(edges[j], p, gates))
-            could[k, j] = edges[j].alive == 1 and finite
+            could[k, j] = edges[j].kind == 1 and finite
     return could, are
 
 

@@ -50,7 +50,7 @@ def own_wall(tail: tuple[float, float], head: tuple[float, float]) -> Records:
     wall, a, b = np.zeros(1, EDGE), np.array(tail), np.array(head)
     size = float(np.hypot(*(b - a)))
     hits, (ux, uy) = 800.0, (b - a) / size
-    wall["alive"], wall["own"], wall["hits"], wall["seen"], wall["due"], wall["link"] = WALL, 1, hits, 60.0, 60.0, -1
+    wall["kind"], wall["own"], wall["hits"], wall["seen"], wall["due"], wall["link"] = WALL, 1, hits, 60.0, 60.0, -1
     wall["x"], wall["y"] = 0.5 * (a + b)
     wall["ux"], wall["uy"] = ux, uy
     wall["xx"], wall["xy"], wall["yy"] = hits * size**2 / 12 * np.array([ux**2, ux * uy, uy**2])
@@ -70,7 +70,7 @@ def apart(theirs: list[tuple[tuple[float, float], tuple[float, float]]]) -> Wire
 def laid(own: Records, theirs: Wireframe) -> Records:
     layer = layer_of(theirs, np.zeros(3), np.zeros(len(theirs.edges), np.bool_), HITS_PER_M)
     out = merged(own, [layer], GATES)
-    return out[out["alive"] == WALL]
+    return out[out["kind"] == WALL]
 
 
 def test_a_peers_wall_takes_the_next_one_along_to_no_own_wall() -> None:

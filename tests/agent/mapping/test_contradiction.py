@@ -47,7 +47,7 @@ def test_a_wall_that_is_cut_divides_its_hits() -> None:
     edges = np.zeros(4, EDGE)
     edges["link"], edges["label"] = -1, FRONTIER
     wall = edges[0]
-    wall["alive"], wall["ux"], wall["y"], wall["hits"], wall["xx"] = WALL, -1.0, 1.0, 100.0, 300.0
+    wall["kind"], wall["ux"], wall["y"], wall["hits"], wall["xx"] = WALL, -1.0, 1.0, 100.0, 300.0
     wall["seen"], wall["due"] = 9.0, 9.0
     for side, t in enumerate((-3.0, 3.0)):
         set_tip(wall, side, t)

@@ -16,7 +16,7 @@ from agent.mapping.tentative import become_wall, wall_probability
 def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(seen_m: float, end_m: float) -> None:
     """In a ring of 60 m views that ended by mistake added up, and walls of 45 m were cut down to what was in sight."""
     edges = np.zeros(1, EDGE)
-    edges["alive"], edges["ux"], edges["link"], edges["label"] = WALL, 1.0, -1, OCCLUSION
+    edges["kind"], edges["ux"], edges["link"], edges["label"] = WALL, 1.0, -1, OCCLUSION
     set_tip(edges[0], 1, 45.0)
     for _ in range(6):
         see_end(edges, 0, 1, OCCLUSION, seen_m, 0.0, 0.0, 1.0)
@@ -27,7 +27,7 @@ def test_false_ends_along_a_long_wall_do_not_cut_it_and_its_own_end_may_move(see
 def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end(corner_m: float, end_m: float) -> None:
     """One view of a cabinet 10 cm before a wall of 11 m cut it down to 5 m, as soon as the rest was mapped again."""
     edges, pieces = np.zeros(2, EDGE), np.zeros(2, PIECE)
-    edges["alive"], edges["link"], edges["label"] = WALL, -1, FRONTIER
+    edges["kind"], edges["link"], edges["label"] = WALL, -1, FRONTIER
     edges["ux"], edges["uy"], edges["x"] = (1.0, 0.0), (0.0, 1.0), (0.0, corner_m)
     set_tip(edges[0], 1, 11.0)
     set_tip(edges[1], 0, 0.1)
@@ -39,7 +39,7 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
 def corner(turn: float) -> np.ndarray:
     """A wall of 0.5 m down to the origin, and one from there that turns left by 90 degrees (turn 1), or right (-1)."""
     edges = np.zeros(2, EDGE)
-    edges["alive"], edges["own"], edges["link"] = WALL, 1, -1
+    edges["kind"], edges["own"], edges["link"] = WALL, 1, -1
     edges["ux"], edges["uy"], edges["y"] = (0.0, turn), (-1.0, 0.0), (0.25, 0.0)
     set_tip(edges[0], 0, -0.25)
     set_tip(edges[1], 1, 1.0)
@@ -65,7 +65,7 @@ def test_a_corner_is_not_closed_again_where_views_passed_behind_the_end_of_a_wal
 def test_slots_are_beside_corners_that_stand_back_and_are_not_blunt(turn_deg: float, linked: int) -> None:
     """What spoke for a slot before another wall held two apart that share a corner: they crossed, and stayed open."""
     edges, turn = np.zeros(2, EDGE), math.radians(turn_deg)
-    edges["alive"], edges["own"], edges["link"], edges["label"] = WALL, 1, -1, OCCLUSION
+    edges["kind"], edges["own"], edges["link"], edges["label"] = WALL, 1, -1, OCCLUSION
     edges["ux"], edges["uy"] = (1.0, math.cos(turn)), (0.0, math.sin(turn))
     set_tip(edges[0], 0, -1.0)
     set_tip(edges[0], 1, 0.02)
@@ -78,7 +78,7 @@ def test_slots_are_beside_corners_that_stand_back_and_are_not_blunt(turn_deg: fl
 def test_views_make_an_end_surer_that_the_joint_estimate_holds_and_do_not_move_it() -> None:
     """A robot that is 4 cm off along a column took the column's ends along, and was as far off for good."""
     edges = np.zeros(1, EDGE)
-    edges["alive"], edges["ux"], edges["link"], edges["label"], edges["slack"] = WALL, 1.0, -1, OCCLUSION, 0.04
+    edges["kind"], edges["ux"], edges["link"], edges["label"], edges["slack"] = WALL, 1.0, -1, OCCLUSION, 0.04
     edges["held"] = 1
     set_tip(edges[0], 1, 0.4)
     see_end(edges, 0, 1, OCCLUSION, 0.42, 0.04, 0.0, 1.0)

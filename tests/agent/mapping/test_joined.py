@@ -21,7 +21,7 @@ def test_parts_of_a_wall_tell_its_direction_together_once_they_are_joined() -> N
     joint[:3, :3] = np.eye(3) * 1e-9
     for e, x in enumerate((-FAR_M, FAR_M)):
         wall, row = edges[e], row_of(e)
-        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["seen"] = WALL, 200.0, x, 2.0, 50.0
+        wall["kind"], wall["hits"], wall["x"], wall["y"], wall["seen"] = WALL, 200.0, x, 2.0, 50.0
         wall["ux"], wall["uy"] = -math.cos(DIRECTION_SD), -math.sin(DIRECTION_SD)
         wall["xx"], wall["label"], wall["link"] = 200.0, FRONTIER, -1
         wall["tip"] = [(x - wall["ux"] * s, 2.0 - wall["uy"] * s) for s in (1.0, -1.0)]
@@ -32,7 +32,7 @@ def test_parts_of_a_wall_tell_its_direction_together_once_they_are_joined() -> N
     pieces["label"], pieces["link"] = FRONTIER, -1
     before, gates = edges[:2].copy(), Gates(NOISE, OFFSET_GATE_M)
     merge_scan(edges, 2, pieces, np.zeros(1, np.int64), np.full(1, 0.5), gates, 1.0, True)
-    assert edges["alive"].tolist() == [WALL, FREE, FREE, FREE]
+    assert edges["kind"].tolist() == [WALL, FREE, FREE, FREE]
     shift = np.zeros(len(joint))
     assert hold_joined(edges, before, joint, shift)
     move_walls(edges, shift)
@@ -43,6 +43,6 @@ def test_parts_of_a_wall_tell_its_direction_together_once_they_are_joined() -> N
 
 def test_walls_that_a_scan_leaves_apart_say_nothing_of_each_other() -> None:
     edges, joint = np.zeros(2, EDGE), np.eye(row_of(2))
-    edges["alive"], shift = WALL, np.zeros(row_of(2))
+    edges["kind"], shift = WALL, np.zeros(row_of(2))
     assert not hold_joined(edges, edges.copy(), joint, shift)
     assert not shift.any()

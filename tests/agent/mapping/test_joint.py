@@ -20,7 +20,7 @@ def mapped() -> tuple[Records, Floats]:
     edges, joint = np.zeros(4, EDGE), np.zeros((row_of(4), row_of(4)))
     joint[:3, :3] = np.diag((0.1, 0.1, 0.02)) ** 2
     for wall, (x, y, ux, uy) in zip(edges, ((0.0, 2.0, -1.0, 0.0), (2.0, 0.0, 0.0, 1.0)), strict=False):
-        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["uy"] = WALL, 100.0, x, y, ux, uy
+        wall["kind"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["uy"] = WALL, 100.0, x, y, ux, uy
         wall["xx"], wall["xy"], wall["yy"] = 30.0 * ux * ux, 30.0 * ux * uy, 30.0 * uy * uy
         wall["tip"], wall["link"] = [(x - ux, y - uy), (x + ux, y + uy)], -1
     assert know_walls(edges, 2, joint, POSE, NOISE, NOT_TENTATIVE).tolist() == [0, 1]
@@ -112,7 +112,7 @@ def test_both_parts_of_a_wall_that_is_cut_lie_on_one_line() -> None:
 
 def test_what_is_no_wall_any_more_has_no_rows() -> None:
     edges, joint = mapped()
-    edges[1]["alive"] = 0
+    edges[1]["kind"] = 0
     know_walls(edges, 2, joint, POSE, NOISE, NOT_TENTATIVE)
     assert related(edges[0])
     assert not joint[row_of(1) :].any() and not joint[:, row_of(1) :].any()
@@ -122,18 +122,18 @@ def test_what_is_no_wall_any_more_has_no_rows() -> None:
 def test_a_steady_tentative_wall_holds_the_robot_and_is_new_once_it_is_a_wall() -> None:
     edges, joint = mapped()
     edges[2] = edges[0]
-    edges[2]["alive"], edges[2]["relative"], edges[2]["seen"], edges[2]["due"] = TENTATIVE, 0.0, 8.0, 10.0
+    edges[2]["kind"], edges[2]["relative"], edges[2]["seen"], edges[2]["due"] = TENTATIVE, 0.0, 8.0, 10.0
     assert len(know_walls(edges, 3, joint, POSE, NOISE, NOT_TENTATIVE)) == 0
     assert related(edges[2])
     known = joint[row_of(2) : row_of(2) + 2].copy()
-    edges[2]["alive"] = WALL
+    edges[2]["kind"] = WALL
     assert know_walls(edges, 3, joint, POSE, NOISE, np.array((False, False, True))).tolist() == [2]
     assert np.array_equal(joint[row_of(2) : row_of(2) + 2], known)
 
 
 def test_a_tentative_wall_that_comes_and_goes_holds_no_robot() -> None:
     edges, joint = mapped()
-    edges[1]["alive"], edges[1]["seen"], edges[1]["due"] = TENTATIVE, 4.0, 10.0
+    edges[1]["kind"], edges[1]["seen"], edges[1]["due"] = TENTATIVE, 4.0, 10.0
     know_walls(edges, 2, joint, POSE, NOISE, NOT_TENTATIVE)
     assert not related(edges[1])
     assert not joint[row_of(1) :].any()

@@ -141,7 +141,7 @@ def _stub(length: float, tilt_deg: float, hits: float) -> Records:
     tilt = math.radians(tilt_deg)
     u, middle = np.array([math.cos(tilt), math.sin(tilt)]), np.array([0.5 * length, 0.0])
     stub = np.zeros(1, EDGE)
-    stub["alive"], stub["own"], stub["hits"], stub["seen"], stub["link"] = WALL, 1, hits, 50.0, -1
+    stub["kind"], stub["own"], stub["hits"], stub["seen"], stub["link"] = WALL, 1, hits, 50.0, -1
     stub["x"], stub["y"] = middle
     stub["ux"], stub["uy"] = u
     stub["xx"], stub["xy"], stub["yy"] = hits * length**2 / 12 * np.array([u[0] ** 2, u[0] * u[1], u[1] ** 2])
@@ -226,7 +226,7 @@ def test_a_wall_beyond_a_doorway_is_not_bridged_from_a_corner() -> None:
     near = certain(np.array([(-6.0, 0.0), (-0.15, 0.0), (-0.15, 2.0)]), np.array([(0, 1), (1, 2)]))
     layers = [layer_of(near, np.zeros(3), np.zeros(2, np.bool_), HITS_PER_M)]
     for laid in merged(stub, layers, gates), Tellings(stub, layers, gates).without(None):
-        own = laid[(laid["alive"] == WALL) & (laid["own"] == 1)]
+        own = laid[(laid["kind"] == WALL) & (laid["own"] == 1)]
         assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01  # tail before head
         assert np.sort(laid["tip"][laid["own"] == 0, :, 0].ravel()) == pytest.approx([-6.0, -0.15, -0.15, -0.15])
 
@@ -238,7 +238,7 @@ def test_what_an_own_wall_was_joined_into_is_told_as_heard() -> None:
         layer_of(certain(wall, np.array([(0, 1)])), np.zeros(3), np.zeros(1, np.bool_), HITS_PER_M) for wall in walls
     ]
     told = Tellings(stub, layers, gates).without(None)
-    own = told[(told["alive"] == WALL) & (told["own"] == 1)]
+    own = told[(told["kind"] == WALL) & (told["own"] == 1)]
     assert np.abs(own["tip"][:, :, 0] - (0.0, 0.9)).max() < 0.01
 
 

@@ -122,7 +122,7 @@ def false_wall(walk: Walk, p: int, a: tuple[float, float], b: tuple[float, float
     edges, n = walk.filter.edges[p], int(walk.filter.counts[p])
     e = edges[n]
     u = np.subtract(b, a) / math.dist(a, b)
-    e["alive"], e["own"], e["hits"], e["seen"], e["due"] = 1, 1, 400.0, 60.0, 60.0
+    e["kind"], e["own"], e["hits"], e["seen"], e["due"] = 1, 1, 400.0, 60.0, 60.0
     e["x"], e["y"] = np.add(a, b) / 2
     e["ux"], e["uy"] = u
     scatter = 400.0 * math.dist(a, b) ** 2 / 12
@@ -152,7 +152,7 @@ def test_a_wall_in_half_of_the_particles_loses_its_weight() -> None:
         false_wall(walk, p, (0.3, 2.8), (2.8, 2.8))
     walk.see(ROOM_TOUR[0])
     best = walk.filter.edges[walk.filter.best]
-    assert not ((best["alive"] > 0) & np.isclose(best["y"], 2.8)).any()
+    assert not ((best["kind"] > 0) & np.isclose(best["y"], 2.8)).any()
 
 
 def test_a_missing_wall_comes_back() -> None:
@@ -160,11 +160,11 @@ def test_a_missing_wall_comes_back() -> None:
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges = walk.filter.edges[0]
-    longest = int(np.argmax([length(e) if e["alive"] else 0.0 for e in edges[: walk.filter.counts[0]]]))
+    longest = int(np.argmax([length(e) if e["kind"] else 0.0 for e in edges[: walk.filter.counts[0]]]))
     for side in (0, 1):
         other = edges["link"][longest, side]
         edges["link"][other, 1 - side], edges["label"][other, 1 - side] = -1, FRONTIER
-    edges["alive"][longest] = 0
+    edges["kind"][longest] = 0
     for pose in ROOM_TOUR:
         walk.see(pose)
     wireframe = walk.filter.wireframe()
@@ -178,7 +178,7 @@ def test_a_false_gap_closes() -> None:
         walk.see(pose)
     edges = walk.filter.edges[0]
     n = int(walk.filter.counts[0])
-    longest = int(np.argmax([length(e) if e["alive"] else 0.0 for e in edges[:n]]))
+    longest = int(np.argmax([length(e) if e["kind"] else 0.0 for e in edges[:n]]))
     edges[n] = edges[longest]
     walk.filter.counts[0] += 1
     following = edges["link"][longest, 1]
@@ -352,7 +352,7 @@ def test_a_corner_moved_by_half_a_metre_goes_also_where_a_wall_now_lies_in_solid
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
-    e = next(k for k in range(n) if edges[k]["alive"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
+    e = next(k for k in range(n) if edges[k]["kind"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
     f = int(edges[e]["link"][1])
     moved = np.add((5.0, 3.0), shift)
     for k, (a, b) in ((e, (edges[e]["tip"][0].copy(), moved)), (f, (moved, edges[f]["tip"][1].copy()))):
@@ -375,7 +375,7 @@ def test_a_wall_behind_the_one_that_took_its_corner_goes() -> None:
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
-    e = next(k for k in range(n) if edges[k]["alive"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
+    e = next(k for k in range(n) if edges[k]["kind"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
     false, count = new_slot(edges, n)
     walk.filter.counts[0] = count
     edges[false] = edges[e]

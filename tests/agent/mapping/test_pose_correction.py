@@ -25,7 +25,7 @@ def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0) -> fl
     """
     edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
     wall = edges[0]
-    wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 100.0, 3.0, -1.0, 1.0, 30.0
+    wall["kind"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 100.0, 3.0, -1.0, 1.0, 30.0
     wall["tip"], wall["link"], wall["label"], wall["strength"] = [(2.0, -1.0), (4.0, -1.0)], -1, OCCLUSION, 20.0
     joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
     know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
@@ -86,7 +86,7 @@ def test_a_piece_that_may_be_of_two_faces_tells_little_of_the_place_and_nothing_
     for spread, half_m, label in ((1.0, 0.5, -1), (unsure, 0.5, -1), (unsure, 0.5, NOMINAL), (unsure, 5.0, -1)):
         edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
         wall = edges[0]
-        wall["alive"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 1e4, 0.0, -2.0, 1.0, 1e4
+        wall["kind"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 1e4, 0.0, -2.0, 1.0, 1e4
         wall["tip"], wall["link"] = [(-half_m, -2.0), (half_m, -2.0)], -1
         joint[:3, :3] = np.diag((1e-9, 1e-9, 1e-9))
         know_walls(edges, 1, joint, POSE, NOISE, NOT_TENTATIVE)
@@ -113,7 +113,7 @@ def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it
     """They alone tell how the frame lies: a wall that is new when walls are rectilinear at last is turned to them."""
     edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
     off = math.radians(0.4)
-    edges["alive"], edges["link"] = WALL, -1
+    edges["kind"], edges["link"] = WALL, -1
     edges["ux"], edges["uy"] = (1.0, -math.sin(off)), (0.0, math.cos(off))
     for wall, sd_deg in enumerate((0.05, 0.4)):
         joint[row_of(wall) + 1, row_of(wall) + 1] = math.radians(sd_deg) ** 2
@@ -128,7 +128,7 @@ def test_one_turned_post_among_rectilinear_walls_takes_no_axis_away(turned_m: fl
     edges = np.zeros(3, EDGE)
     walls = ((2.0, 0.0), (3.0, 0.5 * math.pi), (turned_m, 0.25 * math.pi))
     for wall, (size, angle) in zip(edges, walls, strict=True):
-        wall["alive"], wall["hits"], wall["ux"], wall["uy"] = WALL, 100.0, math.cos(angle), math.sin(angle)
+        wall["kind"], wall["hits"], wall["ux"], wall["uy"] = WALL, 100.0, math.cos(angle), math.sin(angle)
         wall["xx"], wall["yy"] = 100.0 * wall["ux"] ** 2, 100.0 * wall["uy"] ** 2
         wall["xy"] = 100.0 * wall["ux"] * wall["uy"]
         wall["tip"][1] = size * wall["ux"], size * wall["uy"]
@@ -144,7 +144,7 @@ def test_the_face_of_a_post_turned_by_11_degrees_makes_rectilinear_walls_scatter
     walls = ((8.0, 0.0), (6.0, 90.05), (9.0, 179.95), (5.0, -90.0), (6.0, 0.05), (0.1, 10.8))
     for wall, (size, angle_deg) in zip(edges, walls, strict=True):
         angle, hits = math.radians(angle_deg), 200.0
-        wall["alive"], wall["hits"], wall["ux"], wall["uy"] = WALL, hits, math.cos(angle), math.sin(angle)
+        wall["kind"], wall["hits"], wall["ux"], wall["uy"] = WALL, hits, math.cos(angle), math.sin(angle)
         moment = hits * size**2 / 12.0
         wall["xx"], wall["yy"] = moment * wall["ux"] ** 2, moment * wall["uy"] ** 2
         wall["xy"] = moment * wall["ux"] * wall["uy"]

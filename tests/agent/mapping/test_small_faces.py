@@ -58,7 +58,7 @@ def corner_of(turn: float, length: float):
     edges = np.zeros(2, EDGE)
     for k, (x, angle, size) in enumerate(((-2.0, 0.0, 4.0), (0.0, turn, length))):
         e, u = edges[k], np.array([math.cos(angle), math.sin(angle)])
-        e["alive"], e["hits"], e["seen"], e["link"] = WALL, 300.0, 50.0, -1
+        e["kind"], e["hits"], e["seen"], e["link"] = WALL, 300.0, 50.0, -1
         middle = np.array([x, 0.0]) + (0.0 if k == 0 else 0.5 * size) * u
         e["x"], e["y"] = middle
         e["ux"], e["uy"] = u

@@ -45,7 +45,7 @@ def looked(seed: int, together: bool) -> WireframeFilter:
 def worst_turn_deg(mapping: WireframeFilter) -> float:
     """How far the wall that is turned most is off the axis, degrees."""
     walls = mapping.edges[0][: mapping.counts[0]]
-    walls = walls[walls["alive"] == 1]
+    walls = walls[walls["kind"] == 1]
     return float(np.abs((np.degrees(np.arctan2(walls["uy"], walls["ux"])) + 45) % 90 - 45).max())
 
 
@@ -53,7 +53,7 @@ def worst_turn_deg(mapping: WireframeFilter) -> float:
 def test_both_faces_of_a_far_column_are_straight_walls(seed: int) -> None:
     """In `hall` the smear over both, 30 degrees off, was kept from the first look and pushed its robot 7 cm aside."""
     mapping = looked(seed, together=True)
-    assert (mapping.edges[0][: mapping.counts[0]]["alive"] == 1).sum() >= 2
+    assert (mapping.edges[0][: mapping.counts[0]]["kind"] == 1).sum() >= 2
     assert worst_turn_deg(mapping) < 5.0
 
 

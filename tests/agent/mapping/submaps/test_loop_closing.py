@@ -37,7 +37,7 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
         mind.update(scan, seen.poses())
         if seen.tick == lost_at:
             torn = compose(mind.pose, (0.8, 0.0, 0.0))
-            mind.edges["alive"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
+            mind.edges["kind"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
         if loops.take(scan, pose_of(told[-1]), mind.pose, mind.covariance):
             segments, pose = loops.settled()
             mind.replace(records_of(segments), pose)
