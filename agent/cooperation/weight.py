@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.bends import count_bends
 from agent.mapping.uncut import uncut
-from protocol.arrays import Floats, Ints
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
@@ -40,20 +40,11 @@ NO_WEIGHT = Weight(0, 0)
 def weigh(wireframe: Wireframe) -> Weight:
     """What a map weighs as it is laid."""
     edges, _ = uncut(wireframe.points, wireframe.labels, wireframe.edges.astype(np.int64), wireframe.own)
-    return Weight(len(edges), _bends(wireframe.points, edges))
+    into, out_of = neighbours(edges, len(wireframe.points))
+    return Weight(len(edges), count_bends(wireframe.points, into, out_of))
 
 
 def is_too_large(theirs: Weight, own: Weight) -> bool:
     """Whether a map weighs too much for a robot that has mapped so much itself."""
     budget = (own.walls + STRANGE_WALLS) * (own.bends + STRANGE_BENDS) ** 2
     return theirs.walls > own.walls + COMPARED_WALLS or theirs.walls * theirs.bends**2 > budget
-
-
-def _bends(points: Floats, edges: Ints) -> int:
-    """Places that a way may lead around: one at each corner that sticks out, two at each end of a wall."""
-    into, out_of = (np.asarray(one) for one in neighbours(edges, len(points)))
-    inner = (into >= 0) & (out_of >= 0)
-    ends = (into >= 0) ^ (out_of >= 0)
-    to, on = points - points[into], points[out_of] - points
-    out = inner & (to[:, 0] * on[:, 1] - to[:, 1] * on[:, 0] < 0)  # free space is on the left: it bends to the right
-    return int(out.sum() + 2 * ends.sum())

@@ -14,11 +14,11 @@ import numpy as np
 
 from agent.exploration.frontiers import Ends, open_ends
 from agent.exploration.path import first_clearance
+from agent.geometry.bends import bend
 from agent.geometry.clearance import crosses
 from agent.geometry.wall_tiles import WallTiles, all_in_view, barred_by, keep_off, wall_tiles
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Bools, Floats, Ints
-from protocol.geometry import wrapped
 from protocol.walls import neighbours
 from protocol.wireframe import Wireframe
 
@@ -29,8 +29,6 @@ FRONTIER_TOLL_M = 3.0  # what crossing that stretch costs, in metres of path
 
 _NO_WALLS, _NO_NODES = np.zeros((0, 4)), np.zeros((0, 2))
 _FROM_START, _NO_WAY = -1, -2  # in place of the row of the node before a goal
-_STRAIGHT_RAD = 0.05  # a corner that sticks out less bends no path
-_TWO_NODES_RAD = 0.5 * math.pi + 0.1  # a sharper corner has two nodes, so that ways around it stay short
 
 
 class Terrain(NamedTuple):
@@ -56,32 +54,15 @@ class Origin(NamedTuple):
 
 @kernel
 def _corner_nodes(points: Floats, into: Ints, out_of: Ints, offset: float) -> Floats:
-    """Nodes (k, 2) around the corners that stick out, where free space is on the left of every edge.
-
-    into, out_of: (n,) the vertex before and after, or -1. A chain's end is walked around as the tip of a thin wall.
-    """
+    """Nodes (k, 2) around the corners that stick out; into, out_of: as of `bend`."""
     nodes, k = np.empty((2 * points.shape[0], 2)), 0
     for v in range(points.shape[0]):
-        a, b = into[v], out_of[v]
-        if a < 0 and b < 0:
-            continue
-        x, y = points[v]
-        turn = -math.pi
-        if a >= 0:
-            first = math.atan2(y - points[a, 1], x - points[a, 0])
-        else:
-            first = math.atan2(points[b, 1] - y, points[b, 0] - x) + math.pi
-        if a >= 0 and b >= 0:
-            turn = -wrapped(first - math.atan2(points[b, 1] - y, points[b, 0] - x))
-            if turn > math.pi - 1e-6:
-                turn = -math.pi
-        if turn > -_STRAIGHT_RAD:
-            continue
-        count = 1 if turn > -_TWO_NODES_RAD else 2
-        radius = offset / math.cos(0.5 * turn / count)
+        first, turn, count = bend(points, into, out_of, v)
         for j in range(count):
+            radius = offset / math.cos(0.5 * turn / count)
             angle = first + 0.5 * math.pi + turn * (j + 0.5) / count
-            nodes[k, 0], nodes[k, 1] = x + radius * math.cos(angle), y + radius * math.sin(angle)
+            nodes[k, 0] = points[v, 0] + radius * math.cos(angle)
+            nodes[k, 1] = points[v, 1] + radius * math.sin(angle)
             k += 1
     return nodes[:k]
 

@@ -42,6 +42,9 @@ def test_only_corners_that_stick_out_and_ends_are_bends() -> None:
     assert weigh(Wireframe(square, labels, ring, likelihood, own)).bends == 0  # a room, from inside
     assert weigh(Wireframe(square, labels, ring[:, ::-1].copy(), likelihood, own)).bends == 4  # a pillar
     assert weigh(strewn(3)) == (3, 12)
+    to_and_fro = np.array([(0, 1), (1, 2), (2, 3)], np.int32)  # a way around the turn of such a wall bends twice, too
+    there_and_back = np.array([(0.0, 0.0), (5.0, 0.0), (0.0, 0.0), (5.0, 0.0)])
+    assert weigh(Wireframe(there_and_back, labels, to_and_fro, likelihood[:3], own[:3])) == (3, 8)
     assert weigh(Wireframe()) == (0, 0)
 
 
