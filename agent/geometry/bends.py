@@ -12,7 +12,7 @@ _TWO_NODES_RAD = 0.5 * math.pi + 0.1  # a way around a sharper corner bends twic
 
 @kernel
 def bend(points: Floats, into: Ints, out_of: Ints, v: int) -> tuple[float, float, int]:
-    """Of a vertex: direction of the wall before it, turn (radians, to the right < 0), and how often ways bend around it.
+    """Of a vertex: direction of the wall before it, turn (radians, right < 0), and how often a way bends around it.
 
     points: (n, 2) metres. into, out_of: (n,) the vertex before and after, or -1. Free space is on the left of every
     edge. A chain's end, and a wall that goes back along itself, is walked around as the tip of a thin wall.
