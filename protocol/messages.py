@@ -10,8 +10,10 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints, model_validator
 
 from protocol.arrays import Floats
+from protocol.errors import ProtocolError
 from protocol.geometry import Pose, wrapped
 from protocol.settings import MAX_NUMBER
+from protocol.wireframe import MAX_COORDINATE_M
 
 PROTOCOL_VERSION = 3
 
@@ -39,7 +41,9 @@ RobotId = Kind
 Receiver = Annotated[str, StringConstraints(pattern=r"^(\*|[a-z][a-z0-9_-]{0,15})$")]
 Text = Annotated[str, StringConstraints(max_length=MAX_TEXT)]
 Count = Annotated[int, Field(ge=0, le=2**40)]
-Tick = Count
+MAX_TICK = 2**32 - 1
+"""What a beacon has room for (ours): 27 years at 5 Hz."""
+Tick = Annotated[int, Field(ge=0, le=MAX_TICK)]
 Payload = Annotated[bytes, Field(max_length=2**20)]
 
 
@@ -281,7 +285,14 @@ class Observation(Message):
     def _ends_at_the_stamp(self) -> Self:
         if self.way and self.way[-24:] != np.array(self.odometry, "<f8").tobytes():
             raise ValueError("the way does not end at the odometry's pose")
+        if np.abs(self.poses()[:, :2]).max() > MAX_COORDINATE_M:
+            raise ValueError(f"odometry of more than {MAX_COORDINATE_M:g} m")
         return self
+
+    def check(self, beams: int) -> None:
+        """Raise ProtocolError for a scan of another lidar than one of so many beams."""
+        if len(self.ranges) != 4 * beams:
+            raise ProtocolError(f"a scan of {len(self.ranges) // 4} ranges from a lidar of {beams} beams")
 
     def scan(self) -> Floats:
         """Ranges as (beams,) float64 metres; inf where nothing came back, NaN where nothing was measured."""

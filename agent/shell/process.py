@@ -263,6 +263,7 @@ class Life:
                     self._heard.append(decode(Heard, payload))
                 case keys.OBS:
                     observation = decode(Observation, payload)
+                    observation.check(self._entry.welcome.spec.lidar.beams)
                     if not lockstep and not inbox.empty():
                         continue  # late: it steps on the newest scan only, with all messages heard since its last step
                     if step := self._take(observation) if lockstep else self._mind.step(observation, self._heard):

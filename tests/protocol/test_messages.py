@@ -16,6 +16,7 @@ from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import ProtocolError
 from protocol.messages import (
     MAX_EVENT_DEPTH,
+    MAX_TICK,
     MAX_WAY,
     Action,
     Clock,
@@ -46,8 +47,9 @@ KINDS: list[type[Message]] = [
 
 ids = st.from_regex(r"[a-z][a-z0-9_-]{0,15}", fullmatch=True)
 finite = st.floats(-MAX_NUMBER, MAX_NUMBER)
-ticks = st.integers(0, 2**40)
+ticks = st.integers(0, MAX_TICK)
 poses = st.tuples(finite, finite, finite)
+near_poses = st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), finite)
 texts = st.text(max_size=50)
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**53), 2**53) | finite | texts,
@@ -75,7 +77,7 @@ messages = st.one_of(
     ),
     st.builds(Refused, reason=texts),
     st.builds(End, reason=texts),
-    st.builds(Observation, tick=ticks, ranges=scans, odometry=poses, heard=ticks),
+    st.builds(Observation, tick=ticks, ranges=scans, odometry=near_poses, heard=ticks),
     st.builds(Heard, tick=ticks, sender=ids, kind=ids, payload=st.binary(max_size=500)),
     st.builds(Send, tick=ticks, to=ids | st.just("*"), kind=ids, payload=st.binary(max_size=500)),
     st.builds(
@@ -206,6 +208,14 @@ def test_a_way_is_of_finite_poses_and_ends_at_the_stamp() -> None:
     assert "three float64" in refused(Observation, seen(way.tobytes()[:-1]))
     assert "not within 1e+09" in refused(Observation, seen(np.full((1, 3), math.nan).tobytes()))
     assert "at most" in refused(Observation, seen(bytes(24 * (MAX_WAY + 1))))
+
+
+def test_an_observation_that_no_robot_can_make_is_refused() -> None:
+    """A beacon has no room for such a tick or place, and perception none for another lidar's scan."""
+    assert "tick" in refused(Observation, msgpack.packb({"tick": 2**32, "ranges": b"", "odometry": [0, 0, 0]}))
+    assert "10000 m" in refused(Observation, msgpack.packb({"tick": 0, "ranges": b"", "odometry": [3e6, 0, 0]}))
+    with pytest.raises(ProtocolError, match="a scan of 2 ranges from a lidar of 360 beams"):
+        Observation(tick=0, ranges=bytes(8), odometry=(0.0, 0.0, 0.0)).check(360)
 
 
 def test_beams_of_a_spec_have_bearings_and_moments() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from agent.shell.ros2.laser_scan import APART_S, LEVEL, Bearings, LaserScan, stamp_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, inverted, relative, wrapped
-from protocol.messages import LidarSpec, Observation, RobotSpec
+from protocol.messages import MAX_TICK, LidarSpec, Observation, RobotSpec
 from protocol.settings import MAX_NUMBER
 
 WAIT_S = 0.15  # a scan waits so long for the odometry of its end, which comes every 0.05 s or more often
@@ -28,7 +28,6 @@ JUMP_M, JUMP_RAD = 0.3, 0.5
 SLIP_TICKS = 2  # ticks counted by scans are fewer than so many off those of the clock, as no lidar is exactly on time
 EPOCH_S = 1_767_225_600.0
 """Ticks count from 2026, so that those of robots whose clocks agree are alike, and rise over restarts."""
-MAX_TICK = 2**32 - 1  # of a beacon
 
 
 class SensedScan(NamedTuple):

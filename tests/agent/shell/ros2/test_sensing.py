@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agent.shell.ros2.sensing import EPOCH_S, MAX_TICK, SensedScan, Sensing
+from agent.shell.ros2.sensing import EPOCH_S, SensedScan, Sensing
 from protocol.geometry import Pose
-from protocol.messages import LidarSpec, RobotSpec
+from protocol.messages import MAX_TICK, LidarSpec, RobotSpec
 from tests.agent.shell.ros2.messages import BEGIN_S, LIDAR, odometry, scan, tilted
 
 TURN_S = 1 / LIDAR.rate_hz
