@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.errors import ProtocolError
-from protocol.walls import lengths, neighbours, repeated
+from protocol.walls import main_direction, neighbours, repeated
 from protocol.wireframe import Wireframe
 
 AXIS_STEPS = 4096
@@ -131,11 +131,8 @@ class GridMap:
 
 
 def main_axis(wireframe: Wireframe) -> int:
-    """Direction that most wall length keeps to, modulo a right angle, in steps of GridMap.axis; 0 without walls."""
-    walls = wireframe.segments()
-    x, y = (walls[:, 2:] - walls[:, :2]).T
-    turned = lengths(walls) @ np.exp(4j * np.arctan2(y, x)) if len(walls) else 0j
-    return round(float(np.angle(turned)) / (2 * math.pi) * AXIS_STEPS) % AXIS_STEPS
+    """The main direction of a map's walls in steps of GridMap.axis; 0 without walls."""
+    return round(4 * main_direction(wireframe.segments()) / (2 * math.pi) * AXIS_STEPS) % AXIS_STEPS
 
 
 def quantise(

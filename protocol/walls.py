@@ -18,6 +18,12 @@ def directions(walls: Floats) -> Floats:
     return np.asarray((walls[:, 2:] - walls[:, :2]) / np.maximum(lengths(walls), 1e-9)[:, None], np.float64)
 
 
+def main_direction(walls: Floats) -> float:
+    """Direction that most length of walls (m, 4) keeps to, modulo a right angle, radians; 0 without walls."""
+    x, y = (walls[:, 2:] - walls[:, :2]).T
+    return float(np.angle(lengths(walls) @ np.exp(4j * np.arctan2(y, x)))) / 4
+
+
 def points_along(walls: Floats, counts: Ints) -> tuple[Floats, Ints]:
     """Middles (k, 2) of as many equal pieces of each wall (m, 4) as counts (m,) says, and (k,) the walls' rows."""
     wall, nth = repeated(counts)

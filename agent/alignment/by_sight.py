@@ -23,6 +23,7 @@ from agent.geometry.transform import apart, fit_on_points, move
 from agent.kernels import kernel, shared_kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose, pose_of, wrapped
+from protocol.walls import main_direction
 
 
 @dataclass(frozen=True)
@@ -128,18 +129,11 @@ def squared(transform: Floats, about: Floats, mine: Floats, theirs: Floats) -> F
 
     A few sightings within a room give the turn to some degrees only; walls at right angles give it modulo a quarter.
     """
-    turn = wrapped(float(_main_way(mine) - _main_way(theirs) - transform[2]), 0.5 * math.pi)
+    turn = wrapped(float(main_direction(mine) - main_direction(theirs) - transform[2]), 0.5 * math.pi)
     x, y = move(transform, about[0], about[1])
     theta = float(transform[2]) + turn
     c, s = math.cos(theta), math.sin(theta)
     return np.array([x - c * about[0] + s * about[1], y - s * about[0] - c * about[1], theta])
-
-
-def _main_way(walls: Floats) -> float:
-    """Direction of most wall modulo a quarter turn, radians."""
-    along = (walls[:, 2] - walls[:, 0]) + 1j * (walls[:, 3] - walls[:, 1])
-    length = np.abs(along)
-    return float(np.angle((along**4 / np.maximum(length, 1e-9) ** 3).sum())) / 4.0
 
 
 @shared_kernel
