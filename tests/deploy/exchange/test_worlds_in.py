@@ -50,6 +50,10 @@ POSTS = """<sdf version='1.6'><model name='posts'><pose>5 5 0 0 0 0</pose><model
 </link></model></model></sdf>"""
 
 
+DXF = "0\nSECTION\n2\nENTITIES\n{}0\nENDSEC\n0\nEOF\n"
+CIRCLE = "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n{}\n"
+
+
 def sdf() -> str:
     sides = [(0, -2, 0, 6.15), (0, 2, 0, 6.15), (-3, 0, math.pi / 2, 4), (3, 0, math.pi / 2, 4)]
     return SDF.format(walls="".join(WALL.format(k, *side) for k, side in enumerate(sides)))
@@ -214,6 +218,8 @@ BAD = {
     "n.yaml": "image: m.yaml\nresolution: .nan",
     "o.yaml": "image: [1]\nresolution: 1",
     "p.dxf": "0\nSECTION\n2\n",
+    "huge.dxf": DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
+    "many.dxf": DXF.format(CIRCLE.format(9e4) * 7),
     "q.txt": "7",
     "r.pgm": "P5 4 4 255\n",
     "s.png": "\x89PNG",
