@@ -19,7 +19,7 @@ from deploy.report.rundir import parse_map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.walls import lengths
-from world.worldfile import MAX_CORNERS
+from world.worldfile import MAX_CORNERS, check_crossings
 
 THICK_M = 0.1  # of the wall around an outline that has none of its own
 STEP_M = 0.02  # in HouseExpo's outlines, which were traced from pictures with cells of a centimetre
@@ -36,7 +36,9 @@ def read_house_expo(about: Mapping[Any, Any], straighten: bool) -> Shapes:
     It was traced from a picture: oblique walls have steps of a centimetre, corners are cut off.
     """
     ring = _points(about.get("verts"), "verts")
-    inside = shapely.Polygon(ring).buffer(0) if len(ring) > 2 else shapely.Polygon()
+    traced = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
+    check_crossings([traced])
+    inside = traced.buffer(0)
     if inside.is_empty:
         raise InputError("verts: encloses nothing")
     if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_OUTLINE_M:
@@ -63,14 +65,15 @@ def read_geojson(about: Mapping[Any, Any]) -> Shapes:
         shapes = shapely.get_parts(shapely.from_geojson(json.dumps(about)))
     except (shapely.GEOSException, ValueError, TypeError) as error:
         raise InputError(f"no GeoJSON: {error!s:.100}") from None
-    areas, walls = [], []
+    areas, walls = list[shapely.Geometry](), []
     for shape in shapely.get_parts(shapes[~shapely.is_missing(shapes)]):
         _points(shapely.get_coordinates(shape).tolist(), shape.geom_type)
         if shape.geom_type == "Polygon":
-            areas.append(shape.buffer(0))
+            areas.append(shape)
         elif shape.geom_type == "LineString":
             walls.append(shapely.get_coordinates(shape))
-    return Shapes(areas, walls)
+    check_crossings(areas)
+    return Shapes([area.buffer(0) for area in areas], walls)
 
 
 def read_dxf(file: Path) -> Shapes:

@@ -226,6 +226,45 @@ BAD = {
 }
 
 
+BAR = """<collision name='c'><pose>{} {} 0 0 0 {}</pose><geometry><box><size>12 0.01 2</size></box></geometry>
+</collision>"""
+
+
+def tangled() -> list[list[float]]:
+    """A ring whose edges cross each other a hundred thousand times."""
+    return np.random.default_rng(0).uniform(0, 10, (800, 2)).round(2).tolist()
+
+
+TANGLED = {
+    "verts.json": json.dumps({"verts": tangled()}),
+    "area.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "unit": "m",
+            "features": [
+                {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [[*tangled(), tangled()[0]]]}}
+            ],
+        }
+    ),
+    "lines.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "unit": "m",
+            "features": [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": tangled()}}],
+        }
+    ),
+    "bars.sdf": "<sdf><model name='m'><link name='l'>"
+    + "".join(BAR.format(0, y / 10, 0) + BAR.format(y / 10, 0, 1.5708) for y in range(-50, 50))
+    + "</link></model></sdf>",
+}
+
+
+@pytest.mark.parametrize("name", TANGLED)
+def test_what_would_take_minutes_to_join_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text(TANGLED[name])
+    assert "shapes lie over each other" in (message(tmp_path / name, Options(close_m=1)) or "")
+
+
 def message(file: Path, options: Options) -> str | None:
     """The sentence by which a file is refused; None where it is taken."""
     try:
