@@ -91,6 +91,13 @@ def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
         read_carmen(file, Given())
 
 
+def test_much_text_without_a_scan_is_not_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.recorded.carmen.MAX_HEAD", 1 << 20)
+    (tmp_path / "blank.log.gz").write_bytes(gzip.compress(b"\n" * (1 << 21) + flaser(0).encode()))
+    with pytest.raises(InputError, match="its first 1 MB hold no scan"):
+        read_carmen(tmp_path / "blank.log.gz", Given())
+
+
 @pytest.mark.parametrize("content", [b"", b"hello\n", b"\x1f\x8b", b"\x00" * 500_000, b"FLASER\nFLASER x\n"])
 def test_what_is_no_log_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "no.log"
