@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, FiniteFloat
 
 from deploy.config import RunConfig
 from protocol.configuration import ConfigError, put, validated
@@ -25,8 +25,7 @@ PLANNED = ("world", "seed")
 Settings = dict[str, Any]
 """Values by dotted key."""
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-_WITHIN = Field(ge=-MAX_NUMBER, le=MAX_NUMBER)
-Bound = Annotated[float, _WITHIN] | Annotated[int, _WITHIN]
+Bound = Annotated[FiniteFloat | int, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 """No setting is larger, and between larger ones the generator cannot draw."""
 
 
