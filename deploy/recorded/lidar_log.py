@@ -13,6 +13,7 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.settings import MAX_NUMBER
+from protocol.wireframe import MAX_COORDINATE_M
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
@@ -85,6 +86,8 @@ class LidarLog:
         poses = np.array(scan.odometry) if scan.way is None else scan.way
         if not (np.abs(poses) <= MAX_NUMBER).all():  # NaN is not
             return "scans whose odometry is no number"
+        if self.scans and (np.abs(poses[..., :2] - self.scans[0].odometry[:2]) > MAX_COORDINATE_M).any():
+            return f"scans whose odometry is farther than {MAX_COORDINATE_M:g} m from the first"
         if not math.isfinite(scan.time_s) or (self.scans and scan.time_s < self.scans[-1].time_s):
             return "scans whose time jumps back"
         return None

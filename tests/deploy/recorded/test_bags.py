@@ -124,7 +124,7 @@ def test_a_ring_of_frames_is_a_sentence() -> None:
     frames = Frames()
     frames.hang("laser", "base")
     frames.hang("base", "laser")
-    with pytest.raises(InputError, match="laser does not hang in odom: .*ring"):
+    with pytest.raises(InputError, match=r"laser does not hang in odom: .*ring"):
         frames.placed("laser", "odom", np.zeros(1))
 
 

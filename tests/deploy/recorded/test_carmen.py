@@ -68,11 +68,13 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     lines[5] = flaser(5, time=0.5)
     lines[6] = flaser(6, readings=["2"] * 90)
     lines[7] = flaser(7, count=10**12)
+    lines[8] = flaser(8, pose="3e6 2 0.5")
     read = read_carmen(log(tmp_path, *lines), Given())
-    assert [scan.number for scan in read.scans] == [0, 1, 8, 9]
+    assert [scan.number for scan in read.scans] == [0, 1, 9]
     assert read.skipped == {
         "lines that are cut or hold no numbers": 3,
         "scans whose odometry is no number": 1,
+        "scans whose odometry is farther than 10000 m from the first": 1,
         "scans whose time jumps back": 1,
         "scans without 180 readings, as the first had": 1,
     }
