@@ -56,8 +56,10 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         else:
             robot = (math.nan, math.nan, math.nan)
         log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
-    if log is None or not log.scans:
+    if log is None:
         raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
+    if not log.scans:
+        raise InputError(f"{file}: none of its scans can be used: {', '.join(log.skipped)}")
     log.note_gaps()
     return log
 

@@ -80,6 +80,13 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     }
 
 
+def test_scans_whose_stamps_jump_are_counted(tmp_path: Path) -> None:
+    times = [-1e308, 0.0, 1.7e9, 0.2, float("inf")]
+    read = read_carmen(log(tmp_path, *(flaser(k, time=time) for k, time in enumerate(times))), Given())
+    assert [scan.time_s for scan in read.scans] == [0.0, 0.2]
+    assert read.skipped == {"scans whose time is none": 2, "scans more than 200 days after the first": 1}
+
+
 def test_gaps_are_told(tmp_path: Path) -> None:
     times = [0.2 * k for k in range(10)] + [0.2 * k + 0.5 for k in range(10, 20)]
     assert read_carmen(log(tmp_path, *map(flaser, times)), Given()).notes == ["1 gaps of 0.7 to 0.7 s between scans"]
