@@ -265,6 +265,11 @@ def test_what_would_take_minutes_to_join_is_refused_at_once(tmp_path: Path, name
     assert "shapes lie over each other" in (message(tmp_path / name, Options(close_m=1)) or "")
 
 
+def test_a_picture_of_noise_is_refused_at_once(tmp_path: Path) -> None:
+    Image.fromarray(np.indices((400, 400)).sum(0) % 2 == 0).save(tmp_path / "noise.png")
+    assert "corners, as noise has" in (message(tmp_path / "noise.png", Options(width_m=20)) or "")
+
+
 def message(file: Path, options: Options) -> str | None:
     """The sentence by which a file is refused; None where it is taken."""
     try:
