@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import reprlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import shapely
 import yaml
+from numpy.typing import NDArray
 from shapely import affinity
 from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from protocol.arrays import Floats
+from protocol.arrays import Bools, Floats
 from protocol.document import read_document
 from protocol.errors import InputError
 from world import maze
@@ -47,11 +48,16 @@ MAX_CORNERS = 10_000
 """Corners of all shapes: half of what a robot's map may have."""
 MAX_NEAR, MAX_CROSSINGS = 1_000_000, 50_000
 """Most pairs of edges whose rectangles overlap, and that cross or touch: each costs time and memory to join."""
+TANGLED = "too many of its shapes lie over each other"
+"""What is said of those, in a world file or on its way to one."""
 MAX_SPAWNS = 1000
 """Twice as many as a run may have robots."""
 MAX_NAME = 100
 """Characters of a world's name."""
 
+
+Lines = NDArray[np.object_]
+"""(n,) of shapely's lines."""
 
 Level = tuple[str, float, float]
 """What a list must be, in words, and its least and greatest length."""
@@ -286,21 +292,43 @@ def _check_size(shapes: Sequence[BaseGeometry], source: str) -> None:
     if (x1 - x0) * (y1 - y0) > MAX_AREA_M2:
         size = f"{x1 - x0:.0f} m x {y1 - y0:.0f} m"
         raise WorldFileError(f"{source}: {size} is too large; at most {MAX_AREA_M2:.0f} m2 are taken")
-    points, ring = shapely.get_coordinates(shapely.get_rings(shapes), return_index=True)
-    inside = ring[1:] == ring[:-1]
-    if inside.sum() > MAX_CORNERS:
-        raise WorldFileError(f"{source}: {inside.sum()} corners are too many; at most {MAX_CORNERS} are taken")
-    edges = shapely.linestrings(np.stack([points[:-1][inside], points[1:][inside]], 1))
+    edges = _edges(shapely.get_rings(shapes))
+    if len(edges) > MAX_CORNERS:
+        raise WorldFileError(f"{source}: {len(edges)} corners are too many; at most {MAX_CORNERS} are taken")
     if (wall_m := shapely.length(edges).sum()) > MAX_WALL_M:
         raise WorldFileError(f"{source}: {wall_m:.0f} m of wall are too much; at most {MAX_WALL_M:.0f} m are taken")
-    tree, near, crossings = shapely.STRtree(edges), 0, 0
-    for block in np.array_split(edges, math.ceil(len(edges) / 50)):
+    if _tangled(edges, shapely.intersects):
+        raise WorldFileError(f"{source}: {TANGLED}")
+
+
+def check_crossings(shapes: Sequence[BaseGeometry], lines: Sequence[BaseGeometry] = ()) -> None:
+    """Raise InputError for shapes and lines of another program's file that would take minutes, or all memory, to join.
+
+    They may have more edges than a world, as long as these only touch, until they are joined.
+    """
+    if _tangled(_edges([*shapely.get_rings(shapes), *lines]), shapely.crosses):
+        raise InputError(TANGLED)
+
+
+def _edges(lines: Sequence[BaseGeometry] | Lines) -> Lines:
+    """Each edge of rings and lines as a line of its own."""
+    points, line = shapely.get_coordinates(lines, return_index=True)
+    inside = line[1:] == line[:-1]
+    edges: Lines = shapely.linestrings(np.stack([points[:-1][inside], points[1:][inside]], 1))
+    return edges
+
+
+def _tangled(edges: Lines, meet: Callable[[Lines, Lines], Bools]) -> bool:
+    """Whether too many pairs of edges lie near each other, or meet."""
+    tree, near, meetings = shapely.STRtree(edges), 0, 0
+    for block in np.array_split(edges, math.ceil(len(edges) / 50) or 1):
         one, other = tree.query(block)
         near += len(one)
         if near <= MAX_NEAR:
-            crossings += int(shapely.intersects(block[one], edges[other]).sum())
-        if near > MAX_NEAR or crossings > MAX_CROSSINGS:
-            raise WorldFileError(f"{source}: too many of its shapes lie over each other")
+            meetings += int(meet(block[one], edges[other]).sum())
+        if near > MAX_NEAR or meetings > MAX_CROSSINGS:
+            return True
+    return False
 
 
 def to_yaml(document: Mapping[str, Any]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -18,14 +19,14 @@ from deploy.report.rundir import parse_map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.walls import lengths
-from world.worldfile import MAX_CORNERS
+from world.worldfile import MAX_CORNERS, check_crossings
 
 THICK_M = 0.1  # of the wall around an outline that has none of its own
 STEP_M = 0.02  # in HouseExpo's outlines, which were traced from pictures with cells of a centimetre
 MAX_OUTLINE_M = 1000.0  # of a plan that is straightened: time grows with it, and a house has a tenth
 LAYER = "walls"  # of a drawing, where it has one of that name: that alone is taken
 SAGITTA_M = 0.001  # by which a curve's chords may be off
-MAX_POINTS = 100_000
+MAX_POINTS = 100_000  # of an outline, and of all curves of a DXF drawing
 MAX_M = 1e5  # of a coordinate
 
 
@@ -35,7 +36,9 @@ def read_house_expo(about: Mapping[Any, Any], straighten: bool) -> Shapes:
     It was traced from a picture: oblique walls have steps of a centimetre, corners are cut off.
     """
     ring = _points(about.get("verts"), "verts")
-    inside = shapely.Polygon(ring).buffer(0) if len(ring) > 2 else shapely.Polygon()
+    traced = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
+    check_crossings([traced])
+    inside = traced.buffer(0)
     if inside.is_empty:
         raise InputError("verts: encloses nothing")
     if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_OUTLINE_M:
@@ -62,25 +65,28 @@ def read_geojson(about: Mapping[Any, Any]) -> Shapes:
         shapes = shapely.get_parts(shapely.from_geojson(json.dumps(about)))
     except (shapely.GEOSException, ValueError, TypeError) as error:
         raise InputError(f"no GeoJSON: {error!s:.100}") from None
-    areas, walls = [], []
+    areas, walls = list[shapely.Geometry](), []
     for shape in shapely.get_parts(shapes[~shapely.is_missing(shapes)]):
         _points(shapely.get_coordinates(shape).tolist(), shape.geom_type)
         if shape.geom_type == "Polygon":
-            areas.append(shape.buffer(0))
+            areas.append(shape)
         elif shape.geom_type == "LineString":
             walls.append(shapely.get_coordinates(shape))
-    return Shapes(areas, walls)
+    check_crossings(areas)
+    return Shapes([area.buffer(0) for area in areas], walls)
 
 
 def read_dxf(file: Path) -> Shapes:
     """Lines and curves of a DXF drawing, of the layer `walls` where there is one. Raises InputError."""
     from ezdxf.enums import InsertUnits
     from ezdxf.filemanagement import readfile
+    from ezdxf.math import Matrix44
     from ezdxf.path import make_path
     from ezdxf.units import conversion_factor
 
     logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it ignores is no error
     shapes = Shapes(walls=(walls := []))
+    left = MAX_POINTS
     try:
         drawing = readfile(file)
         scale = conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters) if drawing.units else 1.0
@@ -93,7 +99,12 @@ def read_dxf(file: Path) -> Shapes:
             if kind not in ("LINE", "LWPOLYLINE", "POLYLINE", "CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
                 shapes.left_out[f"{kind} on layer {entity.dxf.layer}"] += 1
                 continue
-            flat = [(point.x * scale, point.y * scale) for point in make_path(entity).flattening(SAGITTA_M / scale)]
+            path = make_path(entity).transform(Matrix44.scale(scale, scale, 0))  # metres, seen from above
+            _points([(point.x, point.y) for point in path.control_vertices()], kind)  # a huge curve has endless chords
+            flat = [(point.x, point.y) for point in islice(path.flattening(SAGITTA_M), left + 1)]
+            left -= len(flat)
+            if left < 0:
+                raise InputError(f"more than {MAX_POINTS} points of lines and curves")
             walls.append(_points(flat, kind))
     except InputError:
         raise

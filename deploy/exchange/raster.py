@@ -23,9 +23,15 @@ from deploy.exchange.shapes import Shapes
 from protocol.arrays import Bools, Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
-from world.worldfile import polygons_of
+from world.worldfile import MAX_CORNERS, polygons_of
 
 MAX_CELLS = 25_000_000
+MAX_JAGS = 5 * MAX_CORNERS
+"""Corners of a picture's outlines: a floor of 58 m x 47 m at 5 cm, as scanned, has 38,000, of which straightening
+leaves 10,000. More is noise, and takes minutes."""
+MAX_SIDES = 100_000
+"""Cells along columns of a picture's outlines, each with a point: with as many along rows, at 5 cm a cell, they are the
+10 km that a world may have."""
 BODY_M = 0.105  # radius of a TurtleBot3 Burger: free areas too narrow for it are filled
 FRAME_CELLS = 3  # of solid around the picture
 DARK = 0.5  # a bitmap's pixel that is darker is solid
@@ -35,6 +41,7 @@ SPREAD_CELLS = 1.6  # across a straight wall: what cells make of an oblique line
 SLANT_CELLS = 1.0  # from end to end of a wall that runs along the axis
 CORNER_CELLS = 2.0  # between two walls that meet in a corner
 MAX_RUN = 400  # edges
+AT_ONCE = 100  # points of a ring from which runs are looked for together
 WIDE = 0.9  # cells by which other outlines may move: less than a wall that is one cell thick
 
 
@@ -127,7 +134,15 @@ def _straightened(area: BaseGeometry, pad: int) -> BaseGeometry:
 
 
 def _outlined(solid: Bools) -> BaseGeometry:
-    """Area of the cells, in cells."""
+    """Area of the cells, in cells. Raises InputError for a picture that would take minutes."""
+    around = np.pad(solid, 1)
+    sides = around[:, 1:] != around[:, :-1]
+    below, above = sides[:-1], sides[1:]
+    touching = below & above & (around[1:, :-1] != around[:-1, :-1])  # two corners at one place
+    if (corners := int((below != above).sum() + 2 * touching.sum())) > MAX_JAGS:
+        raise InputError(f"its outlines have {corners} corners, as noise has; at most {MAX_JAGS} are taken")
+    if (long := int(sides.sum())) > MAX_SIDES:
+        raise InputError(f"its outlines run along {long} cells of columns; at most {MAX_SIDES} are taken")
     edges = np.diff(np.pad(solid, ((0, 0), (1, 1))).astype(np.int8), axis=1)
     rows, begins = np.nonzero(edges == 1)
     _, ends = np.nonzero(edges == -1)
@@ -202,19 +217,22 @@ def _laid(ring: Floats, axis: float) -> Floats:
 
 def _runs(points: Floats) -> list[_Run]:
     """The runs of a ring in the axis' frame, in its order; the longest are found first, and none overlap."""
+    if np.ptp(points, axis=0).max() < LONG_CELLS:  # a speck: a picture may have thousands
+        return []
     n = len(points)
     window = np.arange(min(n, MAX_RUN))
     found = []
-    for first in range(n):
-        part = points[(first + window) % n]
+    for firsts in np.array_split(np.arange(n), math.ceil(n / AT_ONCE)):
+        parts = points[(firsts[:, None] + window) % n]
         for same in (0, 1):
-            across, along = part[:, same], part[:, 1 - same]
-            spread = np.maximum.accumulate(across) - np.minimum.accumulate(across)
-            for way in (along - along[0], along[0] - along):
-                stops = (spread > SPREAD_CELLS) | (np.maximum.accumulate(way) - way > 1.0)
-                count = int(np.argmax(stops)) - 1 if stops.any() else len(window) - 1
-                if way[count] >= LONG_CELLS:
-                    found.append((-float(way[count]), first, count, same))
+            across, along = parts[..., same], parts[..., 1 - same]
+            spread = np.maximum.accumulate(across, 1) - np.minimum.accumulate(across, 1)
+            for way in (along - along[:, :1], along[:, :1] - along):
+                stops = (spread > SPREAD_CELLS) | (np.maximum.accumulate(way, 1) - way > 1.0)
+                counts = np.where(stops.any(1), stops.argmax(1), len(window)) - 1
+                ends = way[np.arange(len(way)), counts]
+                long = np.flatnonzero(ends >= LONG_CELLS)
+                found += [(-float(ends[k]), int(firsts[k]), int(counts[k]), same) for k in long]
     taken, runs = np.zeros(n, np.bool_), []
     for _, first, count, same in sorted(found):
         edges = np.arange(first, first + count) % n

@@ -20,6 +20,7 @@ from deploy.exchange.shapes import Shapes
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError
+from world.worldfile import check_crossings
 
 HEIGHT_M = 0.182
 """Of the lidar above the ground: the TurtleBot3 Burger's (turtlebot3_description)."""
@@ -60,13 +61,15 @@ def parse_xml(text: str) -> Element:
 def read_sdf(root: Element, height_m: float = HEIGHT_M, models: Sequence[Path] = ()) -> Shapes:
     """Boxes, cylinders and spheres at this height. models: folders in which model://NAME is looked for.
 
-    Raises InputError for a number that is none, and for models that include each other without end.
+    Raises InputError for a number that is none, for models that include each other without end, and for shapes that lie
+    over each other by the thousand.
     """
     reading = _Reading(height_m, models)
     for world in root.iter("world"):
         moved = {state.get("name"): _pose(state) for state in world.findall("state/model")}
         _models(world, np.eye(4), reading, moved, 0)
     _models(root, np.eye(4), reading, {}, 0)
+    check_crossings(reading.cuts)
     return Shapes(reading.cuts, left_out=reading.left_out)
 
 

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from protocol.arrays import Floats
 from protocol.text import printable
-from world.worldfile import MAX_NAME, polygons_of
+from world.worldfile import MAX_NAME, check_crossings, polygons_of
 
 DIGITS = 4  # of coordinates in metres
 DOOR_M = 0.1  # thickness of a wall that closes an opening: less than most outer walls have
@@ -40,9 +40,13 @@ class Shapes:
         return document | {key: rows for key, rows in (("polygons", polygons), ("walls", walls[long].tolist())) if rows}
 
     def closed(self, width_m: float) -> Shapes:
-        """With a wall in each opening of the outer walls that is at most so wide, such as a front door."""
-        lines = [shapely.LineString(wall).buffer(LEAST_M, cap_style="flat") for wall in self.walls]
-        solid = shapely.union_all([*self.areas, *lines])
+        """With a wall in each opening of the outer walls that is at most so wide, such as a front door.
+
+        Raises InputError where too many walls lie over each other.
+        """
+        lines = [shapely.LineString(wall) for wall in self.walls]
+        check_crossings(self.areas, lines)
+        solid = shapely.union_all([*self.areas, *(line.buffer(LEAST_M, cap_style="flat") for line in lines)])
         wide = solid.buffer(width_m / 2, join_style="mitre")
         filled = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons_of(wide)])
         inside = filled.buffer(-width_m / 2, join_style="mitre")

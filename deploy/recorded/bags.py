@@ -28,6 +28,7 @@ from protocol.messages import LidarSpec
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 KNOTS = 6  # poses of odometry along a revolution of the lidar: every 40 ms for one of 0.2 s
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
+MOUNTED = "the lidar"  # its frame where the user tells its mount: its own frame may be the robot's
 
 
 class _Entry(NamedTuple):
@@ -174,7 +175,8 @@ def _root(bag: _Bag, given: Given) -> str:
     root, robot = (frame.lstrip("/") for frame in bag.wheels)
     if given.mount is not None:
         x, y, yaw = given.mount
-        frames.hang(lidar, robot, (x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+        bag.lidar_frame = MOUNTED
+        frames.hang(MOUNTED, robot, (x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
     elif robot not in (lidar.lstrip("/"), *(frame for frame, _ in frames.above(lidar))):
         part = next((frame for frame, fixed in reversed([*frames.above(lidar)]) if fixed), lidar)
         frames.hang(part, robot)

@@ -4,6 +4,7 @@ import gzip
 import math
 import zlib
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from protocol.settings import MAX_NUMBER
 FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
 MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and poses are 100,000
 MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
+MAX_HEAD = 1 << 24  # of text before the first scan: settings are some kB, three hours of other lines are this
 MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, but two ways of counting poses
 SICK_RANGE_M = 80.0  # FLASER lines tell no range: a SICK LMS gives 81.83 m where nothing came back
 NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
@@ -29,8 +31,10 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
     log: LidarLog | None = None
     mount: Pose | None = None
     kind, index = "", -1
-    for words in _lines(file):
-        if words[0] not in (FLASER, ROBOTLASER) or (kind and words[0] != kind):
+    for words, read in _lines(file):
+        if log is None and read > MAX_HEAD:
+            raise InputError(f"{file}: its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
+        if not words or words[0] not in (FLASER, ROBOTLASER) or (kind and words[0] != kind):
             continue
         index += 1
         if index == MAX_SCANS:
@@ -52,27 +56,28 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         else:
             robot = (math.nan, math.nan, math.nan)
         log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
-    if log is None or not log.scans:
+    if log is None:
         raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
+    if not log.scans:
+        raise InputError(f"{file}: none of its scans can be used: {', '.join(log.skipped)}")
     log.note_gaps()
     return log
 
 
-def _lines(file: Path) -> Iterator[list[str]]:
-    """Words of each line. Raises InputError."""
+def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
+    """Words of each line, and the bytes up to its end. Raises InputError."""
     try:
         check_is_file(file)
         with file.open("rb") as raw:
             zipped = raw.read(2) == b"\x1f\x8b"
             raw.seek(0)
-            with gzip.GzipFile(fileobj=raw) if zipped else raw as stream:
-                left = MAX_BYTES
+            with BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw as stream:
+                read = 0
                 while line := stream.readline(MAX_LINE):
-                    left -= len(line)
-                    if left < 0:
+                    read += len(line)
+                    if read > MAX_BYTES:
                         raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
-                    if words := line.decode("ascii", "replace").split():
-                        yield words
+                    yield line.decode("ascii", "replace").split(), read
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except (OSError, EOFError, zlib.error) as error:

@@ -83,7 +83,12 @@ class Frames:
             yield at, fixed
 
     def placed(self, frame: str, root: str, times: Floats) -> Placed:
-        """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level."""
+        """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level.
+
+        Also where the other one is not above it, as in a ring of frames.
+        """
+        if root.lstrip("/") not in (frame.lstrip("/"), *(name for name, _ in self.above(frame))):
+            raise InputError(f"{frame} does not hang in {root}: its frames end before that, or are a ring")
         turn, place = np.tile(np.eye(3), (len(times), 1, 1)), np.zeros((len(times), 3))
         apart, at = np.zeros(len(times)), frame.lstrip("/")
         while at != root.lstrip("/"):

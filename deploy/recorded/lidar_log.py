@@ -1,6 +1,5 @@
 """A recorded log as scans with odometry, whatever its format, and what in it could not be used."""
 
-import math
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -13,9 +12,12 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.settings import MAX_NUMBER
+from protocol.wireframe import MAX_COORDINATE_M
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
+MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
+MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
 NOISE_M = 0.01  # sd of a range; of the SICK lidars of public logs by their data sheet, and of most others
 
@@ -85,8 +87,14 @@ class LidarLog:
         poses = np.array(scan.odometry) if scan.way is None else scan.way
         if not (np.abs(poses) <= MAX_NUMBER).all():  # NaN is not
             return "scans whose odometry is no number"
-        if not math.isfinite(scan.time_s) or (self.scans and scan.time_s < self.scans[-1].time_s):
+        if self.scans and (np.abs(poses[..., :2] - self.scans[0].odometry[:2]) > MAX_COORDINATE_M).any():
+            return f"scans whose odometry is farther than {MAX_COORDINATE_M:g} m from the first"
+        if not abs(scan.time_s) <= MAX_STAMP_S:  # NaN is not
+            return "scans whose time is none"
+        if self.scans and scan.time_s < self.scans[-1].time_s:
             return "scans whose time jumps back"
+        if self.scans and scan.time_s - self.scans[0].time_s > MAX_DAYS * 86_400:
+            return f"scans more than {MAX_DAYS} days after the first"
         return None
 
     def note_gaps(self) -> None:

@@ -16,6 +16,7 @@ from deploy import manifest
 from deploy.recorded.lidar_log import LidarLog
 from deploy.recorded.team import Player, play
 from protocol.arrays import Floats
+from protocol.errors import ProtocolError
 from protocol.files import write_whole
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
@@ -75,7 +76,7 @@ def _figures(player: Player, own: Wireframe, config: AgentConfig, team: bool) ->
         "notes": log.notes,
         "path_m": round(float(np.hypot(*np.diff(mind.path()[:, :2], axis=0).T).sum()), 3),
         "loops": mind.submaps.loops,
-        "map_bytes": len(encode_map(quantise(own, config.radio.cell_mm, main_axis(own))).data),
+        "map_bytes": _told_bytes(own, config.radio.cell_mm),
         "filter_bytes": mind.submaps.nbytes,
         "step_ms_median": round(float(np.median(player.step_ms)), 3),
         "step_ms_99": round(float(np.percentile(player.step_ms, 99)), 3),
@@ -87,6 +88,14 @@ def _figures(player: Player, own: Wireframe, config: AgentConfig, team: bool) ->
             "merged": {peer.log.name: np.round(peer.transform, 4).tolist() for peer in mind.team.merged},
         }
     return figures
+
+
+def _told_bytes(own: Wireframe, cell_mm: int) -> int | None:
+    """Of a map on the radio; None for one that is too large for it, or reaches too far."""
+    try:
+        return len(encode_map(quantise(own, cell_mm, main_axis(own))).data)
+    except ProtocolError:
+        return None
 
 
 def _write(out: Path, player: Player, own: Wireframe, team: bool) -> None:

@@ -38,7 +38,7 @@ def kept_scans(source: Path, beams: int) -> Iterator[dict[str, Any]]:
                 if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not all(map(math.isfinite, numbers)):
                     raise ValueError(f"a scan of {beams} finite readings and a pose is wanted at tick {scan['tick']}")
                 yield scan
-    except (OSError, ValueError, LookupError, TypeError) as error:
+    except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
         raise NoRunError(f"{source}: no scans of a run, or damaged: {error}") from None
 
 

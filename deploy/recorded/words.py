@@ -18,7 +18,8 @@ def print_mapped(out: Path, summary: Mapping[str, Any]) -> None:
     table, sentences = Table(*COLUMNS, box=None, pad_edge=False), []
     for robot, row in summary["robots"].items():
         skipped = sum(row["skipped"].values())
-        counts = (str(row["scans"]), str(skipped), f"{row['path_m']:.1f}", str(row["loops"]), str(row["map_bytes"]))
+        told = "too large" if row["map_bytes"] is None else str(row["map_bytes"])
+        counts = (str(row["scans"]), str(skipped), f"{row['path_m']:.1f}", str(row["loops"]), told)
         add_row(table, robot, row["log"], *counts, f"{row['step_ms_median']:.1f}", f"{row['step_ms_99']:.1f}")
         sentences += [f"{robot}: skipped {count} {reason}" for reason, count in row["skipped"].items()]
         sentences += [f"{robot}: {note}" for note in row["notes"]]

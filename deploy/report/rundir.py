@@ -270,7 +270,10 @@ def _truth(file: Path) -> tuple[dict[str, Floats], float]:
 def _map(value: Mapping[str, Any]) -> Map:
     points = _array(value["vertices"], (-1, 2))
     labels = np.array([LABELS[label] for label in value["labels"]], np.uint8)
-    edges = _array(value["edges"], (-1, 2)).astype(np.int64)
+    told = _array(value["edges"], (-1, 2))
+    edges = told.astype(np.int64)
+    if (edges != told).any():
+        raise ValueError("an edge names a vertex by a fraction")
     if len(labels) != len(points):
         raise ValueError(f"{len(points)} vertices, but {len(labels)} labels")
     if len(edges) and (edges.min() < 0 or edges.max() >= len(points)):

@@ -15,7 +15,7 @@ from deploy.config import RunConfig
 from protocol.configuration import ConfigError, put, validated
 from protocol.document import read_document
 from protocol.errors import InputError
-from protocol.settings import Config
+from protocol.settings import MAX_NUMBER, Config
 from world.worldfile import bundled, load
 
 MAX_RUNS = 100_000  # more are a typing error
@@ -25,14 +25,16 @@ PLANNED = ("world", "seed")
 Settings = dict[str, Any]
 """Values by dotted key."""
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Bound = Annotated[FiniteFloat | int, Field(ge=-MAX_NUMBER, le=MAX_NUMBER)]
+"""No setting is larger, and between larger ones the generator cannot draw."""
 
 
 class Range(Config):
     """Numbers to draw from; integers where both ends are."""
 
-    low: FiniteFloat | int
+    low: Bound
     """The smallest one."""
-    high: FiniteFloat | int
+    high: Bound
     """The largest one."""
     log: bool = False
     """Whether their logarithms are drawn evenly, instead of the numbers."""
@@ -93,9 +95,9 @@ def read_jobs(file: Path) -> list[Job]:
             raise ConfigError(f"more than {MAX_RUNS} runs: divide it, by seeds for instance")
         worlds = {name: _world(file.parent, name) for name in plan.worlds}
         jobs: dict[str, Job] = {}
-        for point, (name, document), seed in product(_points(plan), worlds.items(), seeds):
-            job = _job({**point, "world": name, "seed": seed}, document)
-            jobs.setdefault(job.key, job)
+        for point, (name, document) in product(_points(plan), worlds.items()):
+            for job in _jobs({**point, "world": name}, document, seeds):
+                jobs.setdefault(job.key, job)
     except InputError as error:
         raise type(error)(f"{file}: {error}") from None
     return list(jobs.values())
@@ -143,10 +145,13 @@ def _draw(rng: np.random.Generator, key: str, choices: Range | list[Any]) -> Any
     return min(max(round(value), low), high) if whole else value
 
 
-def _job(settings: Settings, document: Any) -> Job:
+def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[Job]:
+    """A run for each seed. Their configurations are one but for it, and checked once: there may be 100,000."""
     tree: dict[str, Any] = {}
     for key, value in settings.items():
         put(tree, key, value)
-    config = validated(RunConfig, tree).model_dump(mode="json")
-    text = json.dumps([config, document], sort_keys=True)
-    return Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings, config, document)
+    whole = validated(RunConfig, tree).model_dump(mode="json")
+    for seed in seeds:
+        config = whole | {"seed": seed}
+        text = json.dumps([config, document], sort_keys=True)
+        yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, config, document)

@@ -321,6 +321,7 @@ BROKEN = [
     ("maps/r1.json", '{"vertices": [[0, 0], [1e999, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
     ("maps/r1.json", '{"vertices": [[0, 0], [1e300, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
     ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["nominal"], "edges": [[0, 7]]}'),
+    ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["nominal"], "edges": [[0, 0.5]]}'),
     ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["corner"], "edges": []}'),
     ("maps/r1.json", "[" * 100_000),
     ("snapshots/r1.jsonl", '{"t": 0}\n'),

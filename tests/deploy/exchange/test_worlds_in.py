@@ -50,6 +50,10 @@ POSTS = """<sdf version='1.6'><model name='posts'><pose>5 5 0 0 0 0</pose><model
 </link></model></model></sdf>"""
 
 
+DXF = "0\nSECTION\n2\nENTITIES\n{}0\nENDSEC\n0\nEOF\n"
+CIRCLE = "0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n{}\n"
+
+
 def sdf() -> str:
     sides = [(0, -2, 0, 6.15), (0, 2, 0, 6.15), (-3, 0, math.pi / 2, 4), (3, 0, math.pi / 2, 4)]
     return SDF.format(walls="".join(WALL.format(k, *side) for k, side in enumerate(sides)))
@@ -214,10 +218,56 @@ BAD = {
     "n.yaml": "image: m.yaml\nresolution: .nan",
     "o.yaml": "image: [1]\nresolution: 1",
     "p.dxf": "0\nSECTION\n2\n",
+    "huge.dxf": DXF.format(CIRCLE.format(1e9)),  # of a gigabyte of chords
+    "many.dxf": DXF.format(CIRCLE.format(9e4) * 7),
     "q.txt": "7",
     "r.pgm": "P5 4 4 255\n",
     "s.png": "\x89PNG",
 }
+
+
+BAR = """<collision name='c'><pose>{} {} 0 0 0 {}</pose><geometry><box><size>12 0.01 2</size></box></geometry>
+</collision>"""
+
+
+def tangled() -> list[list[float]]:
+    """A ring whose edges cross each other a hundred thousand times."""
+    return np.random.default_rng(0).uniform(0, 10, (800, 2)).round(2).tolist()
+
+
+TANGLED = {
+    "verts.json": json.dumps({"verts": tangled()}),
+    "area.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "unit": "m",
+            "features": [
+                {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [[*tangled(), tangled()[0]]]}}
+            ],
+        }
+    ),
+    "lines.geojson": json.dumps(
+        {
+            "type": "FeatureCollection",
+            "unit": "m",
+            "features": [{"type": "Feature", "geometry": {"type": "LineString", "coordinates": tangled()}}],
+        }
+    ),
+    "bars.sdf": "<sdf><model name='m'><link name='l'>"
+    + "".join(BAR.format(0, y / 10, 0) + BAR.format(y / 10, 0, 1.5708) for y in range(-50, 50))
+    + "</link></model></sdf>",
+}
+
+
+@pytest.mark.parametrize("name", TANGLED)
+def test_what_would_take_minutes_to_join_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text(TANGLED[name])
+    assert "shapes lie over each other" in (message(tmp_path / name, Options(close_m=1)) or "")
+
+
+def test_a_picture_of_noise_is_refused_at_once(tmp_path: Path) -> None:
+    Image.fromarray(np.indices((400, 400)).sum(0) % 2 == 0).save(tmp_path / "noise.png")
+    assert "corners, as noise has" in (message(tmp_path / "noise.png", Options(width_m=20)) or "")
 
 
 def message(file: Path, options: Options) -> str | None:

@@ -10,6 +10,7 @@ import pytest
 
 from deploy import cli
 from deploy.recorded.bags import ODOMETRY, SCAN
+from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import Given, LidarLog
 from deploy.recorded.reading import read_logs
 from protocol.errors import InputError
@@ -110,6 +111,21 @@ def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:
     assert not told.notes
     with pytest.raises(InputError, match=r"/front is no topic of .*/LaserScan in it; there is /rear, /scan"):
         read(path, Given(scan_topic="/front"))
+
+
+@pytest.mark.parametrize("frame", ["base_link", "odom"])
+def test_a_mount_holds_where_the_lidars_frame_is_the_robots_or_that_of_odometry(tmp_path: Path, frame: str) -> None:
+    said = [ROS2.scan(one.t, FIVES, frame=frame) if one.kind == SCAN else one for one in drive(ROS2)]
+    for scan in read(write_bag(tmp_path, "mcap", said), Given(mount=(0.3, 0.0, 0.5))).scans:
+        assert scan.odometry == pytest.approx(compose(pose_at(scan.time_s), (0.3, 0.0, 0.5)), abs=1e-4)
+
+
+def test_a_ring_of_frames_is_a_sentence() -> None:
+    frames = Frames()
+    frames.hang("laser", "base")
+    frames.hang("base", "laser")
+    with pytest.raises(InputError, match=r"laser does not hang in odom: .*ring"):
+        frames.placed("laser", "odom", np.zeros(1))
 
 
 def test_a_lidar_with_a_few_beams_more_is_read_at_the_bearings_of_the_first(tmp_path: Path) -> None:

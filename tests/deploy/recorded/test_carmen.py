@@ -68,14 +68,23 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     lines[5] = flaser(5, time=0.5)
     lines[6] = flaser(6, readings=["2"] * 90)
     lines[7] = flaser(7, count=10**12)
+    lines[8] = flaser(8, pose="3e6 2 0.5")
     read = read_carmen(log(tmp_path, *lines), Given())
-    assert [scan.number for scan in read.scans] == [0, 1, 8, 9]
+    assert [scan.number for scan in read.scans] == [0, 1, 9]
     assert read.skipped == {
         "lines that are cut or hold no numbers": 3,
         "scans whose odometry is no number": 1,
+        "scans whose odometry is farther than 10000 m from the first": 1,
         "scans whose time jumps back": 1,
         "scans without 180 readings, as the first had": 1,
     }
+
+
+def test_scans_whose_stamps_jump_are_counted(tmp_path: Path) -> None:
+    times = [-1e308, 0.0, 1.7e9, 0.2, float("inf")]
+    read = read_carmen(log(tmp_path, *(flaser(k, time=time) for k, time in enumerate(times))), Given())
+    assert [scan.time_s for scan in read.scans] == [0.0, 0.2]
+    assert read.skipped == {"scans whose time is none": 2, "scans more than 200 days after the first": 1}
 
 
 def test_gaps_are_told(tmp_path: Path) -> None:
@@ -89,6 +98,13 @@ def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
     file.write_bytes(gzip.compress(lines.encode())[:-5000])
     with pytest.raises(InputError, match=r"cut\.log\.gz: it cannot be read"):
         read_carmen(file, Given())
+
+
+def test_much_text_without_a_scan_is_not_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.recorded.carmen.MAX_HEAD", 1 << 20)
+    (tmp_path / "blank.log.gz").write_bytes(gzip.compress(b"\n" * (1 << 21) + flaser(0).encode()))
+    with pytest.raises(InputError, match="its first 1 MB hold no scan"):
+        read_carmen(tmp_path / "blank.log.gz", Given())
 
 
 @pytest.mark.parametrize("content", [b"", b"hello\n", b"\x1f\x8b", b"\x00" * 500_000, b"FLASER\nFLASER x\n"])

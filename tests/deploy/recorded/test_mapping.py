@@ -8,10 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from agent.config import AgentConfig
 from agent.passenger import IN_LIVED_ROOMS
 from deploy.bench.rings import laps
+from deploy.recorded import mapping
+from deploy.recorded.lidar_log import LidarLog, Scan
+from deploy.recorded.words import print_mapped
+from deploy.report import write_report
 from deploy.report.rundir import read_run
 from protocol.arrays import Floats
+from protocol.errors import ProtocolError
 from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
 
 LOGS = Path("/work/shared/logs")
@@ -53,6 +59,22 @@ def test_two_logs_become_a_run_directory(tmp_path: Path) -> None:
     run = read_run(out)
     assert run.robots == ["r1", "r2"] and not run.notes
     assert json.loads((out / "manifest.json").read_text())["ended"] == "complete"
+
+
+def test_a_map_that_is_too_large_for_the_radio_has_no_size_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object) -> None:
+        raise ProtocolError("a map of more than 3000 vertices")
+
+    monkeypatch.setattr(mapping, "encode_map", refuse)
+    scan = Scan(0, 0.0, np.full(180, 2.0), (0.0, 0.0, 0.0))
+    summary = mapping.map_logs([LidarLog(HALF_TURN, "log", [scan])], AgentConfig(), tmp_path, quiet=True)
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    assert summary["robots"]["r1"]["map_bytes"] is None
+    print_mapped(tmp_path, summary)
+    write_report(tmp_path)
+    assert "too large" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("arguments", [["no.log"], [], ["some.log", "--field-of-view", "0"]])

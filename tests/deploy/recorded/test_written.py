@@ -16,6 +16,7 @@ from deploy.bandwidth.books import NoRunError
 from deploy.recorded.carmen import read_carmen
 from deploy.recorded.lidar_log import Given
 from deploy.recorded.reading import read_logs
+from deploy.recorded.runs import kept_scans
 from deploy.recorded.written import write_carmen
 from deploy.revision import ROOT
 from protocol.geometry import compose
@@ -84,6 +85,15 @@ def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=60)
     judged = json.loads(done.stdout)
     assert judged["ate_m"] == 0 and judged["scans"] == 20
+
+
+@pytest.mark.parametrize(
+    "line", ["[" * 99_000, '{"t": 0, "tick": 0, "odometry": [0, 0, 0], "ranges": [1' + "0" * 400 + "]}"]
+)
+def test_a_line_that_no_run_wrote_is_a_sentence(tmp_path: Path, line: str) -> None:
+    (tmp_path / "r1.jsonl").write_text(line + "\n")
+    with pytest.raises(NoRunError, match=r"r1.jsonl: no scans of a run, or damaged"):
+        list(kept_scans(tmp_path / "r1.jsonl", 1))
 
 
 def test_a_run_without_scans_says_what_to_do(tmp_path: Path) -> None:

@@ -1,13 +1,16 @@
 """The file of a sweep: what it asks for, and what is refused."""
 
+import hashlib
 import json
 import re
 from pathlib import Path
 
 import pytest
 
+from deploy.config import RunConfig
 from deploy.revision import ROOT
 from deploy.sweep.plan import read_jobs
+from protocol.configuration import validated
 from protocol.errors import InputError
 from tests.deploy.sweep.sweeps import write_sweep
 
@@ -55,6 +58,13 @@ def test_the_key_follows_from_the_configuration_and_the_content_of_the_world(tmp
     assert first.key == same.key and len({first.key, other.key, moved.key}) == 3
 
 
+def test_each_seed_has_the_configuration_that_was_checked_and_its_hash(tmp_path: Path) -> None:
+    for job in read_jobs(write_sweep(tmp_path, "worlds: [maze-15, tiny.yaml]\nseeds: [0, 7]\ngrid: {robots: [1, 2]}")):
+        assert job.config == validated(RunConfig, dict(job.settings)).model_dump(mode="json")
+        text = json.dumps([job.config, job.world], sort_keys=True)
+        assert job.key == hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
 def test_the_file_in_the_docs_is_a_sweep(tmp_path: Path) -> None:
     (text,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/experiments.md").read_text(), re.S)
     jobs = read_jobs(write_sweep(tmp_path, text.replace("my-world", "tiny")))
@@ -86,6 +96,7 @@ def test_the_thousand_runs_of_the_docs_are_a_thousand() -> None:
         ("seeds: 100000\nworlds: [hall, office]", "more than 100000 runs"),
         ("drawn: {count: 1, settings: {robots: []}}", "drawn.settings.robots"),
         ("drawn: {count: 1, settings: {until: {low: 0, high: .inf}}}", "drawn.settings.until"),
+        ("drawn: {count: 1, settings: {until: {low: -1.7e308, high: 1.7e308}}}", "drawn.settings.until"),
     ],
 )
 def test_a_wrong_file_is_refused_by_a_sentence_with_its_name(tmp_path: Path, text: str, sentence: str) -> None:
