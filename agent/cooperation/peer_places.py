@@ -1,7 +1,7 @@
 """Where other robots are, by what each said last and how far it may have driven since, and who is known (ours)."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -59,25 +59,16 @@ class PeerPlaces:
 
     def lately(self, tick: int) -> Floats:
         """(k, 3) where merged peers said lately that they are, and by how much each may be off: metres, own frame."""
-        found = []
-        for peer in self._peers.merged:
-            if peer.log.heard_within(tick, STILL_HEARD_S * self._rate_hz):
-                (x, y, _), drive_m = self._last_pose(tick, peer)
-                found.append((x, y, DISC_GATE_M + drive_m))
-        return np.array(found, np.float64).reshape(-1, 3)
+        heard = self._heard(tick, STILL_HEARD_S)
+        return _rows((x, y, DISC_GATE_M + drive_m) for _, (x, y, _), drive_m in heard)
 
     def partners(self, tick: int, robot: str) -> Floats:
         """(k, 3) those that divide the work: place, and metres by which each must be nearer to a frontier to have it.
 
         robot: its own name. Of two that are about as near the first by name has it: else both would drive there.
         """
-        found = []
-        for peer in self._peers.merged if self._division else ():
-            if peer.log.heard_within(tick, PLACE_KNOWN_S * self._rate_hz):
-                (x, y, _), drive_m = self._last_pose(tick, peer)
-                nearer_m = NEARER_M if robot < peer.log.name else 0.0
-                found.append((x, y, nearer_m + 0.5 * drive_m))
-        return np.array(found, np.float64).reshape(-1, 3)
+        heard = self._heard(tick, PLACE_KNOWN_S) if self._division else ()
+        return _rows((x, y, NEARER_M * (robot < name) + 0.5 * drive_m) for name, (x, y, _), drive_m in heard)
 
     def unknown_to(self, contacts: Iterable[str]) -> bool:
         """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
@@ -88,7 +79,18 @@ class PeerPlaces:
         lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
         return all(isinstance(peer, Merged) and peer.since < lately for peer in peers)
 
+    def _heard(self, tick: int, within_s: float) -> Iterator[tuple[str, Pose, float]]:
+        """Merged peers that were heard so lately: each one's name, and what `_last_pose` says of it."""
+        for peer in self._peers.merged:
+            if peer.log.heard_within(tick, within_s * self._rate_hz):
+                yield peer.log.name, *self._last_pose(tick, peer)
+
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
         """Where a peer said that it is, own frame, and how many metres it may have driven since."""
         drive_m = self._speed_mps * (tick - peer.log.pose_tick) / self._rate_hz
         return peer.log.place(peer.transform), drive_m
+
+
+def _rows(found: Iterable[tuple[float, float, float]]) -> Floats:
+    """(k, 3) of k triples."""
+    return np.array([*found], np.float64).reshape(-1, 3)
