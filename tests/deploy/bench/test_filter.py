@@ -79,7 +79,7 @@ def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: ScanReco
 def assert_sound(edges: np.ndarray[Any, Any]) -> None:
     """Links go both ways, linked ends are in one place, and every wall's sums lie along its line."""
     for k, wall in enumerate(edges):
-        if wall["alive"] != 1:
+        if wall["kind"] != 1:
             continue
         tail, head = wall["tip"]
         unit = np.array([wall["ux"], wall["uy"]])
@@ -90,7 +90,7 @@ def assert_sound(edges: np.ndarray[Any, Any]) -> None:
         for side in (0, 1):
             other = int(wall["link"][side])
             if other >= 0:
-                assert edges[other]["alive"] == 1 and edges[other]["link"][1 - side] == k
+                assert edges[other]["kind"] == 1 and edges[other]["link"][1 - side] == k
                 np.testing.assert_allclose(edges[other]["tip"][1 - side], wall["tip"][side], atol=1e-6)
 
 
