@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from agent.kernels import kernel
 from agent.mapping.joint import BEGIN
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative
@@ -93,26 +94,15 @@ class Wheels:
             dx, dy = poses[p, 0] - x, poses[p, 1] - y
             turn = by[2] if by[2] ** 2 > TELLING_TURN_SIGMAS**2 * spin else 0.0
             heading = np.array((math.cos(theta + by[2] / 2), math.sin(theta + by[2] / 2)))
-            ahead_x, ahead_y = ahead * heading
-            step = np.eye(6)
-            step[0, 2], step[1, 2] = -dy, dx  # the heading's error swings the step
-            step[:3, 3] = -ahead_x, -ahead_y, -turn
-            step[:3, 4] = 0.5 * ahead * ahead_y, -0.5 * ahead * ahead_x, -ahead
-            step[:3, 5] = -0.5 * turn * ahead_y, 0.5 * turn * ahead_x, turn
-            swing = np.eye(3)  # the begin's error in terms of the stamp's frame (`pose_correction.pose_at`)
-            swing[0, 2], swing[1, 2] = -dy, dx
-            joint[p, BEGIN : BEGIN + 3] = swing @ joint[p, :3]
-            joint[p, :, BEGIN : BEGIN + 3] = joint[p, :, :3] @ swing.T
-            before = joint[p, :6, :6].copy()
-            after = step @ before @ step.T
-            after[:2, :2] += spec.distance_sd**2 * abs(ahead) * np.outer(heading, heading)
-            after[2, 2] += spin
-            after[[0, 1, 2], [0, 1, 2]] += self._slip + FLOOR if slips else FLOOR
-            after[3:, 3:] += length * self._forget
-            grown[p] = after[0, 0] + after[1, 1] - before[0, 0] - before[1, 1], after[2, 2] - before[2, 2]
-            joint[p, :6, 6:] = step @ joint[p, :6, 6:]
-            joint[p, 6:, :6] = joint[p, :6, 6:].T
-            joint[p, :6, :6] = 0.5 * (after + after.T)
+            noise = np.zeros((6, 6))
+            noise[:2, :2] = spec.distance_sd**2 * abs(ahead) * np.outer(heading, heading)
+            noise[2, 2] = spin
+            noise[[0, 1, 2], [0, 1, 2]] += self._slip + FLOOR if slips else FLOOR
+            noise[3:, 3:] = length * self._forget
+            before = joint[p, [0, 1, 2], [0, 1, 2]]
+            _carry(joint[p], (dx, dy), ahead, heading, turn, noise)
+            after = joint[p, [0, 1, 2], [0, 1, 2]]
+            grown[p] = after[0] + after[1] - before[0] - before[1], after[2] - before[2]
         return np.maximum(grown, 0.0)
 
     def _steadied(self, ahead: float, length: float) -> float:
@@ -125,3 +115,39 @@ class Wheels:
         mean += (ahead - mean) / moves
         self.steady[:] = mean, moves
         return float(mean)
+
+
+@kernel
+def _carry(joint: Floats, by: tuple[float, float], ahead: float, heading: Floats, turn: float, noise: Floats) -> None:
+    """Carry a joint covariance (m, m) along a motion, in place; its old pose becomes that of the revolution's begin.
+
+    by: metres in the map's frame. ahead: metres that the wheels drove, on the heading (2,). turn: radians that tell of
+    the axle. noise: (6, 6) what the motion adds to pose and constants.
+    """
+    (dx, dy), ahead_x, ahead_y = by, ahead * heading[0], ahead * heading[1]
+    size = joint.shape[0]
+    for k in range(size):  # the begin's error in terms of the stamp's frame (`pose_correction.pose_at`)
+        joint[BEGIN, k] = joint[0, k] - dy * joint[2, k]
+        joint[BEGIN + 1, k] = joint[1, k] + dx * joint[2, k]
+        joint[BEGIN + 2, k] = joint[2, k]
+    for k in range(size):
+        joint[k, BEGIN] = joint[k, 0] - dy * joint[k, 2]
+        joint[k, BEGIN + 1] = joint[k, 1] + dx * joint[k, 2]
+        joint[k, BEGIN + 2] = joint[k, 2]
+    step = np.eye(6)
+    step[0, 2], step[1, 2] = -dy, dx  # the heading's error swings the step
+    step[0, 3], step[1, 3], step[2, 3] = -ahead_x, -ahead_y, -turn
+    step[0, 4], step[1, 4], step[2, 4] = 0.5 * ahead * ahead_y, -0.5 * ahead * ahead_x, -ahead
+    step[0, 5], step[1, 5], step[2, 5] = -0.5 * turn * ahead_y, 0.5 * turn * ahead_x, turn
+    old = np.empty(6)
+    for k in range(size):
+        old[:] = joint[:6, k]
+        for i in range(3):
+            joint[i, k] = (step[i] * old).sum()
+    for k in range(6):
+        old[:] = joint[k, :6]
+        for i in range(3):
+            joint[k, i] = (step[i] * old).sum()
+    joint[:6, :6] += noise
+    joint[:6, :6] = 0.5 * (joint[:6, :6] + joint[:6, :6].T)
+    joint[6:, :6] = joint[:6, 6:].T

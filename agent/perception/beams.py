@@ -12,7 +12,7 @@ import numpy as np
 
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
-from protocol.geometry import relative, wrapped
+from protocol.geometry import wrapped
 from protocol.messages import LidarSpec
 
 SEAM_BEAMS = 1.5  # neighbours farther apart than so many beams have a part between them that was not measured
@@ -58,21 +58,15 @@ def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beam
     ranges = np.concatenate((ranges[order], np.full(len(angles) - len(order), np.nan)))
     distances = np.where(np.isnan(ranges), np.inf, ranges)
     if shift > 0:
-        ends = origins + np.where(np.isfinite(ranges), ranges, lidar.range_max_m)[:, None] * directions
-        angles = angles + wrapped(np.arctan2(ends[:, 1], ends[:, 0]) - angles)
-        distances = np.where(np.isfinite(ranges), np.hypot(*ends.T), np.inf)
+        distances, angles = _from_the_stamp(ranges, origins, directions, angles, lidar.range_max_m)
     return Beams(ranges, origins, directions, moments, distances, angles, step, shift)
 
 
-def _ring(lidar: LidarSpec, way: Floats | None) -> _Ring:
-    """The ring of a revolution on a way (k + 1, 3) as of `ring_of`, or of one without motion."""
+def _ring(lidar: LidarSpec, way: Floats) -> _Ring:
+    """The ring of a revolution on a way (k + 1, 3) as of `ring_of`."""
     bearings, moments = lidar.bearings(), lidar.moments()
-    places = np.zeros((lidar.beams, 3)) if way is None else _places_at(moments, way)
     step = abs(float(bearings[1] - bearings[0]))
-    c, s = np.cos(places[:, 2]), np.sin(places[:, 2])
-    x, y = lidar.mount_x_m, lidar.mount_y_m
-    origins = places[:, :2] + np.column_stack((c * x - s * y, s * x + c * y))
-    angles = places[:, 2] + bearings
+    origins, angles = _beams_on(way, bearings, moments, lidar.mount_x_m, lidar.mount_y_m)
     once = np.abs(angles - angles[-1]) < 2 * math.pi - 0.5 * step  # a robot that turns along sees some directions twice
     order = np.flatnonzero(once)[:: -1 if lidar.clockwise else 1]
     origins, moments, angles = origins[order], moments[order], angles[order]
@@ -88,17 +82,49 @@ def _ring(lidar: LidarSpec, way: Floats | None) -> _Ring:
 @lru_cache
 def _ring_at_rest(lidar: LidarSpec) -> _Ring:
     """The ring of a robot that stands, or whose beams are all taken at once."""
-    return _ring(lidar, None)
+    return _ring(lidar, np.zeros((1, 3)))
 
 
-def _places_at(moments: Floats, way: Floats) -> Floats:
-    """(n, 3) poses of the robot at its beams' moments, in the frame of the last pose of its way (k + 1, 3)."""
-    last = (float(way[-1, 0]), float(way[-1, 1]), float(way[-1, 2]))
-    knots = np.array([relative(last, (x, y, theta)) for x, y, theta in way.tolist()])
-    knots[:, 2] = np.unwrap(knots[:, 2])
-    knots[:, 2] -= knots[-1, 2]
-    at = np.linspace(0.0, 1.0, len(knots))
-    return np.column_stack([np.interp(moments, at, column) for column in knots.T])
+@kernel
+def _from_the_stamp(
+    ranges: Floats, origins: Floats, directions: Floats, angles: Floats, range_max_m: float
+) -> tuple[Floats, Floats]:
+    """Distances and bearings (n,) of beams, as of `Beams`, of which the origins are elsewhere than the robot."""
+    distances, bearings = np.empty(len(ranges)), np.empty(len(ranges))
+    for j in range(len(ranges)):
+        met = math.isfinite(ranges[j])
+        reach = ranges[j] if met else range_max_m
+        x, y = origins[j, 0] + reach * directions[j, 0], origins[j, 1] + reach * directions[j, 1]
+        distances[j] = math.hypot(x, y) if met else math.inf
+        bearings[j] = angles[j] + wrapped(math.atan2(y, x) - angles[j])
+    return distances, bearings
+
+
+@kernel
+def _beams_on(way: Floats, bearings: Floats, moments: Floats, mount_x: float, mount_y: float) -> tuple[Floats, Floats]:
+    """Origins (n, 2) and angles (n,) of beams taken on a way (k + 1, 3), in the frame of its last pose.
+
+    bearings, moments: (n,) of the beams. mount_x, mount_y: metres, where the lidar is on the robot.
+    """
+    last = len(way) - 1
+    x, y, theta = way[last]
+    c, s = math.cos(theta), math.sin(theta)
+    knots = np.zeros((last + 1, 3))
+    for i in range(last - 1, -1, -1):
+        dx, dy = way[i, 0] - x, way[i, 1] - y
+        knots[i, 0], knots[i, 1] = c * dx + s * dy, c * dy - s * dx
+        knots[i, 2] = knots[i + 1, 2] + wrapped(way[i, 2] - way[i + 1, 2])
+    origins, angles = np.empty((len(moments), 2)), np.empty(len(moments))
+    for j in range(len(moments)):
+        before = max(min(int(moments[j] * last), last - 1), 0)
+        after = min(before + 1, last)
+        share = moments[j] * last - before
+        turned = knots[before, 2] + share * (knots[after, 2] - knots[before, 2])
+        c, s = math.cos(turned), math.sin(turned)
+        origins[j, 0] = knots[before, 0] + share * (knots[after, 0] - knots[before, 0]) + c * mount_x - s * mount_y
+        origins[j, 1] = knots[before, 1] + share * (knots[after, 1] - knots[before, 1]) + s * mount_x + c * mount_y
+        angles[j] = turned + bearings[j]
+    return origins, angles
 
 
 @kernel
