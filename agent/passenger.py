@@ -49,7 +49,6 @@ class Passenger:
         self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, np.random.default_rng(0))
-        self._sharing = config.cooperation.sharing
         self._told = Drawing()  # the own map, as peers are told it
         self._since_own = math.inf  # metres of way
         self._way = 0.0  # metres
@@ -82,7 +81,7 @@ class Passenger:
 
         tick, pose = observation.tick, self.submaps.pose
         news, events = self.exchange.hear(tick, heard)
-        if self._sharing and (self.exchange.contacts or self.team.peers):
+        if self.team.config.sharing and (self.exchange.contacts or self.team.peers):
             self._look_at_own()
             self.team.hear(tick, news, pose, scan, self.own)
             events = [*events, *self._cooperate(tick)]

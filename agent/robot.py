@@ -26,8 +26,8 @@ from protocol.messages import Action, Heard, MapReport, Observation, PoseReport,
 from protocol.wireframe import Wireframe, encode_wireframe
 
 UPDATE_S = 0.2
-"""Scans are merged this far apart, at least: walls and their ends count scans for and against them, which have much
-the same errors where they come from nearly one place."""
+"""Scans update the filter this far apart, at least: walls and their ends count scans for and against them, which have
+much the same errors where they come from nearly one place."""
 FIRST_LOOK_S = 10.0
 """Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
 heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building

@@ -282,7 +282,7 @@ class Observation(Message):
     """How many Heard of the same tick came before."""
 
     @model_validator(mode="after")
-    def _ends_at_the_stamp(self) -> Self:
+    def _is_possible(self) -> Self:
         if self.way and self.way[-24:] != np.array(self.odometry, "<f8").tobytes():
             raise ValueError("the way does not end at the odometry's pose")
         if np.abs(self.poses()[:, :2]).max() > MAX_COORDINATE_M:

@@ -56,9 +56,10 @@ def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beam
         _ring(lidar, way) if way is not None and lidar.turning else _ring_at_rest(lidar)
     )
     ranges = np.concatenate((ranges[order], np.full(len(angles) - len(order), np.nan)))
-    distances = np.where(np.isnan(ranges), np.inf, ranges)
     if shift > 0:
         distances, angles = _from_the_stamp(ranges, origins, directions, angles, lidar.range_max_m)
+    else:
+        distances = np.where(np.isnan(ranges), np.inf, ranges)
     return Beams(ranges, origins, directions, moments, distances, angles, step, shift)
 
 

@@ -143,7 +143,7 @@ def _outlined(solid: Bools) -> BaseGeometry:
         raise InputError(f"its outlines have {corners} corners, as noise has; at most {MAX_JAGS} are taken")
     if (long := int(sides.sum())) > MAX_SIDES:
         raise InputError(f"its outlines run along {long} cells of columns; at most {MAX_SIDES} are taken")
-    edges = np.diff(np.pad(solid, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    edges = np.diff(around[1:-1].astype(np.int8), axis=1)
     rows, begins = np.nonzero(edges == 1)
     _, ends = np.nonzero(edges == -1)
     return shapely.union_all(shapely.box(begins, rows, ends, rows + 1))
