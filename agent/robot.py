@@ -135,7 +135,8 @@ class Robot:
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
         places, contacts = self.team.places, self.exchange.contacts
         in_sight = len(scan.discs) > 0 and (places.unknown_to(contacts) or not places.known(tick, contacts))
-        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, self.team.frames, in_sight)
+        frames, asks = self.team.frames, self.team.asks_for_views
+        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(

@@ -1,4 +1,4 @@
-"""Viewpoints: where a robot has looked from, for peers that have merged its map (ours; docs/protocol.md).
+"""Viewpoints: where a robot has looked from, for peers that have its map (ours; docs/protocol.md).
 
 Places are on a grid of 10 cm, in the order in which the robot was there, or heard of them: it passes on those of peers
 whose maps it has merged. Each is coded as its offset from where the last step would lead on. With them go the open ends
@@ -31,11 +31,12 @@ _COUNT, _FIRST, _STEP = 4, 6, 1
 
 
 class AskViews(NamedTuple):
-    """The question for a merged peer's viewpoints that are not known yet."""
+    """The question for a peer's viewpoints that are not known yet."""
 
     since: int  # tick of the last viewpoint that is known; 0 for none
     frame: Pose | None = None
-    """Where the asked robot's frame lies in the sender's: to 1 mm and 0.006 degrees; None where it knows already."""
+    """Where the asked robot's frame lies in the sender's: to 1 mm and 0.006 degrees; None where it has not merged
+    that robot's map, or told it lately."""
 
     def encode(self) -> bytes:
         """Two to seven bytes, and ten of the frame."""

@@ -5,7 +5,7 @@ is the tick at which it was so. Both sides keep the maps that the other may stil
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
@@ -101,10 +101,19 @@ class Told:
     """Direction of the grid of its maps, in steps of AXIS_STEPS a quarter turn."""
     current: int = 0
     """Tick until which it has all that was seen."""
-    asked: bool = False
-    """Whether it has asked for viewpoints in this contact, as those do that have merged the robot's map."""
     frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
-    """Of each other peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
+    """Of each peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
+
+    def due_frames(self, names: Iterable[str], frames: Mapping[str, Pose]) -> list[str]:
+        """Of whom the frame, or that there is none any more, is to be told: at once, and 1, 3, 7, ... periods later."""
+        due = []
+        for name in sorted(names):
+            held, periods = self.frames.get(name, (False, 0))
+            periods = periods + 1 if held == (name in frames) else 1
+            self.frames[name] = name in frames, periods
+            if periods & (periods - 1) == 0:
+                due.append(name)
+        return due
 
     def take_ack(self, ack: Ack) -> None:
         """Note what the peer has, or lacks."""
@@ -199,7 +208,7 @@ class Exchange:
                 news[peer] = News(peer, tick, map=self._known[peer].map())
                 self._beacon_due = True
                 told = self._told[peer]
-                told.asked, told.frames = False, {}
+                told.frames = {}
                 told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
@@ -211,7 +220,6 @@ class Exchange:
                 case PeerViews():
                     one = one._replace(views=said)
                 case AskViews():
-                    self._told[peer].asked = True
                     one = one._replace(frame=said.frame or one.frame)
                 case ToldFrames():
                     one = one._replace(others={**one.others, **said.of})
@@ -261,16 +269,17 @@ class Exchange:
         told_to: Callable[[str], Wireframe],
         told_version: int,
         looked: Looked = NOWHERE,
-        ask: Mapping[str, Pose] = NOBODY,
+        frames: Mapping[str, Pose] = NOBODY,
         in_sight: bool = False,
+        asks: bool = False,
     ) -> list[Send]:
         """What to send at this tick: beacon, acknowledgements, and to each peer what it does not have.
 
         pose: the robot's own. told_to: the map for a peer. told_version: a number that changes whenever one of these
-        maps may have. looked: where it looked from, for those that ask. ask: the transform of each peer whose
-        viewpoints are wanted; they are asked for once a beacon's period, and the question holds the transform until
-        that peer has asked, too. Each of them is told the transforms of the others. in_sight: a peer may be in sight,
-        and so see the robot, too, and one of the two does not know the other's frame; beacons come sooner then.
+        maps may have. looked: where it looked from, for those that ask. frames: the transform of each merged
+        peer, of which that peer and the others are told. in_sight: a peer may be in sight, and so see the robot, too,
+        and one of the two does not know the other's frame; beacons come sooner then. asks: whether peers are asked for
+        their viewpoints, once a beacon's period.
         """
         sends = []
         period = self._sight_ticks if in_sight else self._beacon_ticks
@@ -282,11 +291,15 @@ class Exchange:
         for peer in self.contacts:
             kind, parts = self._due(tick, peer, told_to, told_version)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        sends += self._talk_of_views(tick, told_version, looked, ask)
-        return (sends + self._talk_of_frames(tick, ask))[:MAX_SENDS]
+        sends += self._talk_of_views(tick, told_version, looked)
+        if tick % self._beacon_ticks == 0:
+            for peer in self.contacts:
+                sends += self._questions(tick, peer, frames) if asks else []
+                sends += self._talk_of_frames(tick, peer, frames)
+        return sends[:MAX_SENDS]
 
-    def _talk_of_views(self, tick: int, told_version: int, looked: Looked, ask: Mapping[str, Pose]) -> list[Send]:
-        """Answers and questions. Nobody is told of a viewpoint before it has the map of what was seen from there."""
+    def _talk_of_views(self, tick: int, told_version: int, looked: Looked) -> list[Send]:
+        """Answers. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
             told = self._told[peer]
@@ -296,31 +309,25 @@ class Exchange:
             if views is not None:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
         self._asks = {}
-        if tick % self._beacon_ticks == 0:
-            for peer in [peer for peer in self.contacts if peer in ask]:
-                self._known[peer].views_asked = True
-                question = AskViews(self._known[peer].views_until, None if self._told[peer].asked else ask[peer])
-                sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=question.encode()))
         return sends
 
-    def _talk_of_frames(self, tick: int, frames: Mapping[str, Pose]) -> list[Send]:
-        """The frame of each merged peer for the others: at once, and again after 1, 2, 4, ... beacons' periods."""
-        sends: list[Send] = []
-        if tick % self._beacon_ticks:
-            return sends
-        for peer in [peer for peer in self.contacts if peer in frames]:
-            told, due = self._told[peer].frames, dict[str, Pose | None]()
-            for name in sorted((frames.keys() | told.keys()) - {peer}):
-                holds, (held, periods) = name in frames, told.get(name, (False, 0))
-                periods = periods + 1 if held == holds else 1
-                told[name] = holds, periods
-                if periods & (periods - 1) == 0:
-                    due[name] = frames.get(name)
-            sends += [
-                Send(tick=tick, to=peer, kind=FRAMES, payload=some.encode())
-                for some in in_messages(due, self.mtu_bytes)
-            ]
-        return sends
+    def _questions(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:
+        """To a peer whose map is known, for its viewpoints: once it is merged, contact with it may be over."""
+        known = self._known[peer]
+        if not known.maps:
+            return []
+        frame = frames[peer] if peer in frames and self._told[peer].due_frames([peer], frames) else None
+        known.views_asked = True
+        return [Send(tick=tick, to=peer, kind=VIEWS, payload=AskViews(known.views_until, frame).encode())]
+
+    def _talk_of_frames(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:
+        """To a merged peer, the frames of all others."""
+        if peer not in frames:
+            return []
+        told = self._told[peer]
+        names = told.due_frames((frames.keys() | told.frames.keys()) - {peer}, frames)
+        some = in_messages({name: frames.get(name) for name in names}, self.mtu_bytes)
+        return [Send(tick=tick, to=peer, kind=FRAMES, payload=one.encode()) for one in some]
 
     def _due(
         self, tick: int, peer: str, told_to: Callable[[str], Wireframe], told_version: int

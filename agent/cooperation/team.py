@@ -103,6 +103,11 @@ class Team:
         """Where their frames lie in the robot's own."""
         return self.peers.frames if self.config.division else NOBODY
 
+    @property
+    def asks_for_views(self) -> bool:
+        """Whether viewpoints of peers are of use."""
+        return self.config.sharing and self.config.division
+
     def _ticks(self, seconds: float) -> int:
         return max(1, round(seconds * self.spec.lidar.rate_hz))
 

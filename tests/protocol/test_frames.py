@@ -39,7 +39,7 @@ def told(contact: int, ticks: int, frames: dict[str, Pose], talker: Exchange | N
     for tick in range(contact, contact + ticks):
         beacon = Beacon(tick, (0.0, 0.0, 0.0)).encode()
         talker.hear(tick, [Heard(tick=tick, sender="b", kind=BEACON, payload=beacon)])
-        sends = talker.talk(tick, (0.0, 0.0, 0.0), lambda _: Wireframe(), 0, ask=frames)
+        sends = talker.talk(tick, (0.0, 0.0, 0.0), lambda _: Wireframe(), 0, frames=frames)
         found += [ToldFrames.decode(send.payload) for send in sends if send.kind == FRAMES and send.to == "b"]
     return found
 

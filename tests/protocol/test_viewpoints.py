@@ -1,5 +1,7 @@
 """Where teammates have looked from: few bits, told to those who ask and have the map, and taken back with a merge."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from agent.communication.exchange import Exchange
 from agent.communication.receiving import PeerViews
 from protocol.errors import ProtocolError
+from protocol.geometry import Pose
 from protocol.messages import MTU_BYTES, Heard, Send
 from protocol.viewpoints import CELL_M, TURNS, VIEWS, AskViews, Looked, Views, decode_views, turn_of_end
 from tests.agent.communication.test_exchange import RATE_HZ, TalkConfig, comb
@@ -115,6 +118,7 @@ def test_what_others_saw_is_passed_on_but_not_to_them_and_a_tick_comes_whole() -
 
 FRAME = (1.0, 2.0, 0.5)
 """Of robot a in that of b."""
+FRAMES: Mapping[str, Pose] = {"a": FRAME}
 
 
 class Two:
@@ -128,7 +132,9 @@ class Two:
         self.rng, self.loss = np.random.default_rng(0), loss
         self.looked = Looked.nowhere()
 
-    def run(self, ticks: int, ask: bool = True, kinds_lost: tuple[str, ...] = ()) -> None:
+    def run(
+        self, ticks: int, ask: bool = True, kinds_lost: tuple[str, ...] = (), frames: Mapping[str, Pose] = FRAMES
+    ) -> None:
         for _ in range(ticks):
             heard = self.flying
             self.flying = []
@@ -144,7 +150,7 @@ class Two:
                 if name == "a":
                     sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(self.rooms), self.rooms, self.looked)
                 else:
-                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(0), 0, ask={"a": FRAME} if ask else {})
+                    sends = robot.talk(self.tick, (0, 0, 0), lambda _: comb(0), 0, frames=frames, asks=ask)
                 for send in sends:
                     self.sent.append((name, send))
                     if send.kind not in kinds_lost and self.rng.random() >= self.loss:
@@ -160,21 +166,22 @@ class Two:
         return len(self.seen.points)
 
 
-def test_a_robot_is_told_its_frame_until_it_asks_itself() -> None:
+def test_the_question_tells_a_merged_peer_its_frame_at_once_and_ever_less_often() -> None:
     two = Two()
+    two.run(500)
+    asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
+    told = [one.frame for one in asked if isinstance(one, AskViews)]
+    assert len(told) >= 15
+    assert [k for k, frame in enumerate(told, 1) if frame is not None] == [1, 2, 4, 8, 16][: len(told).bit_length()]
 
-    def told() -> list[bool]:
-        asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
-        two.sent.clear()
-        return [one.frame is not None for one in asked if isinstance(one, AskViews)]
 
-    two.run(100)
-    assert len(first := told()) > 2 and all(first)
-    question = AskViews(0, FRAME).encode()
-    heard, _ = two.b.hear(two.tick, [Heard(tick=two.tick, sender="a", kind=VIEWS, payload=question)])
-    assert heard[0].frame == pytest.approx(FRAME, abs=0.001)
-    two.run(100)
-    assert len(later := told()) > 2 and not any(later)
+def test_viewpoints_are_known_before_the_peer_is_merged() -> None:
+    """Many a merge comes after the contact: the robot then swept all that the peer had swept."""
+    two = Two()
+    two.run(400, frames={})
+    asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
+    assert asked and not any(one.frame for one in asked if isinstance(one, AskViews))
+    assert two.known >= 30
 
 
 def test_nobody_is_told_who_does_not_ask() -> None:

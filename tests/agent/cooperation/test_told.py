@@ -38,10 +38,10 @@ def test_a_told_transform_is_merged_if_own_evidence_says_so_and_only_then(off: s
             return
         team._align = lambda *_: False  # type: ignore[method-assign]
 
-        def lie(tick, pose, wireframe, state, looked, ask, in_sight):
-            frames = (np.array(runs[0].frame(name)) for name in ("r2", "r1")) if runs else ()
-            told = {"r1": compose(OFF[off], relative(*map(tuple, frames)))} if runs else {}
-            return talk(tick, pose, wireframe, state, looked, told, in_sight)
+        def lie(tick, pose, wireframe, state, looked, frames, in_sight, asks):
+            true = (np.array(runs[0].frame(name)) for name in ("r2", "r1")) if runs else ()
+            told = {"r1": compose(OFF[off], relative(*map(tuple, true)))} if runs else {}
+            return talk(tick, pose, wireframe, state, looked, told, in_sight, asks)
 
         robot.exchange.talk = lie  # type: ignore[method-assign]
 
