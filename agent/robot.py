@@ -181,6 +181,7 @@ class Robot:
 
     def _situation(self, tick: int, scan: CornerScan, seen: Wireframe) -> Situation:
         """What the robot knows before it decides. seen: the scan as a wireframe."""
+        partners, silent = self.team.places.partners(tick, self.robot)
         return Situation(
             tick=tick,
             wireframe=self.wireframe,
@@ -189,7 +190,8 @@ class Robot:
             scan=seen,
             discs=scan.discs,
             errand=None if self.team.errand is None else self.team.errand.place,
-            partners=self.team.places.partners(tick, self.robot),
+            partners=partners,
+            silent=silent,
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,

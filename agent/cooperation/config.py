@@ -33,6 +33,6 @@ class CooperationConfig(Config):
     sharing: bool = True
     """Align, verify and merge the maps of others. Without it every robot maps for itself, though it tells its map."""
     division: bool = True
-    """Leave frontiers to a merged teammate that is nearer, and what teammates have swept. Without it, cooperation is
-    the paper's."""
+    """Divide frontiers among merged teammates, and leave what these have swept. Without it, cooperation is the
+    paper's."""
     verification: VerificationConfig = VerificationConfig()

@@ -33,7 +33,7 @@ Among the nearest 12 of 20, without haste, a robot may turn to and fro for ever:
 it drives to others.
 """
 SWITCH_GAIN_M = 1.5  # m by which a tour must beat the best that begins with the task under way; else robots dither
-_FAR_M = 1e6  # stands for no way, as a tour cannot add up infinities
+FAR_M = 1e6  # stands for no way, as a tour cannot add up infinities
 _LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding errors could go on for ever
 
 
@@ -70,21 +70,6 @@ class Target:
 def is_end(task: Task) -> bool:
     """Whether the task is an open end of a wall."""
     return task.kind in ("frontier", "occlusion")
-
-
-def not_nearer_to(partners: Floats, tasks: list[Task], roads: Roads) -> list[Task]:
-    """Tasks that no partner, a teammate that shares the work, is nearer to by path.
-
-    partners: (k, 3) place, and metres by which each must be nearer.
-    """
-    if not len(partners) or not tasks:
-        return tasks
-    stands = np.array([task.stand for task in tasks])
-    mine, straight = roads.costs(stands), np.hypot(*(partners[:, None, :2] - stands).transpose(2, 0, 1))
-    partners = partners[(mine > straight + partners[:, 2:]).any(1)]  # of a crowd most are far off
-    theirs = roads.costs_from(partners[:, :2], stands).reshape(-1, len(stands))
-    left = mine <= theirs + partners[:, 2:]
-    return [task for task, keep in zip(tasks, np.all(left, axis=0), strict=True) if keep]
 
 
 @shared_kernel
@@ -148,11 +133,11 @@ def first_of_tour(tasks: list[Task], roads: Roads, detour_m: float, haste: float
     haste: of `tour_cost`.
     """
     stands = np.array([task.stand for task in tasks])
-    costs = np.minimum(roads.costs(stands) + np.array([task.extra_m for task in tasks]), _FAR_M)
+    costs = np.minimum(roads.costs(stands) + np.array([task.extra_m for task in tasks]), FAR_M)
     near: list[int] = np.lexsort((costs, [not task.begun for task in tasks]))[:TOUR_TASKS].tolist()
     table = np.zeros((len(near) + 1, len(near) + 1))
     table[0, 1:] = costs[near]
-    table[1:, 1:] = np.minimum(roads.costs_from(stands[near], stands[near]), _FAR_M)
+    table[1:, 1:] = np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M)
     ends = np.array([False, *(is_end(tasks[k]) for k in near)])
     order = open_tour(table, ends, haste)
     if tasks[near[0]].begun:

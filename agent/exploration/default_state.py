@@ -5,7 +5,8 @@ import math
 
 import numpy as np
 
-from agent.exploration.agenda import Task, first_of_tour, not_nearer_to
+from agent.exploration.agenda import Task, first_of_tour
+from agent.exploration.auction import own_share
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
 from agent.exploration.glimpses import Glimpses
@@ -81,7 +82,7 @@ class DefaultStates:
         """
         tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, viewpoints), roads)
         tasks += self.glimpses.tasks(scene.wireframe, roads)
-        tasks = not_nearer_to(scene.partners, tasks, roads) or tasks  # nobody idles
+        tasks = own_share(tasks, roads, scene.partners, scene.silent) or tasks  # nobody idles
         return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:

@@ -12,7 +12,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from agent.exploration import standing
-from agent.exploration.agenda import Target, Task, first_of_tour, is_end, not_nearer_to
+from agent.exploration.agenda import Target, Task, first_of_tour, is_end
+from agent.exploration.auction import own_share
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
 from agent.exploration.driving import STANDS, Driver, Motion, ticks_to_drive
@@ -331,8 +332,8 @@ class Explorer:
     def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
         pockets = self.states.pockets(scene, roads, self.viewpoints, begun)
-        mine = not_nearer_to(scene.partners, tasks + pockets, roads)
-        # where teammates are nearer to all open ends, a robot sweeps rather than follow them
+        mine = own_share(tasks + pockets, roads, scene.partners, scene.silent)
+        # where teammates do all open ends, a robot sweeps rather than follow them
         return first_of_tour(mine or tasks, roads, self.config.pocket_detour_m, self.config.haste)
 
     def _choose_default(self, scene: Scene, old: Target | None) -> Target:

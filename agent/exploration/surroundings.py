@@ -35,7 +35,9 @@ class Situation:
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
     errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
     partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    """(k, 3) places of teammates that share the work, and metres by which each must be nearer to have a goal."""
+    """(k, 3) teammates that share the work, heard lately: place, and metres by which each must be nearer to a task."""
+    silent: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """(j, 3) the same of those that have been silent for a while."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
     in_vain: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     """(v, 4) open ends that teammates with merged maps looked at in vain, and unit: where their walls go on."""

@@ -5,7 +5,7 @@ import pytest
 
 from agent.config import AgentConfig
 from agent.cooperation.peer import Unaligned
-from agent.cooperation.peer_places import NEARER_M
+from agent.cooperation.peer_places import IN_TOUCH_S, NEARER_M, PLACE_KNOWN_S
 from agent.robot import Robot, Step
 from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
@@ -59,10 +59,20 @@ def test_the_teammate_s_pose_is_published_where_it_is(met) -> None:
 
 def test_of_two_that_are_as_near_the_first_by_name_goes(met) -> None:
     run, _, _ = met
-    mind = next(mind for mind in run.robots.values() if mind.team.merged)
-    first, second = (mind.team.places.partners(run.episode.tick, name) for name in ("a", "z"))
+    places = next(mind.team.places for mind in run.robots.values() if mind.team.merged)
+    (first, _), (second, _) = (places.partners(run.episode.tick, name) for name in ("a", "z"))
     assert len(first) and (first[:, :2] == second[:, :2]).all()
     assert first[:, 2] == pytest.approx(second[:, 2] + NEARER_M)
+
+
+def test_a_teammate_that_is_silent_for_a_while_bids_no_more_and_then_has_no_part(met) -> None:
+    run, _, _ = met
+    places = next(mind.team.places for mind in run.robots.values() if mind.team.merged)
+    tick, count = run.episode.tick, []
+    for seconds in (0.0, IN_TOUCH_S + 1.0, PLACE_KNOWN_S + 1.0):
+        partners, silent = places.partners(tick + round(5.0 * seconds), "a")
+        count.append((len(partners), len(silent)))
+    assert count == [(1, 0), (0, 1), (0, 0)]
 
 
 def test_without_sharing_nothing_is_aligned() -> None:
