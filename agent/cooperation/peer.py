@@ -58,8 +58,6 @@ class PeerLog:
     """When it was there; -1: never heard."""
     placed: tuple[Floats, Pose, Pose] | None = None
     """Its frame in the robot's own and its pose, and where both put it, when that was last asked; see `place`."""
-    first_encounter: Encounter | None = None
-    """Where both were as the last contact began."""
     encounters: list[Encounter] = field(default_factory=list)
     """At messages of this contact, the first ones."""
     sightings: deque[Sighting] = field(default_factory=lambda: deque(maxlen=ENCOUNTERS_KEPT))
@@ -98,6 +96,11 @@ class PeerLog:
     circles_open: int = 0
     """Circles by way of thirds that did not close, beyond those that did, when its transform was last on trial."""
 
+    @property
+    def first_encounter(self) -> Encounter | None:
+        """Where both were as the last contact began."""
+        return self.encounters[0] if self.encounters else None
+
     def place(self, transform: Floats) -> Pose:
         """Where it was last heard to be by its frame in the robot's own (3,): asked several times in each tick."""
         if self.placed is None or self.placed[0] is not transform or self.placed[1] is not self.pose:
@@ -133,16 +136,15 @@ class PeerLog:
 
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
-        encounter = Encounter(sighting.here, sighting.theirs)
-        if self.first_encounter is None or since >= self.pose_tick:
-            self.first_encounter, self.encounters = encounter, []
+        if since >= self.pose_tick:
+            self.encounters = []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
-            self.encounters.append(encounter)
+            self.encounters.append(Encounter(sighting.here, sighting.theirs))
 
     def take_sighting(self, sighting: Sighting) -> None:
         """Keep a sighting if one of the two robots has moved since the last one."""

@@ -34,7 +34,7 @@ def aligner(*, noisy: bool) -> Aligner:
 
 
 def heard(wireframe: Wireframe) -> PeerLog:
-    return PeerLog("r2", map=ReceivedMap(wireframe, 0), first_encounter=MET, encounters=[MET])
+    return PeerLog("r2", map=ReceivedMap(wireframe, 0), encounters=[MET])
 
 
 def bent(wireframe: Wireframe, by_m: float) -> Wireframe:

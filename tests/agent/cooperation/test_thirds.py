@@ -47,7 +47,7 @@ def merged(name: str, transform: Floats, agreed_m: float = 0.0) -> Merged:
     received = ReceivedMap(moved(room(), pose_of(transform)), 0)
     layer = layer_of(received.wireframe, transform, np.zeros(len(WALLS), np.bool_), 3.0)
     laid = Laid(np.zeros(len(WALLS), np.bool_), layer, layer)
-    log = PeerLog(name, map=received, first_encounter=Encounter((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    log = PeerLog(name, map=received, encounters=[Encounter((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])
     return Merged(log, received, transform, 0.02, WallEvidence(), laid, 0, 0, agreed_m)
 
 

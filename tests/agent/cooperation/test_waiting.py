@@ -25,7 +25,7 @@ def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tu
     ground, discs: what its walls and sightings weigh, nats; theirs: its map.
     """
     team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
-    peer = Unaligned(PeerLog("r2", first_encounter=Encounter(HERE, (3.0, 0.0, 0.0))))
+    peer = Unaligned(PeerLog("r2", encounters=[Encounter(HERE, (3.0, 0.0, 0.0))]))
     peer.log.map = ReceivedMap(theirs, 0)
     proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
     team.judge(LATER - 1, EMPTY, HERE, None)
@@ -41,7 +41,7 @@ def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again(ground:
     assert team.errand is None and not team.queue.proposals and team.proposed == [proposed]
     team.judge(LATER + 1, EMPTY, HERE, None)
     assert team.errand is None  # the same contact, long over
-    proposed.log.first_encounter, proposed.log.pose_tick = Encounter(HERE, (0.0, 2.0, 0.0)), LATER + 2
+    proposed.log.encounters, proposed.log.pose_tick = [Encounter(HERE, (0.0, 2.0, 0.0))], LATER + 2
     team.judge(LATER + 2, EMPTY, HERE, None)
     assert team.queue.proposals == [proposed] and team.errand is not None and team.errand.place.tolist() == [0.0, 2.0]
 
