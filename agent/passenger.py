@@ -81,10 +81,11 @@ class Passenger:
 
         tick, pose = observation.tick, self.submaps.pose
         news, events = self.exchange.hear(tick, heard)
-        if self.team.config.sharing and (self.exchange.contacts or self.team.peers):
+        if self.exchange.contacts or self.team.peers:
             self._look_at_own()
-            self.team.hear(tick, news, pose, scan, self.own)
-            events = [*events, *self._cooperate(tick)]
+            if self.team.config.sharing:
+                self.team.hear(tick, news, pose, scan, self.own)
+                events = [*events, *self._cooperate(tick)]
         return self.exchange.talk(tick, pose, lambda _: self.own, self._told.version), events
 
     def finish(self, tick: int = 0) -> list[Event]:

@@ -74,6 +74,13 @@ def test_logs_of_one_building_merge_where_they_fit(tmp_path: Path) -> None:
         assert len(merged["edges"]) >= len(own["edges"]) > 10
 
 
+def test_without_sharing_maps_are_told_and_nothing_is_made_of_them() -> None:
+    alone = AgentConfig.model_validate({"cooperation": {"sharing": False}})
+    for player in play([log.part(0, 44, "begin") for log in both_ways()], carried(alone), 8.0, lambda *_: None):
+        assert player.mind.exchange._known and all(known.maps for known in player.mind.exchange._known.values())
+        assert player.events and {event["event"] for event in player.events} <= {"contact", "lost"}
+
+
 def test_what_is_on_trial_at_the_end_is_judged_by_the_last_maps() -> None:
     """They have grown by too little to be aligned in a drive that goes on."""
     first, _ = play([log.part(0, 44, "begin") for log in both_ways()], carried(AgentConfig()), 8.0, lambda *_: None)
