@@ -316,7 +316,7 @@ class Exchange:
         known = self._known[peer]
         if not known.maps:
             return []
-        frame = frames[peer] if peer in frames and self._told[peer].due_frames([peer], frames) else None
+        frame = frames.get(peer) if self._told[peer].due_frames([peer], frames) else None
         known.views_asked = True
         return [Send(tick=tick, to=peer, kind=VIEWS, payload=AskViews(known.views_until, frame).encode())]
 

@@ -58,6 +58,8 @@ class PeerLog:
     """When it was there; -1: never heard."""
     placed: tuple[Floats, Pose, Pose] | None = None
     """Its frame in the robot's own and its pose, and where both put it, when that was last asked; see `place`."""
+    met: int = -1
+    """When the last contact with it began."""
     encounters: list[Encounter] = field(default_factory=list)
     """At messages of this contact, the first ones."""
     sightings: deque[Sighting] = field(default_factory=lambda: deque(maxlen=ENCOUNTERS_KEPT))
@@ -136,8 +138,8 @@ class PeerLog:
 
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
-        if since >= self.pose_tick:
-            self.encounters = []
+        if since != self.met:
+            self.met, self.encounters = since, []
         may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame

@@ -24,8 +24,8 @@ TOLD_SD = 0.01
 STRAIGHT_SDS, TURNED_M = 3.0, 0.5
 """Since then it may have driven straight on, which counts as so many deviations, and turned by a radian each so many
 metres: round the corner of a doorway."""
-NEARER_M = 1.0
-"""The second of two by name must be nearer to a task by this much, as both would go to what is as near to both."""
+NEARER_M = 0.5
+"""Of two that are about as near to a task the first by name goes: the second must be nearer by this much."""
 
 
 class PeerPlaces:
@@ -65,10 +65,12 @@ class PeerPlaces:
         """(k, 3) those that divide the work, and (j, 3) those of them that are silent.
 
         Each one's place, and metres by which it must be nearer to a task: half of the way that it may have gone since,
-        and more or less by name. robot: its own name.
+        and NEARER_M more or less by name. robot: its own name.
         """
         heard = [*self._heard(tick, PLACE_KNOWN_S)] if self._division else []
-        rows = _rows((x, y, NEARER_M * ((robot < name) - 0.5) + 0.5 * drive_m) for name, (x, y, _), drive_m in heard)
+        rows = _rows(
+            (x, y, 0.5 * drive_m + (NEARER_M if robot < name else -NEARER_M)) for name, (x, y, _), drive_m in heard
+        )
         in_touch = np.array([drive_m <= IN_TOUCH_S * self._speed_mps for *_, drive_m in heard], np.bool_)
         return rows[in_touch], rows[~in_touch]
 

@@ -2,8 +2,9 @@
 
 Tasks are given away one by one, to whoever's tour with it is shortest then: the sequential single-item auction with the
 MiniMax rule (Lagoudakis et al., RSS 2005). So of two robots side by side one leaves for what the other would do last,
-where a rule of the nearest has both drive to the same end. Teammates that were not heard for a while bid for nothing,
-as they know nothing of new tasks; they have what they are nearer to.
+where a rule of the nearest has both drive to the same end. A teammate that is nearer to no task does not bid, as of a
+crowd most are far off. Nor does one that was not heard for a while, as it knows nothing of new tasks: it has what it is
+nearer to.
 """
 
 import math
@@ -62,14 +63,14 @@ def own_share(tasks: list[Task], roads: Roads, partners: Floats, silent: Floats)
         return tasks
     stands = np.array([task.stand for task in tasks])
     mine = roads.costs(stands)
-    partners, silent = (near[_may_be_nearer(near, stands, mine)] for near in (partners, silent))
+    partners, silent = (some[_may_be_nearer(some, stands, mine)] for some in (partners, silent))
     if len(silent):
         theirs = roads.costs_from(silent[:, :2], stands) + silent[:, 2:]
         left = np.flatnonzero((mine <= theirs).all(0))
         tasks, stands, mine = [tasks[k] for k in left], stands[left], mine[left]
     if not tasks or not len(partners):
         return tasks
-    near = np.argsort(mine, kind="stable")[:TOUR_TASKS]
+    near = np.lexsort((mine, np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
     theirs = roads.costs_from(partners[:, :2], stands[near]) + partners[:, 2:]
     extra = np.array([tasks[k].extra_m for k in near])
     starts = np.minimum(np.vstack((mine[near], theirs)) + extra, FAR_M)

@@ -175,6 +175,16 @@ def test_the_question_tells_a_merged_peer_its_frame_at_once_and_ever_less_often(
     assert [k for k, frame in enumerate(told, 1) if frame is not None] == [1, 2, 4, 8, 16][: len(told).bit_length()]
 
 
+def test_a_merged_peer_is_told_its_frame_at_once_where_the_merge_was_undone_before() -> None:
+    two = Two()
+    for frames in (FRAMES, {}, FRAMES):
+        two.sent.clear()
+        two.run(250, frames=frames)
+        asked = [decode_views(send.payload) for name, send in two.sent if name == "b" and send.kind == VIEWS]
+        told = [one.frame is not None for one in asked if isinstance(one, AskViews)]
+        assert len(told) > 5 and told[1] == bool(frames)
+
+
 def test_viewpoints_are_known_before_the_peer_is_merged() -> None:
     """Many a merge comes after the contact: the robot then swept all that the peer had swept."""
     two = Two()

@@ -62,7 +62,7 @@ def test_of_two_that_are_as_near_the_first_by_name_goes(met) -> None:
     places = next(mind.team.places for mind in run.robots.values() if mind.team.merged)
     (first, _), (second, _) = (places.partners(run.episode.tick, name) for name in ("a", "z"))
     assert len(first) and (first[:, :2] == second[:, :2]).all()
-    assert first[:, 2] == pytest.approx(second[:, 2] + NEARER_M)
+    assert first[:, 2] == pytest.approx(second[:, 2] + 2 * NEARER_M)
 
 
 def test_a_teammate_that_is_silent_for_a_while_bids_no_more_and_then_has_no_part(met) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agent.alignment.by_sight import Sighting
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import Encounter
 from agent.communication.receiving import ReceivedMap
@@ -12,6 +13,7 @@ from agent.cooperation.team import Team
 from agent.cooperation.verification import DISC_NATS, GROUND_MOST_NATS
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe, enclosed
+from tests.agent.alignment.test_by_sight import SCAN
 
 HERE = (0.0, 0.0, 0.0)
 EMPTY = Wireframe()
@@ -44,6 +46,17 @@ def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again(ground:
     proposed.log.encounters, proposed.log.pose_tick = [Encounter(HERE, (0.0, 2.0, 0.0))], LATER + 2
     team.judge(LATER + 2, EMPTY, HERE, None)
     assert team.queue.proposals == [proposed] and team.errand is not None and team.errand.place.tolist() == [0.0, 2.0]
+
+
+@pytest.mark.parametrize("ticks", [(10, 35, 60), (9, 34, 59), (1, 2, 3)])
+def test_a_contact_has_one_first_encounter_whatever_ticks_its_beacons_tell(ticks: tuple[int, ...]) -> None:
+    """Another one takes a waiting proposal up again, with a drive."""
+    log = PeerLog("r2")
+    for k, tick in enumerate(ticks):
+        log.take_beacon(10, tick, Sighting(HERE, (float(k), 0.0, 0.0), np.zeros((0, 2)), SCAN), 1.0)
+    assert [one.theirs[0] for one in log.encounters] == [0.0, 1.0, 2.0]
+    log.take_beacon(100, 100, Sighting(HERE, (9.0, 0.0, 0.0), np.zeros((0, 2)), SCAN), 1.0)
+    assert [one.theirs[0] for one in log.encounters] == [9.0]
 
 
 @pytest.mark.parametrize("sighting", [DISC_NATS, -4 * DISC_NATS])

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 
+from agent.exploration.agenda import TOUR_TASKS
 from agent.exploration.auction import auction, own_share
 from tests.agent.exploration.test_agenda import end, roads_from
 
@@ -54,6 +55,12 @@ def test_of_two_robots_side_by_side_each_goes_its_way() -> None:
     assert share((-0.1, 0.0), [(0.1, 0.0, 0.0)]) == [-6.0, -5.0]
     assert share((0.1, 0.0), [(-0.1, 0.0, 0.0)]) == [5.0, 6.0]
     assert share((0.2, 0.0), [(0.3, 0.0, 0.0)]) == [-6.0, -5.0]  # though the other one is farther from all of these
+
+
+def test_the_task_that_is_begun_is_among_those_that_are_divided() -> None:
+    tasks = [*(end(0.1 * k, 5.0) for k in range(TOUR_TASKS)), end(30.0, 0.0, begun=True)]
+    mine = own_share(tasks, roads_from(0.0, 0.0), np.array([(0.0, 4.9, 0.0)]), NOBODY)
+    assert any(task.begun for task in mine)
 
 
 def test_a_robot_alone_does_all_and_one_whose_teammates_are_nearer_nothing() -> None:
