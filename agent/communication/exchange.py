@@ -291,15 +291,15 @@ class Exchange:
         for peer in self.contacts:
             kind, parts = self._due(tick, peer, told_to, told_version)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
-        sends += self._talk_of_views(tick, told_version, looked)
+        sends += self._views_to_tell(tick, told_version, looked)
         if tick % self._beacon_ticks == 0:
             for peer in self.contacts:
                 sends += self._questions(tick, peer, frames) if asks else []
-                sends += self._talk_of_frames(tick, peer, frames)
+                sends += self._frames_to_tell(tick, peer, frames)
         return sends[:MAX_SENDS]
 
-    def _talk_of_views(self, tick: int, told_version: int, looked: Looked) -> list[Send]:
-        """Answers. Nobody is told of a viewpoint before it has the map of what was seen from there."""
+    def _views_to_tell(self, tick: int, told_version: int, looked: Looked) -> list[Send]:
+        """To those that ask. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
         for peer, since in self._asks.items():
             told = self._told[peer]
@@ -320,7 +320,7 @@ class Exchange:
         known.views_asked = True
         return [Send(tick=tick, to=peer, kind=VIEWS, payload=AskViews(known.views_until, frame).encode())]
 
-    def _talk_of_frames(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:
+    def _frames_to_tell(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:
         """To a merged peer, the frames of all others."""
         if peer not in frames:
             return []
