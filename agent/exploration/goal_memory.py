@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 
 SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall moves by less from scan to scan
@@ -27,18 +28,20 @@ class Tried:
     told: bool = False  # whether teammates are told that it was looked at in vain
 
 
+@kernel
 def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
     """Per open end (g,) the row of the same one among others (n, 4), place and direction, or -1.
 
     points, along: (g, 2) metres and unit.
     """
-    if not len(others) or not len(points):
-        return np.full(len(points), -1)
-    d2 = ((points[:, None] - others[None, :, :2]) ** 2).sum(2)
-    like = along @ others[:, 2:].T > math.cos(SAME_DIRECTION_RAD)
-    d2 = np.where(like & (d2 < SAME_PLACE_M**2), d2, np.inf)
-    best = d2.argmin(1)
-    return np.where(np.isfinite(d2[np.arange(len(points)), best]), best, -1)
+    like, out = math.cos(SAME_DIRECTION_RAD), np.full(len(points), -1)
+    for g in range(len(points)):
+        nearest = SAME_PLACE_M**2
+        for n in range(len(others)):
+            squared = (points[g, 0] - others[n, 0]) ** 2 + (points[g, 1] - others[n, 1]) ** 2
+            if squared < nearest and along[g, 0] * others[n, 2] + along[g, 1] * others[n, 3] > like:
+                nearest, out[g] = squared, n
+    return out
 
 
 class GoalMemory:

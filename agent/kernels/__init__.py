@@ -11,7 +11,7 @@ from numba.extending import register_jitable
 from agent.kernels import compile_time
 from agent.kernels.cache import KernelCache
 from agent.kernels.linking import Callee, NamedCompiler, by_name, is_large, make_machine_code
-from protocol.geometry import wrapped
+from protocol.geometry import compose, relative, wrapped
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -75,4 +75,5 @@ class Kernel(Compiled):
 
 
 compile_time.reduce()
-register_jitable(wrapped)  # plain Python for the world, which compiles nothing, and part of kernels here
+for plain in (wrapped, compose, relative):
+    register_jitable(plain)  # plain Python for the world, which compiles nothing, and part of kernels here

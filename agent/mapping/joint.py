@@ -63,13 +63,10 @@ def observe(
     """
     m = len(shift)
     gain, known, left = np.zeros(m), 0.0, off
-    touched, n = np.empty(m, np.int64), 0
-    for i in range(m):
-        for k in range(len(rows)):
-            gain[i] += joint[i, rows[k]] * slopes[k]
-        if gain[i] != 0.0:
-            touched[n] = i
-            n += 1
+    for k in range(len(rows)):
+        row = joint[rows[k]]
+        for i in range(m):
+            gain[i] += slopes[k] * row[i]
     for k in range(len(rows)):
         known += slopes[k] * gain[rows[k]]
         left -= slopes[k] * shift[rows[k]]
@@ -77,14 +74,15 @@ def observe(
     if deviations * deviations > sigmas * sigmas:
         return deviations
     total = known + variance * (1.0 + left * left / (4.0 * (known + variance)))
-    for a in range(n):
-        i = touched[a]
-        share = gain[i] / total
-        shift[i] += share * left
-        for b in range(a, n):
-            j = touched[b]
-            joint[i, j] -= share * gain[j]
-            joint[j, i] = joint[i, j]
+    scale = 1.0 / math.sqrt(total)
+    for i in range(m):  # of both sides alike, so that the covariance stays symmetric to the last bit
+        gain[i] *= scale
+    for i in range(m):
+        if gain[i] != 0.0:
+            shift[i] += gain[i] * scale * left
+            row = joint[i]
+            for j in range(m):  # whole rows, which the processor takes four or more numbers at a time
+                row[j] -= gain[i] * gain[j]
     return deviations
 
 
@@ -159,6 +157,7 @@ def carry(edges: Records, joint: Floats, shift: Floats, pose: Pose) -> None:
     turn of the robot swings all about the origin from where it is now, as in the invariant filter of Barrau and
     Bonnabel ("An EKF-SLAM algorithm with consistency properties", 2015). pose: of the robot, before the move.
     """
+    swung = np.zeros((3, len(shift)))
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
         w, row = edges[e], row_of(e)
         aside, turn = shift[row], shift[row + 1]
@@ -167,24 +166,31 @@ def carry(edges: Records, joint: Floats, shift: Floats, pose: Pose) -> None:
         angle = math.atan2(w.uy, w.ux) + turn
         ux, uy = math.cos(angle), math.sin(angle)
         x, y, dx, dy = w.x - aside * w.uy, w.y + aside * w.ux, ux - w.ux, uy - w.uy
-        swings = ux * x + uy * y - w.ux * w.x - w.uy * w.y - dy * pose[1] - dx * pose[0]
-        _go_along(joint, row, -dy, dx, swings)
+        swung[0, row], swung[1, row] = -dy, dx
+        swung[2, row] = ux * x + uy * y - w.ux * w.x - w.uy * w.y - dy * pose[1] - dx * pose[0]
         swings = uy * x - ux * y - w.uy * w.x + w.ux * w.y + dx * pose[1] - dy * pose[0]
         for end in range(row + 2, row + PER_WALL):
             if joint[end, end] > 0.0:
-                _go_along(joint, end, dx, dy, swings)
-    _go_along(joint, 0, 0.0, 0.0, -shift[1])
-    _go_along(joint, 1, 0.0, 0.0, shift[0])
+                swung[0, end], swung[1, end], swung[2, end] = dx, dy, swings
+    swung[2, 0], swung[2, 1] = -shift[1], shift[0]
+    _go_along(joint, swung)
 
 
 @kernel
-def _go_along(joint: Floats, row: int, by_x: float, by_y: float, by_heading: float) -> None:
-    """Let the error of a row depend on those of the pose by so much more."""
-    for k in range(len(joint)):
-        joint[row, k] += by_x * joint[0, k] + by_y * joint[1, k] + by_heading * joint[2, k]
-    joint[row, row] += by_x * joint[row, 0] + by_y * joint[row, 1] + by_heading * joint[row, 2]
-    for k in range(len(joint)):
-        joint[k, row] = joint[row, k]
+def _go_along(joint: Floats, by: Floats) -> None:
+    """Let errors depend on those of the pose (x, y, theta) by so much more, (3, m)."""
+    m = by.shape[1]
+    if not by.any():
+        return
+    for i in range(m - 1, -1, -1):  # the pose last: the others depend on it as it was
+        if by[0, i] != 0.0 or by[1, i] != 0.0 or by[2, i] != 0.0:
+            for k in range(m):
+                joint[i, k] += by[0, i] * joint[0, k] + by[1, i] * joint[1, k] + by[2, i] * joint[2, k]
+    for i in range(m):
+        x, y, theta, row = joint[i, 0], joint[i, 1], joint[i, 2], joint[i]
+        if x != 0.0 or y != 0.0 or theta != 0.0:
+            for k in range(m):
+                row[k] += by[0, k] * x + by[1, k] * y + by[2, k] * theta
 
 
 @kernel

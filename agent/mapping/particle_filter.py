@@ -51,6 +51,9 @@ from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
 
 SPARE = 64  # free records of a particle for one scan; 360 beams make at most 120 pieces, in practice 20
+SPARE_ROWS = 16
+"""Walls that a scan may bring for which the covariance has rows; further ones get theirs with the next scan. Unused
+rows are between those that each number of a scan is taken in by."""
 MAX_WALLS = 4096  # a particle takes no new wall beyond; ten times what the largest layout has
 STILL = 1e-4  # m and rad that odometry tells of a robot that stands, at most
 FORGET = 0.98  # share of its past log-weight that a particle keeps per scan: the map is the best of the last 50
@@ -266,7 +269,7 @@ class WireframeFilter:
 
     def _make_room(self) -> None:
         """Have rows of the joint covariances for all walls, and for those that a scan may bring."""
-        needed = WALLS + PER_WALL * min(MAX_JOINT, SPARE * (int(self.counts.max()) // SPARE + 2))
+        needed = WALLS + PER_WALL * min(MAX_JOINT, SPARE_ROWS * (int(self.counts.max()) // SPARE_ROWS + 2))
         more = needed - self.joint.shape[1]
         if more > 0:
             self.joint = np.pad(self.joint, ((0, 0), (0, more), (0, more)))
@@ -381,7 +384,7 @@ class WireframeFilter:
     def way(self, odometry: Floats) -> Floats:
         """(k + 1, 3) poses since the last scan, in the frame of the first, by odometry (k, 3) and the best particle."""
         way = way_from(pose_of(self._odometry), odometry)
-        return np.array(self.wheels.way(moves_of(way), self.best)) if self._noisy else way
+        return self.wheels.way(moves_of(way), self.best) if self._noisy else way
 
     @property
     def nbytes(self) -> int:

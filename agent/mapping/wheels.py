@@ -7,14 +7,13 @@ state: what a scan says of the pose says as much of them as they are correlated 
 """
 
 import math
-from itertools import pairwise
 
 import numpy as np
 
 from agent.kernels import kernel
 from agent.mapping.joint import BEGIN
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, pose_of, relative
+from protocol.geometry import Pose, compose, relative
 from protocol.messages import OdometrySpec
 
 FLOOR = 1e-8  # m2 and rad2 added to the pose's covariance in each step, so that it is never singular
@@ -33,14 +32,28 @@ SLIP_M, SLIP_RAD = 0.05, math.radians(10.0)
 where its body is held, and who pushes it turns it: by up to 7 degrees and 40 mm in 0.2 s between two robots."""
 
 
-def moves_of(way: Floats) -> list[Pose]:
-    """Each step of a way (k + 1, 3) as the next pose in the frame of the one before."""
-    return [relative(a, b) for a, b in pairwise(map(pose_of, way))]
+@kernel
+def moves_of(way: Floats) -> Floats:
+    """(k, 3) each step of a way (k + 1, 3): the next pose in the frame of the one before."""
+    moves = np.empty((len(way) - 1, 3))
+    for k in range(len(moves)):
+        moves[k, 0], moves[k, 1], moves[k, 2] = relative(_pose(way, k), _pose(way, k + 1))
+    return moves
 
 
+@kernel
 def way_from(stamp: Pose, poses: Floats) -> Floats:
     """(k + 1, 3) a pose and the k that follow it, (k, 3), in its frame."""
-    return np.array([relative(stamp, pose) for pose in (stamp, *map(pose_of, poses))])
+    way = np.zeros((len(poses) + 1, 3))
+    for k in range(len(poses)):
+        way[k + 1, 0], way[k + 1, 1], way[k + 1, 2] = relative(stamp, _pose(poses, k))
+    return way
+
+
+@kernel
+def _pose(rows: Floats, k: int) -> Pose:
+    """A row of poses (n, 3)."""
+    return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
 class Wheels:
@@ -53,7 +66,7 @@ class Wheels:
         self.steady = np.zeros(2)
         """(2,) metres ahead, as the mean of the last moves of one speed, and how many those are."""
         first = np.array((spec.wheel_sd / math.sqrt(2), spec.wheel_sd * math.sqrt(2) / spec.axle_m, spec.axle_sd))
-        self._forget = np.diag(first**2) / FORGET_M
+        self._forget = first**2 / FORGET_M
         self.constants = np.tile((1.0, 0.0, 1.0), (particles, 1))
         """(p, 3) size of the wheels as a share of what it should be, their difference in rad a metre, the axle's length
         as a share."""
@@ -61,49 +74,24 @@ class Wheels:
         """Covariance of pose and constants at first: the pose is exact."""
         self.first[3:, 3:] = np.diag(first**2)
 
-    def way(self, told: list[Pose], particle: int) -> list[Pose]:
-        """Poses, from zero, along which the wheels of a particle rolled when they told of these moves."""
-        size, bend, axle = self.constants[particle].tolist()
-        lever = bend * self._spec.axle_m**2 / 4
-        way: list[Pose] = [(0.0, 0.0, 0.0)]
-        for dx, dy, turn_told in told:
-            ahead_told = dx * math.cos(turn_told / 2) + dy * math.sin(turn_told / 2)
-            ahead = (ahead_told - lever * axle * turn_told / size) / (size - lever * bend / size)
-            turn = (axle * turn_told - bend * ahead) / size
-            scale = ahead / ahead_told if abs(ahead_told) > 1e-9 else 1.0
-            c, s = scale * math.cos((turn - turn_told) / 2), scale * math.sin((turn - turn_told) / 2)
-            way.append(compose(way[-1], (c * dx - s * dy, s * dx + c * dy, turn)))
-        return way
+    def way(self, told: Floats, particle: int) -> Floats:
+        """(k + 1, 3) poses, from zero, along which a particle's wheels rolled when they told of these moves (k, 3)."""
+        return _rolled(told, self.constants[particle], self._spec.axle_m)
 
-    def move(self, poses: Floats, joint: Floats, told: list[Pose], slips: bool = False) -> Floats:
+    def move(self, poses: Floats, joint: Floats, told: Floats, slips: bool = False) -> Floats:
         """Move particles' poses (p, 3) and joint covariances (p, m, m) in place; the last pose begins the revolution.
 
-        slips: whether the robot may touch something. Returns (p, 2): by how much the variance of place and heading
-        grew.
+        told: (k, 3) moves. slips: whether the robot may touch something. Returns (p, 2): by how much the variance of
+        place and heading grew.
         """
-        spec = self._spec
-        length = sum(math.hypot(dx, dy) for dx, dy, _ in told)
-        ahead = self._steadied(sum(math.copysign(math.hypot(dx, dy), dx) for dx, dy, _ in told), length)
-        turned = sum(abs(turn) for _, _, turn in told)
-        spin = math.radians(spec.heading_sd_deg) ** 2 * length + spec.turn_sd**2 * turned
-        grown = np.zeros((len(poses), 2))
-        for p, row in enumerate(poses):
-            x, y, theta = row.tolist()
-            by = self.way(told, p)[-1]
-            poses[p] = compose((x, y, theta), by)
-            dx, dy = poses[p, 0] - x, poses[p, 1] - y
-            turn = by[2] if by[2] ** 2 > TELLING_TURN_SIGMAS**2 * spin else 0.0
-            heading = np.array((math.cos(theta + by[2] / 2), math.sin(theta + by[2] / 2)))
-            noise = np.zeros((6, 6))
-            noise[:2, :2] = spec.distance_sd**2 * abs(ahead) * np.outer(heading, heading)
-            noise[2, 2] = spin
-            noise[[0, 1, 2], [0, 1, 2]] += self._slip + FLOOR if slips else FLOOR
-            noise[3:, 3:] = length * self._forget
-            before = joint[p, [0, 1, 2], [0, 1, 2]]
-            _carry(joint[p], (dx, dy), ahead, heading, turn, noise)
-            after = joint[p, [0, 1, 2], [0, 1, 2]]
-            grown[p] = after[0] + after[1] - before[0] - before[1], after[2] - before[2]
-        return np.maximum(grown, 0.0)
+        spec, sizes = self._spec, np.hypot(told[:, 0], told[:, 1])
+        length = float(sizes.sum())
+        ahead = self._steadied(float(np.copysign(sizes, told[:, 0]).sum()), length)
+        spin = math.radians(spec.heading_sd_deg) ** 2 * length + spec.turn_sd**2 * float(np.abs(told[:, 2]).sum())
+        noise = np.concatenate((self._slip + FLOOR if slips else np.full(3, FLOOR), length * self._forget))
+        noise[2] += spin
+        along = spec.distance_sd**2 * abs(ahead)
+        return _move(poses, joint, told, self.constants, spec.axle_m, ahead, spin, along, noise)
 
     def _steadied(self, ahead: float, length: float) -> float:
         """Metres ahead in a move that is told as `ahead` on a way of `length`: the mean of the last of its speed."""
@@ -118,14 +106,69 @@ class Wheels:
 
 
 @kernel
-def _carry(joint: Floats, by: tuple[float, float], ahead: float, heading: Floats, turn: float, noise: Floats) -> None:
+def _rolled(told: Floats, constants: Floats, axle_m: float) -> Floats:
+    """`Wheels.way` by a particle's constants (3,)."""
+    size, bend, axle = constants[0], constants[1], constants[2]
+    lever = bend * axle_m**2 / 4
+    way = np.zeros((len(told) + 1, 3))
+    for k in range(len(told)):
+        dx, dy, turn_told = told[k, 0], told[k, 1], told[k, 2]
+        ahead_told = dx * math.cos(turn_told / 2) + dy * math.sin(turn_told / 2)
+        ahead = (ahead_told - lever * axle * turn_told / size) / (size - lever * bend / size)
+        turn = (axle * turn_told - bend * ahead) / size
+        scale = ahead / ahead_told if abs(ahead_told) > 1e-9 else 1.0
+        c, s = scale * math.cos((turn - turn_told) / 2), scale * math.sin((turn - turn_told) / 2)
+        next_pose = compose(_pose(way, k), (c * dx - s * dy, s * dx + c * dy, turn))
+        way[k + 1, 0], way[k + 1, 1], way[k + 1, 2] = next_pose
+    return way
+
+
+@kernel
+def _move(
+    poses: Floats,
+    joints: Floats,
+    told: Floats,
+    constants: Floats,
+    axle_m: float,
+    ahead: float,
+    spin: float,
+    along: float,
+    noise: Floats,
+) -> Floats:
+    """`Wheels.move` by constants (p, 3).
+
+    ahead: metres that the wheels drove, as steadied. spin: variance of the turn. along: variance of the way along it.
+    noise: (6,) variances that the motion adds to pose and constants.
+    """
+    grown = np.empty((len(poses), 2))
+    for p in range(len(poses)):
+        joint, before = joints[p], _pose(poses, p)
+        by = _pose(_rolled(told, constants[p], axle_m), len(told))
+        after = compose(before, by)
+        poses[p, 0], poses[p, 1], poses[p, 2] = after
+        place, heading = joint[0, 0] + joint[1, 1], joint[2, 2]
+        turn = by[2] if by[2] ** 2 > TELLING_TURN_SIGMAS**2 * spin else 0.0
+        c, s = math.cos(before[2] + by[2] / 2), math.sin(before[2] + by[2] / 2)
+        _carry(joint, (after[0] - before[0], after[1] - before[1]), (ahead * c, ahead * s), ahead, turn)
+        joint[0, 0] += along * c * c
+        joint[0, 1] += along * c * s
+        joint[1, 0] += along * c * s
+        joint[1, 1] += along * s * s
+        for k in range(6):
+            joint[k, k] += noise[k]
+        grown[p, 0] = max(joint[0, 0] + joint[1, 1] - place, 0.0)
+        grown[p, 1] = max(joint[2, 2] - heading, 0.0)
+    return grown
+
+
+@kernel
+def _carry(joint: Floats, by: tuple[float, float], rolled: tuple[float, float], ahead: float, turn: float) -> None:
     """Carry a joint covariance (m, m) along a motion, in place; its old pose becomes that of the revolution's begin.
 
-    by: metres in the map's frame. ahead: metres that the wheels drove, on the heading (2,). turn: radians that tell of
-    the axle. noise: (6, 6) what the motion adds to pose and constants.
+    by: metres in the map's frame. rolled: the metres that the wheels drove `ahead`, in that frame. turn: radians that
+    tell of the axle.
     """
-    (dx, dy), ahead_x, ahead_y = by, ahead * heading[0], ahead * heading[1]
-    size = joint.shape[0]
+    (dx, dy), (x, y), size = by, rolled, len(joint)
     for k in range(size):  # the begin's error in terms of the stamp's frame (`pose_correction.pose_at`)
         joint[BEGIN, k] = joint[0, k] - dy * joint[2, k]
         joint[BEGIN + 1, k] = joint[1, k] + dx * joint[2, k]
@@ -134,20 +177,18 @@ def _carry(joint: Floats, by: tuple[float, float], ahead: float, heading: Floats
         joint[k, BEGIN] = joint[k, 0] - dy * joint[k, 2]
         joint[k, BEGIN + 1] = joint[k, 1] + dx * joint[k, 2]
         joint[k, BEGIN + 2] = joint[k, 2]
-    step = np.eye(6)
-    step[0, 2], step[1, 2] = -dy, dx  # the heading's error swings the step
-    step[0, 3], step[1, 3], step[2, 3] = -ahead_x, -ahead_y, -turn
-    step[0, 4], step[1, 4], step[2, 4] = 0.5 * ahead * ahead_y, -0.5 * ahead * ahead_x, -ahead
-    step[0, 5], step[1, 5], step[2, 5] = -0.5 * turn * ahead_y, 0.5 * turn * ahead_x, turn
-    old = np.empty(6)
-    for k in range(size):
-        old[:] = joint[:6, k]
-        for i in range(3):
-            joint[i, k] = (step[i] * old).sum()
+    for k in range(size):  # the heading's error swings the step, and the constants' errors bend it
+        heading, wheel, bend, axle = joint[2, k], joint[3, k], joint[4, k], joint[5, k]
+        joint[0, k] += -dy * heading - x * wheel + 0.5 * ahead * y * bend - 0.5 * turn * y * axle
+        joint[1, k] += dx * heading - y * wheel - 0.5 * ahead * x * bend + 0.5 * turn * x * axle
+        joint[2, k] += turn * (axle - wheel) - ahead * bend
     for k in range(6):
-        old[:] = joint[k, :6]
-        for i in range(3):
-            joint[k, i] = (step[i] * old).sum()
-    joint[:6, :6] += noise
-    joint[:6, :6] = 0.5 * (joint[:6, :6] + joint[:6, :6].T)
-    joint[6:, :6] = joint[:6, 6:].T
+        heading, wheel, bend, axle = joint[k, 2], joint[k, 3], joint[k, 4], joint[k, 5]
+        joint[k, 0] += -dy * heading - x * wheel + 0.5 * ahead * y * bend - 0.5 * turn * y * axle
+        joint[k, 1] += dx * heading - y * wheel - 0.5 * ahead * x * bend + 0.5 * turn * x * axle
+        joint[k, 2] += turn * (axle - wheel) - ahead * bend
+    for i in range(3):
+        for k in range(i + 1, size):
+            if k < 6:
+                joint[i, k] = 0.5 * (joint[i, k] + joint[k, i])
+            joint[k, i] = joint[i, k]

@@ -65,19 +65,17 @@ def ring_of(ranges: Floats, lidar: LidarSpec, way: Floats | None = None) -> Beam
 
 def _ring(lidar: LidarSpec, way: Floats) -> _Ring:
     """The ring of a revolution on a way (k + 1, 3) as of `ring_of`."""
-    bearings, moments = lidar.bearings(), lidar.moments()
-    step = abs(float(bearings[1] - bearings[0]))
+    bearings, moments = _looks(lidar)
     origins, angles = _beams_on(way, bearings, moments, lidar.mount_x_m, lidar.mount_y_m)
-    once = np.abs(angles - angles[-1]) < 2 * math.pi - 0.5 * step  # a robot that turns along sees some directions twice
-    order = np.flatnonzero(once)[:: -1 if lidar.clockwise else 1]
-    origins, moments, angles = origins[order], moments[order], angles[order]
-    left_out = 2 * math.pi - (angles[-1] - angles[0])
-    if lidar.turning or left_out > SEAM_BEAMS * step:
-        fill = max(1, round(left_out / step) - 1)
-        origins, moments = np.vstack((origins, np.zeros((fill, 2)))), np.concatenate((moments, np.ones(fill)))
-        angles = np.concatenate((angles, angles[-1] + np.arange(1, fill + 1) / (fill + 1) * left_out))
-    directions = np.column_stack((np.cos(angles), np.sin(angles)))
-    return _Ring(order, origins, directions, moments, angles, step, float(np.hypot(*origins.T).max()))
+    step = abs(float(bearings[1] - bearings[0]))
+    order, origins, moments, angles, shift = _closed(origins, moments, angles, step, lidar.clockwise, lidar.turning)
+    return _Ring(order, origins, np.column_stack((np.cos(angles), np.sin(angles))), moments, angles, step, shift)
+
+
+@lru_cache
+def _looks(lidar: LidarSpec) -> tuple[Floats, Floats]:
+    """Where and when each beam looks; not to be changed."""
+    return lidar.bearings(), lidar.moments()
 
 
 @lru_cache
@@ -126,6 +124,30 @@ def _beams_on(way: Floats, bearings: Floats, moments: Floats, mount_x: float, mo
         origins[j, 1] = knots[before, 1] + share * (knots[after, 1] - knots[before, 1]) + s * mount_x + c * mount_y
         angles[j] = turned + bearings[j]
     return origins, angles
+
+
+@kernel
+def _closed(
+    origins: Floats, moments: Floats, angles: Floats, step: float, clockwise: bool, turning: bool
+) -> tuple[Ints, Floats, Floats, Floats, float]:
+    """Beams (n,) as a ring, in which each direction is once: order, origins, moments, angles and shift of a `_Ring`."""
+    n, once = len(angles), np.empty(len(angles), np.int64)
+    m = 0
+    for k in range(n - 1, -1, -1) if clockwise else range(n):
+        if abs(angles[k] - angles[n - 1]) < 2 * math.pi - 0.5 * step:  # who turns along sees some directions twice
+            once[m] = k
+            m += 1
+    order = once[:m]
+    left_out = 2 * math.pi - (angles[order[m - 1]] - angles[order[0]])
+    fill = max(1, round(left_out / step) - 1) if turning or left_out > SEAM_BEAMS * step else 0
+    ring_origins, ring_moments, ring_angles = np.zeros((m + fill, 2)), np.ones(m + fill), np.empty(m + fill)
+    shift = 0.0
+    for j in range(m):
+        ring_origins[j], ring_moments[j], ring_angles[j] = origins[order[j]], moments[order[j]], angles[order[j]]
+        shift = max(shift, math.hypot(origins[order[j], 0], origins[order[j], 1]))
+    for j in range(fill):
+        ring_angles[m + j] = ring_angles[m - 1] + (j + 1) / (fill + 1) * left_out
+    return order, ring_origins, ring_moments, ring_angles, shift
 
 
 @kernel

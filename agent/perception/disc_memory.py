@@ -96,6 +96,8 @@ class Posts:
             self._standing = self._standing[:0]
             return
         self.places = self.places[~_may_be_of(self.places, teammates)]
+        if not len(discs) and not len(self._standing):
+            return  # so it is of most scans
         for x, y in discs[~_may_be_of(discs, teammates)].tolist():
             away = np.hypot(self._standing[:, 0] - x, self._standing[:, 1] - y)
             if len(away) and away.min() <= STILL_M:
@@ -114,5 +116,7 @@ class Posts:
 
 def _may_be_of(points: Floats, teammates: Floats) -> Bools:
     """(n,) at which of points (n, 2) one of teammates (t, 3), place and slack, may be."""
+    if not len(points) or not len(teammates):
+        return np.zeros(len(points), np.bool_)
     away = np.hypot(*(points[:, None] - teammates[None, :, :2]).transpose(2, 0, 1))
     return np.asarray((away <= teammates[:, 2]).any(1))

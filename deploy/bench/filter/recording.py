@@ -68,7 +68,7 @@ def record(
         ranges.append(observation.scan())
         turn = way_from(pose_of(ways[-1][-1]) if ways else HERE, observation.poses())
         if observation.tick and robot.spec.odometry.noisy:
-            turn = np.array(robot.filter.wheels.way(moves_of(turn), robot.filter.best))
+            turn = robot.filter.wheels.way(moves_of(turn), robot.filter.best)
         ways.append(observation.poses())
         turns.append(turn)
 

@@ -66,7 +66,7 @@ def learned(
         told = real.update(way)
         moves, stamp = moves_of(np.vstack((stamp, told))), told[-1]
         if tick >= from_tick:
-            x, y, theta = wheels.way(moves, 0)[-1]
+            x, y, theta = wheels.way(moves, 0)[-1].tolist()
             blind = compose(blind, (x, y, theta))
         wheels.move(poses, joint, moves)
         shift = np.zeros(WALLS)
@@ -114,6 +114,6 @@ def test_what_turns_the_begin_of_a_revolution_swings_its_end_as_much() -> None:
     wheels, poses = Wheels(SPEC, 1, RATE_HZ), np.zeros((1, 3))
     joint = joint_of(wheels)
     joint[0, 2, 2] = 0.1**2
-    wheels.move(poses, joint, [(0.3, 0.1, 0.0)])
+    wheels.move(poses, joint, np.array([(0.3, 0.1, 0.0)]))
     error = joint[0, BEGIN : BEGIN + 3, 2] / joint[0, BEGIN + 2, 2]
     assert error == pytest.approx((-0.1, 0.3, 1.0), abs=0.01)
