@@ -49,6 +49,27 @@ class Task(NamedTuple):
     begun: bool = False  # whether the robot is on its way there
 
 
+class Agenda(NamedTuple):
+    """Tasks that are put in order, and the ways between them, metres."""
+
+    tasks: list[Task]  # n of them
+    ways: Floats  # (n,) to each from where the robot is; inf where there is none
+    between: Floats  # (n, n) to each from each; FAR_M where there is none
+
+    @property
+    def stands(self) -> Floats:
+        """(n, 2) where to stand for each."""
+        return np.array([task.stand for task in self.tasks])
+
+    def costs(self, ways: Floats) -> Floats:
+        """Ways (..., n) to the tasks, longer where the view from there is worse, FAR_M at most."""
+        return np.asarray(np.minimum(ways + np.array([task.extra_m for task in self.tasks]), FAR_M))
+
+    def of(self, rows: Ints) -> "Agenda":
+        """Some of the tasks only."""
+        return Agenda([self.tasks[k] for k in rows], self.ways[rows], self.between[np.ix_(rows, rows)])
+
+
 @dataclass(slots=True)
 class Target:
     """The task under way."""
@@ -125,28 +146,34 @@ def open_tour(cost: Floats, waits: Bools, haste: float) -> Ints:
     return order
 
 
-def first_of_tour(tasks: list[Task], roads: Roads, detour_m: float, haste: float) -> Task:
-    """The task that a short tour through the nearest of them does first.
+def agenda_of(tasks: list[Task], roads: Roads) -> Agenda:
+    """The nearest of some tasks, at least one, that which is begun first, and the ways between them."""
+    stands = np.array([task.stand for task in tasks])
+    every = Agenda(tasks, roads.costs(stands), np.zeros((0, 0)))
+    near = np.lexsort((every.costs(every.ways), np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
+    between = np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M)
+    return Agenda([tasks[k] for k in near], every.ways[near], between)
+
+
+def first_of_tour(agenda: Agenda, detour_m: float, haste: float) -> Task:
+    """The task that a short tour through all of an agenda does first.
 
     An open end is not kept waiting for a sweep that is more than detour_m (metres) off the way to it. The task that
     is begun is left only where the best tour is better by SWITCH_GAIN_M than the best that goes on with it.
     haste: of `tour_cost`.
     """
-    stands = np.array([task.stand for task in tasks])
-    costs = np.minimum(roads.costs(stands) + np.array([task.extra_m for task in tasks]), FAR_M)
-    near: list[int] = np.lexsort((costs, [not task.begun for task in tasks]))[:TOUR_TASKS].tolist()
-    table = np.zeros((len(near) + 1, len(near) + 1))
-    table[0, 1:] = costs[near]
-    table[1:, 1:] = np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M)
-    ends = np.array([False, *(is_end(tasks[k]) for k in near)])
+    tasks, n = agenda.tasks, len(agenda.tasks)
+    table = np.zeros((n + 1, n + 1))
+    table[0, 1:], table[1:, 1:] = agenda.costs(agenda.ways), agenda.between
+    ends = np.array([False, *map(is_end, tasks)])
     order = open_tour(table, ends, haste)
-    if tasks[near[0]].begun:
-        going_on = np.append(0, 1 + open_tour(table[1:, 1:].copy(), ends[1:], haste))
+    if tasks[0].begun:
+        going_on = np.append(0, 1 + open_tour(agenda.between, ends[1:], haste))
         if tour_cost(going_on, table, ends, haste) <= tour_cost(order, table, ends, haste) + SWITCH_GAIN_M:
-            return tasks[near[0]]
+            return tasks[0]
     visits: list[int] = order.tolist()
     first_end = next((k for k in visits if ends[k]), 0)
     for k in visits[1:]:
         if not first_end or table[0, k] + table[k, first_end] - table[0, first_end] <= detour_m:
-            return tasks[near[k - 1]]
+            return tasks[k - 1]
     raise AssertionError("the first open end ends the loop")

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from agent.exploration.agenda import FAR_M, TOUR_TASKS, Task
+from agent.exploration.agenda import Agenda
 from agent.exploration.planning import Roads
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
@@ -53,32 +53,26 @@ def auction(starts: Floats, between: Floats) -> Ints:
     return owner
 
 
-def own_share(tasks: list[Task], roads: Roads, partners: Floats, silent: Floats) -> list[Task]:
-    """Tasks that the robot does itself, the nearest ones; none where its teammates do them all.
+def own_share(agenda: Agenda, roads: Roads, partners: Floats, silent: Floats) -> Agenda:
+    """Tasks that the robot does itself; none where its teammates do them all.
 
     partners (k, 3), silent (j, 3): places of teammates that share the work, heard lately or not, and metres by which
     each must be nearer to a task.
     """
-    if not tasks or not len(partners) + len(silent):
-        return tasks
-    stands = np.array([task.stand for task in tasks])
-    mine = roads.costs(stands)
-    partners, silent = (some[_may_be_nearer(some, stands, mine)] for some in (partners, silent))
+    silent, partners = (_that_may_be_nearer(some, agenda) for some in (silent, partners))
     if len(silent):
-        theirs = roads.costs_from(silent[:, :2], stands) + silent[:, 2:]
-        left = np.flatnonzero((mine <= theirs).all(0))
-        tasks, stands, mine = [tasks[k] for k in left], stands[left], mine[left]
-    if not tasks or not len(partners):
-        return tasks
-    near = np.lexsort((mine, np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
-    theirs = roads.costs_from(partners[:, :2], stands[near]) + partners[:, 2:]
-    extra = np.array([tasks[k].extra_m for k in near])
-    starts = np.minimum(np.vstack((mine[near], theirs)) + extra, FAR_M)
-    owner = auction(starts, np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M))
-    return [tasks[k] for k in np.sort(near[owner == 0])]
+        theirs = roads.costs_from(silent[:, :2], agenda.stands) + silent[:, 2:]
+        agenda = agenda.of(np.flatnonzero((agenda.ways <= theirs).all(0)))
+    if not agenda.tasks or not len(partners):
+        return agenda
+    theirs = roads.costs_from(partners[:, :2], agenda.stands) + partners[:, 2:]
+    owner = auction(agenda.costs(np.vstack((agenda.ways, theirs))), agenda.between)
+    return agenda.of(np.flatnonzero(owner == 0))
 
 
-def _may_be_nearer(teammates: Floats, stands: Floats, mine: Floats) -> Ints:
-    """Rows of teammates (k, 3) that may be nearer to one of stands (n, 2) at all: of a crowd most are far off."""
-    straight = np.hypot(*(teammates[:, None, :2] - stands).transpose(2, 0, 1))
-    return np.flatnonzero((mine > straight + teammates[:, 2:]).any(1))
+def _that_may_be_nearer(teammates: Floats, agenda: Agenda) -> Floats:
+    """Those of teammates (k, 3) that may be nearer to one of the tasks at all: of a crowd most are far off."""
+    if not len(teammates):
+        return teammates
+    straight = np.hypot(*(teammates[:, None, :2] - agenda.stands).transpose(2, 0, 1))
+    return np.asarray(teammates[(agenda.ways > straight + teammates[:, 2:]).any(1)])

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from agent.exploration.agenda import Task, first_of_tour
+from agent.exploration.agenda import Task, agenda_of, first_of_tour
 from agent.exploration.auction import own_share
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.frontiers import stands_at_edges
@@ -82,8 +82,11 @@ class DefaultStates:
         """
         tasks = self.sweep.tasks(self.sweep.unseen(scene.wireframe, viewpoints), roads)
         tasks += self.glimpses.tasks(scene.wireframe, roads)
-        tasks = own_share(tasks, roads, scene.partners, scene.silent) or tasks  # nobody idles
-        return first_of_tour(tasks, roads, math.inf, self.config.haste) if tasks else None
+        if not tasks:
+            return None
+        agenda = agenda_of(tasks, roads)
+        mine = own_share(agenda, roads, scene.partners, scene.silent)
+        return first_of_tour(mine if mine.tasks else agenda, math.inf, self.config.haste)  # nobody idles
 
     def _least_likely(self, wireframe: Wireframe, roads: Roads) -> Task | None:
         """Edges below the threshold, the least likely first [paper]; each is looked at as often as a goal is tried."""

@@ -12,7 +12,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from agent.exploration import standing
-from agent.exploration.agenda import Target, Task, first_of_tour, is_end
+from agent.exploration.agenda import Target, Task, agenda_of, first_of_tour, is_end
 from agent.exploration.auction import own_share
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
@@ -332,9 +332,10 @@ class Explorer:
     def _first(self, scene: Scene, tasks: list[Task], roads: Roads, begun: Task | None) -> Task:
         """The task that comes first, sweeps on the way included."""
         pockets = self.states.pockets(scene, roads, self.viewpoints, begun)
-        mine = own_share(tasks + pockets, roads, scene.partners, scene.silent)
+        mine = own_share(agenda_of(tasks + pockets, roads), roads, scene.partners, scene.silent)
         # where teammates do all open ends, a robot sweeps rather than follow them
-        return first_of_tour(mine or tasks, roads, self.config.pocket_detour_m, self.config.haste)
+        agenda = mine if mine.tasks else agenda_of(tasks, roads)
+        return first_of_tour(agenda, self.config.pocket_detour_m, self.config.haste)
 
     def _choose_default(self, scene: Scene, old: Target | None) -> Target:
         """The next task of the default state, or wait for teammates that bar all there is, or complete and park."""

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from agent.exploration.agenda import TOUR_TASKS, Task, first_of_tour, open_tour, tour_cost
+from agent.exploration.agenda import TOUR_TASKS, Task, agenda_of, first_of_tour, open_tour, tour_cost
 from agent.exploration.config import ExplorationConfig
 from agent.exploration.planning import Roads
 from protocol.wireframe import Wireframe
@@ -27,7 +27,7 @@ def sweep(x: float, y: float, begun: bool = False) -> Task:
 
 
 def first(tasks: list[Task], haste: float = HASTE, detour_m: float = 4.0) -> tuple[float, float]:
-    x, y = first_of_tour(tasks, roads_from(0, 0), detour_m, haste).stand
+    x, y = first_of_tour(agenda_of(tasks, roads_from(0, 0)), detour_m, haste).stand
     return float(x), float(y)
 
 
@@ -92,7 +92,7 @@ def test_a_robot_between_many_tasks_does_not_dither(seed: int, haste: float) -> 
     while len(left):
         assert path < 100
         tasks = [end(x, y, begun=k == begun) for k, (x, y) in enumerate(left)]
-        stand = first_of_tour(tasks, roads_from(*here), 4.0, haste).stand
+        stand = first_of_tour(agenda_of(tasks, roads_from(*here)), 4.0, haste).stand
         goal = int(np.flatnonzero((left == stand).all(1))[0])
         turns += begun not in (-1, goal)
         way = stand - here

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from agent.exploration.agenda import TOUR_TASKS
+from agent.exploration.agenda import TOUR_TASKS, agenda_of
 from agent.exploration.auction import auction, own_share
 from tests.agent.exploration.test_agenda import end, roads_from
 
@@ -47,8 +47,10 @@ def test_an_auction_follows_its_rule() -> None:
 
 def share(here: tuple[float, float], partners: object = NOBODY, silent: object = NOBODY) -> list[float]:
     """Where (x) the robot's own share is of ends at both sides of the origin."""
-    tasks = [end(x, 0.0) for x in (-6.0, -5.0, 5.0, 6.0)]
-    return [float(task.stand[0]) for task in own_share(tasks, roads_from(*here), np.array(partners), np.array(silent))]
+    roads = roads_from(*here)
+    agenda = agenda_of([end(x, 0.0) for x in (-6.0, -5.0, 5.0, 6.0)], roads)
+    mine = own_share(agenda, roads, np.array(partners), np.array(silent))
+    return sorted(float(task.stand[0]) for task in mine.tasks)
 
 
 def test_of_two_robots_side_by_side_each_goes_its_way() -> None:
@@ -59,8 +61,9 @@ def test_of_two_robots_side_by_side_each_goes_its_way() -> None:
 
 def test_the_task_that_is_begun_is_among_those_that_are_divided() -> None:
     tasks = [*(end(0.1 * k, 5.0) for k in range(TOUR_TASKS)), end(30.0, 0.0, begun=True)]
-    mine = own_share(tasks, roads_from(0.0, 0.0), np.array([(0.0, 4.9, 0.0)]), NOBODY)
-    assert any(task.begun for task in mine)
+    roads = roads_from(0.0, 0.0)
+    mine = own_share(agenda_of(tasks, roads), roads, np.array([(0.0, 4.9, 0.0)]), NOBODY)
+    assert mine.tasks[0].begun and len(mine.tasks) < TOUR_TASKS
 
 
 def test_a_robot_alone_does_all_and_one_whose_teammates_are_nearer_nothing() -> None:
