@@ -7,7 +7,7 @@ import numpy as np
 
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.errand import STILL_HEARD_S
-from agent.cooperation.peer import Merged, Peers, Proposed, Unaligned
+from agent.cooperation.peer import Merged, PeerLog, Peers, Proposed, Unaligned
 from agent.cooperation.verification import DISC_GATE_M
 from protocol.arrays import Floats
 from protocol.geometry import Pose
@@ -69,9 +69,9 @@ class PeerPlaces:
         """
         heard = [*self._heard(tick, PLACE_KNOWN_S)] if self._division else []
         rows = _rows(
-            (x, y, 0.5 * drive_m + (NEARER_M if robot < name else -NEARER_M)) for name, (x, y, _), drive_m in heard
+            (x, y, 0.5 * drive_m + (NEARER_M if robot < log.name else -NEARER_M)) for log, (x, y, _), drive_m in heard
         )
-        in_touch = np.array([drive_m <= IN_TOUCH_S * self._speed_mps for *_, drive_m in heard], np.bool_)
+        in_touch = np.array([log.heard_within(tick, IN_TOUCH_S * self._rate_hz) for log, *_ in heard], np.bool_)
         return rows[in_touch], rows[~in_touch]
 
     def unknown_to(self, contacts: Iterable[str]) -> bool:
@@ -83,11 +83,11 @@ class PeerPlaces:
         lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
         return all(isinstance(peer, Merged) and peer.since < lately for peer in peers)
 
-    def _heard(self, tick: int, within_s: float) -> Iterator[tuple[str, Pose, float]]:
-        """Merged peers that were heard so lately: each one's name, and what `_last_pose` says of it."""
+    def _heard(self, tick: int, within_s: float) -> Iterator[tuple[PeerLog, Pose, float]]:
+        """Merged peers that were heard so lately, and what `_last_pose` says of each."""
         for peer in self._peers.merged:
             if peer.log.heard_within(tick, within_s * self._rate_hz):
-                yield peer.log.name, *self._last_pose(tick, peer)
+                yield peer.log, *self._last_pose(tick, peer)
 
     def _last_pose(self, tick: int, peer: Proposed | Merged) -> tuple[Pose, float]:
         """Where a peer said that it is, own frame, and how many metres it may have driven since."""
