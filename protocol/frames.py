@@ -1,7 +1,7 @@
 """Where the frames of others lie, for peers that may know those others, too (ours; docs/protocol.md).
 
 A robot that has merged a peer's map tells it the transforms of all other peers that it has merged. Each is told again
-after twice as many turns as the last time, so that a lossy radio brings it in the end, and a good one costs little.
+after twice as long as the last time, so that a lossy radio brings it in the end, and a good one costs little.
 """
 
 import re

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import LIKE_COS
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
@@ -151,3 +152,13 @@ def _verdicts(samples: Floats, t: Floats, walls: Walls, agree_m: float) -> Label
         if out[k] != AGREES and blocked and not touches:
             out[k] = CONFLICTS
     return out
+
+
+def contradict(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
+    """Whether metres of wall in conflict are too many for those that agree; robots that share work have few."""
+    return conflict_m > config.max_conflict * max(agreed_m, config.min_score_m)
+
+
+def bear_out(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
+    """Whether enough metres of wall agree, and few for that are in conflict."""
+    return agreed_m >= config.min_score_m and not contradict(agreed_m, conflict_m, config)

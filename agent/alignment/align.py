@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from agent.alignment.agreement import contradict
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
@@ -61,7 +62,7 @@ def by_features(mine: PreparedMap, theirs: PreparedMap, config: AlignmentConfig,
     corners = LEAST_CORNERS if said.score >= LONG * config.min_score_m else config.min_inliers
     if said.inliers < corners or said.score < config.min_score_m:
         return replace(said, reason="weak")
-    if said.conflict > config.max_conflict * said.agreement:
+    if contradict(said.agreement, said.conflict, config):
         return replace(said, reason="conflict")
     return said if said.margin < config.margin else replace(said, transform=said.best, reason="aligned")
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.agreement import agreement
+from agent.alignment.agreement import agreement, contradict
 from agent.alignment.align import LEAST_CORNERS, Alignment
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
@@ -102,7 +102,7 @@ def align_by_sight(mine: PreparedMap, theirs: PreparedMap, found: Consensus, con
         reason = "sighted"
         if inliers < LEAST_CORNERS or agreed < config.min_score_m:
             reason = "weak"
-        elif conflict > config.max_conflict * agreed:
+        elif contradict(agreed, conflict, config):
             reason = "conflict"
         pose = pose_of(t)
         share = agreed / min(mine.walls.length_m, theirs.walls.length_m)

@@ -1,4 +1,4 @@
-"""Maps from robot to robot over a radio that loses messages: whole at first contact, later what changed (ours).
+"""What robots tell each other over a radio that loses messages; of maps the whole first, later what changed (ours).
 
 Each peer is told the changes to the map that it last acknowledged, and nothing while it has all. A version of a map
 is the tick at which it was so. Both sides keep the maps that the other may still refer to.
@@ -28,7 +28,7 @@ NEVER = -(10**9)
 MOST_DOUBLINGS = 3
 """How often the wait for an acknowledgement doubles at most."""
 WHOLE_BYTES = 1.0
-"""A whole map takes more than this a vertex (1.7 measured), so shorter changes are not compared with it."""
+"""A whole map takes more than this a vertex (2.0 measured), so shorter changes are not compared with it."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
 SLACK_CELLS = 1.5
@@ -155,7 +155,7 @@ class MapNews:
 
 
 class Exchange:
-    """One robot's part of all exchanges of maps."""
+    """One robot's part of all that is told and heard."""
 
     def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int) -> None:
         """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries."""

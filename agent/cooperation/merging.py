@@ -9,14 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment.agreement import agreement
+from agent.alignment.agreement import agreement, contradict
 from agent.alignment.candidates import COARSE_M, refine
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Laid, Merged, Proposed
-from agent.cooperation.proposing import contradict
 from agent.cooperation.wall_fit import WallFit, fit_on_walls
 from agent.geometry.transform import apart
 from agent.mapping.layers import layer_of

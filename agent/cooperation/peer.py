@@ -25,7 +25,8 @@ from protocol.geometry import Pose, compose, pose_of
 MOST_FRAMES = 256
 """Others of whose frames one peer may tell (ours): more than there are robots in any run."""
 ENCOUNTERS_KEPT = 60
-"""Messages of a contact of which both places are kept, and sightings: two minutes of beacons and more."""
+"""Messages of a contact of which both places are kept, and sightings: five minutes of beacons, or one of those in
+sight."""
 
 
 MOST_SPEED = 1.5
@@ -134,7 +135,7 @@ class PeerLog:
                 self.frames[name] = np.array(frame)
 
     def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
-        """Keep where the peer says that it was at pose_tick, and what was seen when it said so.
+        """Keep where the peer says that it was at pose_tick; and of the first messages of a contact where both were.
 
         since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
@@ -205,7 +206,7 @@ class Laid(NamedTuple):
     """A received map in the robot's own frame."""
 
     hidden: Bools
-    """(m,) its walls that own scans have seen through, and that are not shown."""
+    """(m,) its walls that are not shown: own scans have seen through them, or their sender seldom saw them."""
     layer: Layer
     """The others."""
     first_hand: Layer

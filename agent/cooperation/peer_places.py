@@ -62,7 +62,7 @@ class PeerPlaces:
         return _rows((x, y, DISC_GATE_M + drive_m) for _, (x, y, _), drive_m in heard)
 
     def partners(self, tick: int, robot: str) -> tuple[Floats, Floats]:
-        """(k, 3) those that divide the work, and (j, 3) those of them that are silent.
+        """(k, 3) those that divide the work and were heard lately, and (j, 3) those that are silent.
 
         Each one's place, and metres by which it must be nearer to a task: half of the way that it may have gone since,
         and NEARER_M more or less by name. robot: its own name.

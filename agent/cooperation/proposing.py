@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment.agreement import BENT_M, EXACT_M, agreement, beside
+from agent.alignment.agreement import BENT_M, EXACT_M, agreement, bear_out, beside, contradict
 from agent.alignment.align import LEAST_CORNERS, Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus, squared
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
@@ -85,7 +85,7 @@ class Aligner:
         return True
 
     def both(self, log: PeerLog, own: Wireframe) -> tuple[PreparedMap, PreparedMap] | None:
-        """The own map and the peer's newest, made ready; None where one has too few corners to compare."""
+        """The own map and the peer's newest, made ready; None where one is too large."""
         assert log.map is not None
         mine, theirs = self.prepared(own), prepare(log.map.wireframe, self.config)
         return None if mine is None or theirs is None else (mine, theirs)
@@ -161,7 +161,7 @@ class Aligner:
         return said
 
     def align_near(self, log: PeerLog, own: Wireframe, transform: Floats) -> Alignment | None:
-        """The alignment near a transform (3,) that others say; None where a map is too large or too small."""
+        """The alignment near a transform (3,) that others say; None where a map is too large."""
         maps = self.both(log, own)
         if maps is None:
             return None
@@ -222,16 +222,6 @@ def corners_agree(mine: PreparedMap, theirs: PreparedMap, transform: Floats) -> 
     if not len(refined.transforms) or refined.inliers[0] < LEAST_CORNERS:
         return False
     return not apart(refined.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD)
-
-
-def contradict(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
-    """Whether metres of wall in conflict are too many for those that agree; robots that share work have few."""
-    return conflict_m > config.max_conflict * max(agreed_m, config.min_score_m)
-
-
-def bear_out(agreed_m: float, conflict_m: float, config: AlignmentConfig) -> bool:
-    """Whether enough metres of wall agree, and few for that are in conflict."""
-    return agreed_m >= config.min_score_m and not contradict(agreed_m, conflict_m, config)
 
 
 def off_its_map(log: PeerLog) -> bool:

@@ -94,13 +94,8 @@ class Team:
         return self.peers.merged_ticks
 
     @property
-    def shares_work_with(self) -> list[Merged]:
-        """Merged peers with which the robot divides its work."""
-        return self.merged if self.config.division else []
-
-    @property
     def frames(self) -> Mapping[str, Pose]:
-        """Where their frames lie in the robot's own."""
+        """Where the frames of merged peers lie in the robot's own, as far as they are told to others."""
         return self.peers.frames if self.config.division else NOBODY
 
     @property
@@ -195,7 +190,7 @@ class Team:
             if self._align(tick, peer, own):
                 break
         if self.changed or self._views_changed:
-            self.views.gather(self.shares_work_with)
+            self.views.gather(self.merged if self.config.division else [])
 
     def _align(self, tick: int, peer: Peer, own: Wireframe) -> bool:
         """Propose a transform, weigh later maps of a proposal, or refine a merged map; false where nothing is due."""

@@ -38,7 +38,7 @@ _LEAST_GAIN = 1e-9  # a change must make the tour this much cheaper, or rounding
 
 
 class Task(NamedTuple):
-    """Something to look at, and from where."""
+    """Something to look at, and from where; or a place to be at, as home."""
 
     kind: TaskKind
     place: Floats  # (2,) what is to be seen, metres
@@ -50,24 +50,24 @@ class Task(NamedTuple):
 
 
 class Agenda(NamedTuple):
-    """Tasks that are put in order, and the ways between them, metres."""
+    """Tasks that are put in order, and the costs of paths between them, metres."""
 
     tasks: list[Task]  # n of them
-    ways: Floats  # (n,) to each from where the robot is; inf where there is none
-    between: Floats  # (n, n) to each from each; FAR_M where there is none
+    costs: Floats  # (n,) to each from where the robot is; inf where there is no path
+    between: Floats  # (n, n) to each from each; FAR_M where there is no path
 
     @property
     def stands(self) -> Floats:
         """(n, 2) where to stand for each."""
         return np.array([task.stand for task in self.tasks])
 
-    def costs(self, ways: Floats) -> Floats:
-        """Ways (..., n) to the tasks, longer where the view from there is worse, FAR_M at most."""
-        return np.asarray(np.minimum(ways + np.array([task.extra_m for task in self.tasks]), FAR_M))
+    def with_extra(self, costs: Floats) -> Floats:
+        """Costs (..., n) of paths to the tasks, more where the view from there is worse, FAR_M at most."""
+        return np.asarray(np.minimum(costs + np.array([task.extra_m for task in self.tasks]), FAR_M))
 
     def of(self, rows: Ints) -> "Agenda":
         """Some of the tasks only."""
-        return Agenda([self.tasks[k] for k in rows], self.ways[rows], self.between[np.ix_(rows, rows)])
+        return Agenda([self.tasks[k] for k in rows], self.costs[rows], self.between[np.ix_(rows, rows)])
 
 
 @dataclass(slots=True)
@@ -147,12 +147,12 @@ def open_tour(cost: Floats, waits: Bools, haste: float) -> Ints:
 
 
 def agenda_of(tasks: list[Task], roads: Roads) -> Agenda:
-    """The nearest of some tasks, at least one, that which is begun first, and the ways between them."""
+    """The nearest of some tasks, at least one, that which is begun first, and the costs of paths between them."""
     stands = np.array([task.stand for task in tasks])
-    every = Agenda(tasks, roads.costs(stands), np.zeros((0, 0)))
-    near = np.lexsort((every.costs(every.ways), np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
+    every = Agenda(tasks, roads.costs(stands), np.zeros((0, 0)))  # the table of all is not asked for
+    near = np.lexsort((every.with_extra(every.costs), np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
     between = np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M)
-    return Agenda([tasks[k] for k in near], every.ways[near], between)
+    return Agenda([tasks[k] for k in near], every.costs[near], between)
 
 
 def first_of_tour(agenda: Agenda, detour_m: float, haste: float) -> Task:
@@ -164,7 +164,7 @@ def first_of_tour(agenda: Agenda, detour_m: float, haste: float) -> Task:
     """
     tasks, n = agenda.tasks, len(agenda.tasks)
     table = np.zeros((n + 1, n + 1))
-    table[0, 1:], table[1:, 1:] = agenda.costs(agenda.ways), agenda.between
+    table[0, 1:], table[1:, 1:] = agenda.with_extra(agenda.costs), agenda.between
     ends = np.array([False, *map(is_end, tasks)])
     order = open_tour(table, ends, haste)
     if tasks[0].begun:

@@ -2,9 +2,9 @@
 
 Tasks are given away one by one, to whoever's tour with it is shortest then: the sequential single-item auction with the
 MiniMax rule (Lagoudakis et al., RSS 2005). So of two robots side by side one leaves for what the other would do last,
-where a rule of the nearest has both drive to the same end. A teammate that is nearer to no task does not bid, as of a
-crowd most are far off. Nor does one that was not heard for a while, as it knows nothing of new tasks: it has what it is
-nearer to.
+where a rule of the nearest has both drive to the same end. A teammate that even in a straight line is nearer to no task
+does not bid, as of a crowd most are far off. Nor does one that was not heard for a while, as it knows nothing of new
+tasks: it has what it is nearer to.
 """
 
 import math
@@ -62,11 +62,11 @@ def own_share(agenda: Agenda, roads: Roads, partners: Floats, silent: Floats) ->
     silent, partners = (_that_may_be_nearer(some, agenda) for some in (silent, partners))
     if len(silent):
         theirs = roads.costs_from(silent[:, :2], agenda.stands) + silent[:, 2:]
-        agenda = agenda.of(np.flatnonzero((agenda.ways <= theirs).all(0)))
+        agenda = agenda.of(np.flatnonzero((agenda.costs <= theirs).all(0)))
     if not agenda.tasks or not len(partners):
         return agenda
     theirs = roads.costs_from(partners[:, :2], agenda.stands) + partners[:, 2:]
-    owner = auction(agenda.costs(np.vstack((agenda.ways, theirs))), agenda.between)
+    owner = auction(agenda.with_extra(np.vstack((agenda.costs, theirs))), agenda.between)
     return agenda.of(np.flatnonzero(owner == 0))
 
 
@@ -75,4 +75,4 @@ def _that_may_be_nearer(teammates: Floats, agenda: Agenda) -> Floats:
     if not len(teammates):
         return teammates
     straight = np.hypot(*(teammates[:, None, :2] - agenda.stands).transpose(2, 0, 1))
-    return np.asarray(teammates[(agenda.ways > straight + teammates[:, 2:]).any(1)])
+    return np.asarray(teammates[(agenda.costs > straight + teammates[:, 2:]).any(1)])

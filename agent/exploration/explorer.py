@@ -1,7 +1,7 @@
 """Where a robot goes: the targets of Algorithm 1's branches (paper IV), kept until they are reached or given up.
 
 Where the paper is silent the rules are ours: goals have a memory, all trying and waiting is bounded, and `complete`
-is a state that a new frontier ends.
+is a state that a new frontier ends, or viewpoints that are taken back.
 """
 
 import math
@@ -32,7 +32,7 @@ from protocol.messages import Event, RobotSpec
 LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
 """Seconds near a standing point before a goal counts as unresolved: a map changes its mind after three scans. A face of
 0.1 m becomes a wall after a dozen."""
-ARRIVED_M = 0.08  # nearer is there: half of what two ticks drive at full speed, so that no robot overshoots
+ARRIVED_M = 0.08  # nearer is there: nearly what two ticks drive at full speed, so that no robot overshoots
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
@@ -344,7 +344,11 @@ class Explorer:
         for roads in self.surroundings.ways(scene):
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 return self._pursue(scene, old.task, roads, old)
-            task = self.states.next(scene, roads, self.viewpoints) or self.homing.next(scene.map_sd_m, roads)
+            task = self.states.next(scene, roads, self.viewpoints)
+            if task is not None:
+                return self._pursue(scene, task, roads, None)
+        for roads in self.surroundings.ways(scene):
+            task = self.homing.next(scene.map_sd_m, roads)
             if task is not None:
                 return self._pursue(scene, task, roads, None)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
