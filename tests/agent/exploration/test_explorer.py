@@ -328,6 +328,21 @@ def test_where_its_map_may_lie_beside_its_frame_a_robot_goes_back_to_where_it_be
     assert commands[-1].complete
 
 
+def test_a_robot_goes_home_once_nothing_is_left_behind_tight_doors_either():
+    half = 0.5 * (TIGHT_M + SPEC.radius_m + DrivingConfig().path_air_m)  # of a door that tight ways fit through
+    room = [(-2, -2), (2, -2), (2, -half), (2.2, -half), (2.2, -1), (4, -1)]
+    closed, pose = chain([*room, *((x, -y) for x, y in reversed(room)), room[0]]), np.array((-1.0, 1.0, 2.0))
+    robot, reasons = explorer(), [""]
+    while reasons[-1] != "home":
+        assert len(reasons) < 2000
+        situation = Situation(len(reasons), closed, 1, pose_of(pose), Wireframe(), NOBODY, map_sd_m=lambda: 0.012)
+        command = step(robot, situation)
+        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        reasons.append(command.reason)
+    assert pose[0] > 2.0  # in the doorway, from where it has seen the rest
+
+
 @pytest.mark.parametrize("place", [(3.0, 1.0), (3.0, 1.8)])
 def test_what_was_glimpsed_and_is_no_wall_of_the_map_is_looked_at_once_from_close_by(place):
     room, pose = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)]), np.array((-2.0, -1.0, 0.5))
