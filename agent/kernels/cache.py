@@ -28,7 +28,7 @@ from protocol.files import write_whole
 
 IN_PACKAGE = Path(__file__).parents[1] / "__pycache__" / "kernels"  # filled at installation, and found by all users
 
-FORMAT = 2
+FORMAT = 3
 """Of what is kept: a file of another one has another name."""
 
 COMPRESSION = 1

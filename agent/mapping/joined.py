@@ -13,7 +13,8 @@ from agent.corner_scan import NOISE_FLOOR_M
 from agent.geometry.lines import above, along
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, WALL, related
-from agent.mapping.joint import PER_WALL, has_rows, observe, row_of
+from agent.mapping.joint import PER_WALL, has_rows, row_of
+from agent.mapping.kalman import observe
 from protocol.arrays import Floats, Records
 
 

@@ -14,6 +14,7 @@ from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, TENTATIVE, WALL, related, set_tip, spread, squares_beside, tip_at
+from agent.mapping.kalman import observe
 from agent.mapping.tentative import is_steady
 from protocol.arrays import Bools, Floats, Ints, Records
 from protocol.geometry import Pose
@@ -48,42 +49,6 @@ def row_of(wall: int) -> int:
 def has_rows(joint: Floats) -> int:
     """How many walls may have rows."""
     return (len(joint) - WALLS) // PER_WALL
-
-
-@kernel
-def observe(
-    joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float
-) -> float:
-    """Take in one number by Kalman's update of joint (m, m) and shift (m,), in place.
-
-    off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
-    shift: what the estimates are to move by so far. Its weight is Cauchy's: it falls where the number is off by more
-    than its variance and the covariance explain. One that is off by more `sigmas` than both is of something else.
-    Returns by how many deviations of both it is off.
-    """
-    m = len(shift)
-    gain, known, left = np.zeros(m), 0.0, off
-    for k in range(len(rows)):
-        row = joint[rows[k]]
-        for i in range(m):
-            gain[i] += slopes[k] * row[i]
-    for k in range(len(rows)):
-        known += slopes[k] * gain[rows[k]]
-        left -= slopes[k] * shift[rows[k]]
-    deviations = left / math.sqrt(known + variance)
-    if deviations * deviations > sigmas * sigmas:
-        return deviations
-    total = known + variance * (1.0 + left * left / (4.0 * (known + variance)))
-    scale = 1.0 / math.sqrt(total)
-    for i in range(m):  # of both sides alike, so that the covariance stays symmetric to the last bit
-        gain[i] *= scale
-    for i in range(m):
-        if gain[i] != 0.0:
-            shift[i] += gain[i] * scale * left
-            row = joint[i]
-            for j in range(m):  # whole rows, which the processor takes four or more numbers at a time
-                row[j] -= gain[i] * gain[j]
-    return deviations
 
 
 @kernel

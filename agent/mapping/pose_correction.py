@@ -25,11 +25,11 @@ from agent.mapping.joint import (
     end_sd,
     has_rows,
     is_landmark,
-    observe,
     place_end,
     row_of,
     tells_end,
 )
+from agent.mapping.kalman import Update, observe, settle, take, update_of, variance_of
 from agent.mapping.scan_merge import same_line
 from agent.mapping.strain import strain
 from agent.mapping.tentative import main_axis, tentative_of
@@ -147,23 +147,24 @@ def correct_pose(
 
     axis: the estimate's, with the deviation of walls from it, infinite where there is none.
     """
-    rows = np.array((2, BEGIN + 2, AXIS))
+    update, rows = update_of(joint, shift), np.array((2, BEGIN + 2, AXIS))
     for k in range(len(pieces)):
         p = pieces[k]
         if walls[k] >= 0:
             for e in range(count):
                 if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
-                    _observe_wall(edges, e, p, pose, joint, shift, gates.noise)
+                    _observe_wall(edges, e, p, pose, update, gates.noise)
             continue
         tentative = tentative_of(edges, count, p, gates)
         if tentative >= 0 and related(edges[tentative]):
-            _observe_wall(edges, tentative, p, pose, joint, shift, gates.noise)
+            _observe_wall(edges, tentative, p, pose, update, gates.noise)
         elif math.isfinite(axis.sd):
             off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
             sd = gates.noise / math.sqrt(p.spread)
-            if sd < AXIS_PIECE_SD and off * off < AXIS_SIGMAS**2 * (sd * sd + axis.sd**2 + joint[2, 2]):
+            if sd < AXIS_PIECE_SD and off * off < AXIS_SIGMAS**2 * (sd * sd + axis.sd**2 + variance_of(update, 2)):
                 slopes = np.array((p.moment, 1.0 - p.moment, -1.0))
-                observe(joint, shift, rows, slopes, off, sd * sd + axis.sd**2, math.inf)
+                take(update, rows, slopes, off, sd * sd + axis.sd**2, math.inf)
+    settle(update)
 
 
 @kernel
@@ -220,7 +221,7 @@ def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> 
 
 
 @kernel
-def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, shift: Floats, noise: float) -> None:
+def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: Update, noise: float) -> None:
     """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor."""
     w, row = edges[e], row_of(e)
     if not related(w):
@@ -229,8 +230,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
     worth = UNSURE_WORTH if _may_be_of_two_faces(p, w, t, noise) else 1.0
     off = -above(w, p.x, p.y)
     deviations = _observe(
-        joint,
-        shift,
+        update,
         p.moment,
         (-w.uy, w.ux, lever),
         np.array((row, row + 1)),
@@ -241,10 +241,10 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
     )
     turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
     if worth == 1.0:
-        strain(w, row, joint, t, off, deviations)
+        strain(w, row, update.joint, t, off, deviations)
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
-        _observe(joint, shift, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
+        _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
     for side in range(2):
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue
@@ -256,16 +256,16 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, joint: Floats, 
         if f >= 0 and related(edges[f]):
             corner = corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
             rows = np.array((row, row + 1, row_of(f), row_of(f) + 1))
-            _observe(joint, shift, p.moment, lengthwise, rows, corner, off, sd * sd, END_SIGMAS)
+            _observe(update, p.moment, lengthwise, rows, corner, off, sd * sd, END_SIGMAS)
         elif is_landmark(w, side):
             end, rows, slopes = row + 2 + side, np.zeros(6, np.int64), np.zeros(6)
-            if joint[end, end] > 0.0:
-                _observe(
-                    joint, shift, p.moment, lengthwise, np.array((end,)), np.array((-1.0,)), off, sd * sd, END_SIGMAS
-                )
+            if update.joint[end, end] > 0.0:
+                itself = np.array((end,)), np.array((-1.0,))
+                _observe(update, p.moment, lengthwise, *itself, off, sd * sd, END_SIGMAS)
                 continue
             _spread(rows, slopes, p.moment, lengthwise)
-            place_end(joint, end, rows, slopes, sd * sd)
+            settle(update)
+            place_end(update.joint, end, rows, slopes, sd * sd)
 
 
 @kernel
@@ -290,8 +290,7 @@ def _spread(rows: Ints, slopes: Floats, moment: float, by_pose: tuple[float, flo
 
 @kernel
 def _observe(
-    joint: Floats,
-    shift: Floats,
+    update: Update,
     moment: float,
     by_pose: tuple[float, float, float],
     rows: Ints,
@@ -304,4 +303,4 @@ def _observe(
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
     _spread(all_rows, all_slopes, moment, by_pose)
     all_rows[6:], all_slopes[6:] = rows, slopes
-    return observe(joint, shift, all_rows, all_slopes, off, variance, sigmas)
+    return take(update, all_rows, all_slopes, off, variance, sigmas)

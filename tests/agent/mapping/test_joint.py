@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from agent.mapping.edges import EDGE, TENTATIVE, WALL, line_sd, related
-from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, observe, relate, row_of
+from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, relate, row_of
+from agent.mapping.kalman import observe
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose
 

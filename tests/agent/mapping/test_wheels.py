@@ -6,7 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from agent.mapping.joint import BEGIN, WALLS, observe
+from agent.mapping.joint import BEGIN, WALLS
+from agent.mapping.kalman import observe
 from agent.mapping.wheels import Wheels, moves_of
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, relative
