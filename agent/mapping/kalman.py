@@ -1,8 +1,8 @@
 """Kalman's update of a joint Gaussian, one number after the other (ours in detail).
 
-Each number takes the outer product of a gain with itself off the covariance. A scan tells 20 to 60 numbers, of some
-hundred rows, and the arithmetic is done sooner than memory is read. So gains are kept, and the covariance is gone
-through once for eight of them: in `apartment` a third of the time.
+Each number takes the outer product of a gain with itself off the covariance. In `apartment` a scan tells 24 numbers of
+210 rows, and the arithmetic is done sooner than memory is read. So gains are kept, and the covariance is gone through
+once for eight of them, which with vectorised loops takes half of the time to correct a pose there (0.24 ms).
 """
 
 import math
