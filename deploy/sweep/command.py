@@ -50,9 +50,10 @@ def fill(
     quiet: bool = False,
 ) -> None:
     """Do those tasks of which the store has no result. Raises InputError, LinkError and OSError."""
+    if not _left(store, tasks, retry_failed):
+        return  # a store that is full may be read by many at a time
     with store.alone():
-        kept = store.kept() - (store.failed() if retry_failed else set())
-        if not (left := [task for task in tasks if task.key not in kept]):
+        if not (left := _left(store, tasks, retry_failed)):
             return
         from deploy.sweep.engine import cluster, local_workers, run_all
 
@@ -67,6 +68,12 @@ def fill(
 
             with cluster(scheduler, certs) if scheduler else ours as (address, security):
                 run_all(left, address, security, keep, progress.say)
+
+
+def _left(store: Store, tasks: Sequence[WorkerTask], retry_failed: bool) -> list[WorkerTask]:
+    """Tasks of which the store has no result."""
+    kept = store.kept() - (store.failed() if retry_failed else set())
+    return [task for task in tasks if task.key not in kept]
 
 
 def _leave(progress: SweepProgress) -> None:

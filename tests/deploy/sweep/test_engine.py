@@ -161,6 +161,16 @@ def test_only_one_process_fills_a_folder(tmp_path: Path) -> None:
     assert not results(out)
 
 
+def test_many_processes_may_find_a_folder_full_at_a_time(tmp_path: Path) -> None:
+    """Cases of `bench alignment` that ran beside each other failed, as each asked for the recordings of all."""
+    store = Store(tmp_path, "0123")
+    store.keep({"key": "done", "status": OK, "reason": "", "settings": "{}"})
+    with store.alone():
+        fill(store, [WorkerTask("done", {}, os.getpid, ())], 1, quiet=True)
+        with pytest.raises(InputError, match="another process fills it"):
+            fill(store, [WorkerTask("missing", {}, os.getpid, ())], 1, quiet=True)
+
+
 def test_a_worker_with_other_sources_refuses() -> None:
     with pytest.raises(RuntimeError, match="another version"):
         work(task_of(Job("key", {}, {})), "0123")
