@@ -278,7 +278,7 @@ TABLES = [
         "sharing",
         _titled(": time until every robot has 99 %"),
         _sharing,
-        "seed; on: sharing s; off: without s; ratio <= 0.75; spread: quarters",
+        "seed; on: sharing s; off: without s; ratio <= 0.5; spread: quarters",
         judged=lambda row: row["seed"] == "median",
     ),
     Table(
@@ -286,7 +286,7 @@ TABLES = [
         _titled(": team coverage of 99 %, medians of the seeds"),
         _division,
         "robots; seeds; divided: with division s; undivided: without s; alone: one robot s; "
-        "ratio <= 0.55: to one robot; spread: quarters; sooner <= 1: to without",
+        "ratio <= 0.45: to one robot; spread: quarters; sooner <= 1: to without",
         judged=lambda row: row["robots"] == 3,
         drawn=draw_division,
     ),
