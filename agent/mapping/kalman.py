@@ -16,7 +16,7 @@ from protocol.arrays import Floats, Ints
 TOGETHER = 8
 
 
-class Update(NamedTuple):
+class KalmanUpdate(NamedTuple):
     """An update of errors (m,) under way: their covariance is `joint` less all outer products of `gains`."""
 
     joint: Floats  # (m or more, m or more)
@@ -26,9 +26,9 @@ class Update(NamedTuple):
 
 
 @kernel
-def update_of(joint: Floats, shift: Floats) -> Update:
+def update_of(joint: Floats, shift: Floats) -> KalmanUpdate:
     """Begin an update of a covariance and a shift, both in place."""
-    return Update(joint, shift, np.zeros((TOGETHER, len(shift))), np.zeros(1, np.int64))
+    return KalmanUpdate(joint, shift, np.zeros((TOGETHER, len(shift))), np.zeros(1, np.int64))
 
 
 @kernel
@@ -43,7 +43,7 @@ def observe(
 
 
 @kernel
-def take(update: Update, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float) -> float:
+def take(update: KalmanUpdate, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float) -> float:
     """Take in one number.
 
     off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
@@ -81,7 +81,7 @@ def take(update: Update, rows: Ints, slopes: Floats, off: float, variance: float
 
 
 @kernel
-def variance_of(update: Update, row: int) -> float:
+def variance_of(update: KalmanUpdate, row: int) -> float:
     """The variance of one error, all numbers counted."""
     gone = 0.0
     for n in range(update.number[0]):
@@ -90,7 +90,7 @@ def variance_of(update: Update, row: int) -> float:
 
 
 @kernel
-def settle(update: Update) -> None:
+def settle(update: KalmanUpdate) -> None:
     """Let the covariance count all numbers: whoever sets rows of it asks for that before."""
     joint, shift, gains, number = update
     if number[0] == TOGETHER:

@@ -29,7 +29,7 @@ from agent.mapping.joint import (
     row_of,
     tells_end,
 )
-from agent.mapping.kalman import Update, observe, settle, take, update_of, variance_of
+from agent.mapping.kalman import KalmanUpdate, observe, settle, take, update_of, variance_of
 from agent.mapping.scan_merge import same_line
 from agent.mapping.strain import strain
 from agent.mapping.tentative import main_axis, tentative_of
@@ -221,7 +221,7 @@ def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> 
 
 
 @kernel
-def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: Update, noise: float) -> None:
+def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: KalmanUpdate, noise: float) -> None:
     """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor."""
     w, row = edges[e], row_of(e)
     if not related(w):
@@ -290,7 +290,7 @@ def _spread(rows: Ints, slopes: Floats, moment: float, by_pose: tuple[float, flo
 
 @kernel
 def _observe(
-    update: Update,
+    update: KalmanUpdate,
     moment: float,
     by_pose: tuple[float, float, float],
     rows: Ints,
