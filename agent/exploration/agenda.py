@@ -61,10 +61,6 @@ class Agenda(NamedTuple):
         """(n, 2) where to stand for each."""
         return np.array([task.stand for task in self.tasks])
 
-    def with_extra(self, costs: Floats) -> Floats:
-        """Costs (..., n) of paths to the tasks, more where the view from there is worse, FAR_M at most."""
-        return np.asarray(np.minimum(costs + np.array([task.extra_m for task in self.tasks]), FAR_M))
-
     def of(self, rows: Ints) -> "Agenda":
         """Some of the tasks only."""
         return Agenda([self.tasks[k] for k in rows], self.costs[rows], self.between[np.ix_(rows, rows)])
@@ -149,10 +145,15 @@ def open_tour(cost: Floats, waits: Bools, haste: float) -> Ints:
 def agenda_of(tasks: list[Task], roads: Roads) -> Agenda:
     """The nearest of some tasks, at least one, that which is begun first, and the costs of paths between them."""
     stands = np.array([task.stand for task in tasks])
-    every = Agenda(tasks, roads.costs(stands), np.zeros((0, 0)))  # the table of all is not asked for
-    near = np.lexsort((every.with_extra(every.costs), np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
+    costs = roads.costs(stands)
+    near = np.lexsort((with_extra(costs, tasks), np.array([not task.begun for task in tasks])))[:TOUR_TASKS]
     between = np.minimum(roads.costs_from(stands[near], stands[near]), FAR_M)
-    return Agenda([tasks[k] for k in near], every.costs[near], between)
+    return Agenda([tasks[k] for k in near], costs[near], between)
+
+
+def with_extra(costs: Floats, tasks: list[Task]) -> Floats:
+    """Costs (..., n) of paths to tasks, more where the view from there is worse, FAR_M at most."""
+    return np.asarray(np.minimum(costs + np.array([task.extra_m for task in tasks]), FAR_M))
 
 
 def first_of_tour(agenda: Agenda, detour_m: float, haste: float) -> Task:
@@ -164,7 +165,7 @@ def first_of_tour(agenda: Agenda, detour_m: float, haste: float) -> Task:
     """
     tasks, n = agenda.tasks, len(agenda.tasks)
     table = np.zeros((n + 1, n + 1))
-    table[0, 1:], table[1:, 1:] = agenda.with_extra(agenda.costs), agenda.between
+    table[0, 1:], table[1:, 1:] = with_extra(agenda.costs, tasks), agenda.between
     ends = np.array([False, *map(is_end, tasks)])
     order = open_tour(table, ends, haste)
     if tasks[0].begun:

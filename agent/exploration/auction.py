@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from agent.exploration.agenda import Agenda
+from agent.exploration.agenda import Agenda, with_extra
 from agent.exploration.planning import Roads
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
@@ -21,9 +21,9 @@ from protocol.arrays import Floats, Ints
 def auction(starts: Floats, between: Floats) -> Ints:
     """Who of m robots does each of n tasks (n,).
 
-    starts: (m, n) costs of ways to the tasks; between: (n, n) costs of ways from task to task; metres, finite. A robot
-    bids the length of its tour with the task, put in where it lengthens the tour least; the lowest bid of all robots
-    and tasks wins. Of equal bids the first robot's counts, and of its bids that for the first task.
+    starts: (m, n) costs of paths to the tasks; between: (n, n) of paths from task to task; metres, finite. A robot bids
+    the length of its tour with the task, put in where it lengthens the tour least; the lowest bid of all robots and
+    tasks wins. Of equal bids the first robot's counts, and of its bids that for the first task.
     """
     m, n = starts.shape
     owner = np.full(n, -1)
@@ -66,7 +66,7 @@ def own_share(agenda: Agenda, roads: Roads, partners: Floats, silent: Floats) ->
     if not agenda.tasks or not len(partners):
         return agenda
     theirs = roads.costs_from(partners[:, :2], agenda.stands) + partners[:, 2:]
-    owner = auction(agenda.with_extra(np.vstack((agenda.costs, theirs))), agenda.between)
+    owner = auction(with_extra(np.vstack((agenda.costs, theirs)), agenda.tasks), agenda.between)
     return agenda.of(np.flatnonzero(owner == 0))
 
 

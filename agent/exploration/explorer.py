@@ -341,13 +341,15 @@ class Explorer:
         """The next task of the default state, or wait for teammates that bar all there is, or complete and park."""
         if self.complete:
             return self._park(scene, old)
+        tried = list[Roads]()
         for roads in self.surroundings.ways(scene):
             if old is not None and not is_end(old.task) and roads.reached(old.task.stand[None])[0]:
                 return self._pursue(scene, old.task, roads, old)
             task = self.states.next(scene, roads, self.viewpoints)
             if task is not None:
                 return self._pursue(scene, task, roads, None)
-        for roads in self.surroundings.ways(scene):
+            tried.append(roads)
+        for roads in tried:
             task = self.homing.next(scene.map_sd_m, roads)
             if task is not None:
                 return self._pursue(scene, task, roads, None)
