@@ -60,7 +60,7 @@ def test_an_end_holds_the_robot_along_its_wall_however_few_beams_show_it(side: i
 
 def test_an_end_beyond_which_hits_may_be_of_the_next_face_does_not() -> None:
     """It seems too far out, and pulled the robot along."""
-    assert moved_by(0, OFF_M, face=0.02) == 0.0
+    assert moved_by(0, OFF_M, face=0.002) == 0.0
 
 
 def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:
