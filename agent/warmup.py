@@ -30,12 +30,12 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.passenger import Passenger
 from agent.robot import Robot
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose
+from protocol.geometry import Pose, compose, pose_of
 from protocol.messages import Heard, Observation, RobotSpec
 from protocol.wireframe import enclosed
 
-TICKS_TO_LOAD = 40  # enough for one robot to map some walls, choose a frontier, plan and drive
-TICKS_TO_COMPILE = 120  # enough for two robots to merge their maps, after 82, and to explore what is left
+TICKS_TO_LOAD = 70  # enough for one robot to look about, which takes 50, map some walls, choose a frontier and drive
+TICKS_TO_COMPILE = 170  # enough for two robots to merge their maps, after 132, and to explore what is left
 
 TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which close loops
 
@@ -107,7 +107,7 @@ def _close_a_loop() -> None:
     mind = Passenger(spec, AgentConfig())
     for tick in range(TICKS_TO_CLOSE):
         moved = (1.0 + 0.5 * math.sin(tick), 0.0, 0.0)
-        ranges = _ranges(compose(_STARTS[0], moved), _BUILDING.segments(), np.zeros((0, 2)), spec)
+        ranges = _ranges(_beams(compose(_STARTS[0], moved), (0.0, 0.0, 0.0), spec), np.zeros((0, 2)), spec)
         mind.step(Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved))
     mind.finish()
     mind.wireframe()
@@ -130,28 +130,38 @@ def _explore(starts: Sequence[Pose], ticks: int) -> None:
     """Let robots explore from their starts and hear each other."""
     spec, config, rng = RobotSpec(), AgentConfig(), np.random.default_rng(0)
     robots = [Robot(f"r{k + 1}", spec, config, k) for k in range(len(starts))]
-    moved: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)
+    moves: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)  # in the last period, in the frame of its begin
+    moved = list(moves)  # since the start
     heard: list[list[Heard]] = [[] for _ in starts]
     for tick in range(ticks):
-        poses = [compose(start, by) for start, by in zip(starts, moved, strict=True)]
+        begins = [compose(start, by) for start, by in zip(starts, moved, strict=True)]
+        poses = [compose(begin, by) for begin, by in zip(begins, moves, strict=True)]
         said: list[list[Heard]] = [[] for _ in starts]
         for k, robot in enumerate(robots):
             others = np.array([pose[:2] for n, pose in enumerate(poses) if n != k]).reshape(-1, 2)
-            ranges = _ranges(poses[k], _BUILDING.segments(), others, spec) + rng.normal(0.0, _NOISE_M, spec.lidar.beams)
+            ranges = _ranges(_beams(begins[k], moves[k], spec), others, spec)
+            ranges += rng.normal(0.0, _NOISE_M, spec.lidar.beams)
+            moved[k] = compose(moved[k], moves[k])
             seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=moved[k])
             step = robot.step(seen, heard[k])
             ahead = step.action.speed_mps / spec.lidar.rate_hz
-            moved[k] = compose(moved[k], (ahead, 0.0, step.action.turn_rps / spec.lidar.rate_hz))
+            moves[k] = (ahead, 0.0, step.action.turn_rps / spec.lidar.rate_hz)
             sent = [Heard(tick=tick, sender=robot.robot, kind=send.kind, payload=send.payload) for send in step.sends]
             for n in set(range(len(robots))) - {k}:  # with two robots, all messages are for the other
                 said[n] += sent
         heard = said
 
 
-def _ranges(pose: Pose, walls: Floats, others: Floats, spec: RobotSpec) -> Floats:
-    """(beams,) metres to the walls and to other robots, inf beyond the lidar's range."""
-    angles = pose[2] + np.arange(spec.lidar.beams) * (2 * math.pi / spec.lidar.beams)
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+def _beams(begin: Pose, move: Pose, spec: RobotSpec) -> Floats:
+    """(beams, 3) where each beam begins and points in a period with this move, given in the frame of its begin."""
+    poses = np.array([compose(begin, pose_of(share * np.array(move))) for share in spec.lidar.moments()])
+    return poses + np.outer(spec.lidar.bearings(), [0, 0, 1])
+
+
+def _ranges(beams: Floats, others: Floats, spec: RobotSpec) -> Floats:
+    """(beams,) metres to the building's walls and to other robots, inf beyond the lidar's range."""
+    walls, pose = _BUILDING.segments(), beams.T[:, :, None]
+    c, s = np.cos(pose[2]), np.sin(pose[2])
     from_x, from_y = walls[:, 0] - pose[0], walls[:, 1] - pose[1]
     along_x, along_y = walls[:, 2] - walls[:, 0], walls[:, 3] - walls[:, 1]
     with np.errstate(divide="ignore", invalid="ignore"):

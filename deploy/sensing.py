@@ -12,11 +12,10 @@ IDEAL: dict[str, Any] = {
 }
 """Settings of `spec` for the paper's sensing: a lidar that looks everywhere at once, and exact odometry."""
 
-REAL: dict[str, Any] = {
-    "lidar": {"turning": True, "noise_share": 0.0175, "grazing_deg": 3.0, "mixed": 0.2},
-    "odometry": {"noisy": True},
-}
-"""Settings of `spec` for a TurtleBot3 Burger with its LDS-01; each setting says where its value is from."""
+_DEFAULT = RobotSpec().model_dump()
+
+REAL: dict[str, Any] = {part: {key: _DEFAULT[part][key] for key in settings} for part, settings in IDEAL.items()}
+"""The same settings for a TurtleBot3 Burger with its LDS-01: the defaults, each of which says where it is from."""
 
 
 IDEAL_BENCHMARK: ContextVar[bool] = ContextVar("IDEAL_BENCHMARK", default=False)

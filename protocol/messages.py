@@ -111,7 +111,7 @@ class LidarSpec(Message, use_attribute_docstrings=True):
 
     beams: Annotated[int, Field(ge=8, le=MAX_BEAMS)] = 360
     """Beams of a scan, evenly over the field of view: beam k points at `bearings()[k]`."""
-    turning: bool = False
+    turning: bool = True
     """Whether beams are taken one after the other while the lidar turns, the last one at the scan's stamp; else all at
     the stamp (paper)."""
     field_of_view_deg: Annotated[Finite, Field(ge=1, le=360)] = 360.0
@@ -136,15 +136,15 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     """Standard deviation of a near range, metres: the data sheet's +-10 mm below 0.5 m, read as one deviation as in the
     robot's Gazebo model. Its error of accuracy (+-15 mm, +-5 %) is one of the sensor's scale, which calibration takes
     out, and is left out."""
-    noise_share: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    noise_share: Annotated[Finite, Field(ge=0, le=1)] = 0.0175
     """Standard deviation of a far range, as a share of it; the larger of both holds. 0.0175 is the data sheet's +-3.5 %
     beyond 0.5 m, read as two deviations, as limits are without other notice (GUM, coverage factor 2)."""
     dropout: Annotated[Finite, Field(ge=0, le=1)] = 0.0
     """Probability that a beam is not measured, whatever it meets."""
-    grazing_deg: Annotated[Finite, Field(ge=0, le=90)] = 0.0
+    grazing_deg: Annotated[Finite, Field(ge=0, le=90)] = 3.0
     """Degrees between beam and wall at which a beam is lost with a probability of 1/e, and of less the steeper it
     meets: exp(-sin(angle) / sin(grazing_deg)). 3 loses one in 14 at 8 degrees and 1 in 28,000 at 30 (ours)."""
-    mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.0
+    mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.2
     """Probability that one of the two beams at an edge reads a range between the near and the far surface: the width of
     a beam's footprint over the distance of two beams. 0.2 is a footprint of 3.5 mrad (ours)."""
 
@@ -180,9 +180,9 @@ class LidarSpec(Message, use_attribute_docstrings=True):
 
 
 class OdometrySpec(Message, use_attribute_docstrings=True):
-    """Dead reckoning: exact by default (paper III), or with errors that add up (ours)."""
+    """Dead reckoning with errors that add up (ours), or exact (paper III)."""
 
-    noisy: bool = False
+    noisy: bool = True
     """Whether the wheels have the errors below, and slip where the robot touches something."""
     distance_sd: Annotated[Finite, Field(ge=0, le=1000)] = 0.02
     """Metres of error along the path, per square root of a metre driven."""

@@ -5,10 +5,11 @@ import numpy as np
 from deploy.bench.rings import Point, ring
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec, Observation, OdometrySpec
+from tests.ideal import ideal_lidar
 from world.lidar.lidar import Lidar
 from world.odometry import Odometry
 
-HALF_TURN = LidarSpec(beams=180, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=10.0)
+HALF_TURN = ideal_lidar(beams=180, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=10.0)
 DRIFT = OdometrySpec(noisy=True, distance_sd=0.03, heading_sd_deg=1.5, turn_sd=0.03, wheel_sd=0.0, axle_sd=0.0)
 """As the logs in /work/shared/logs were made."""
 

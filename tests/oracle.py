@@ -17,6 +17,7 @@ from agent.geometry.clearance import distance_to_walls
 from deploy.metrics import score, truth_of
 from protocol.messages import Event, RobotSpec
 from protocol.wireframe import Label, Wireframe
+from tests.ideal import ideal_spec
 from world.coverage import Coverage
 from world.lidar.lidar import Lidar
 from world.worldfile import World
@@ -213,7 +214,7 @@ def explore(
     spec: RobotSpec | None = None,
 ) -> list[Trial]:
     """Robots that explore the world each on its own, until all are complete or time is up."""
-    spec = spec or RobotSpec()
+    spec = spec or ideal_spec()
     rng = np.random.default_rng(seed)
     poses = world.starts(robots, spec.radius_m, rng) if starts is None else np.array(starts, float)
     origins = poses.copy()

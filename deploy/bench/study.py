@@ -14,7 +14,7 @@ from protocol.errors import InputError
 from protocol.status import Status
 
 STUDIES = {"trust": "alignment", "maps": "filter", "exploration": "exploration", "radio": "radio"}
-"""The benchmark of each."""
+"""The benchmark of each, with the paper's sensing."""
 PUBLISHED = ROOT / "results"
 
 
@@ -24,13 +24,14 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     quick: as little of each as shows that all works, so that few values come out the same. Raises InputError where
     there is nothing to compare with.
     """
-    published = PUBLISHED / f"{STUDIES[name]}.json"
+    benchmark = Benchmark(STUDIES[name])
+    published = benchmark.file(PUBLISHED, quick=False, ideal=True)
     if not published.is_file() or folder.resolve() == PUBLISHED:
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
     before = json.loads(published.read_text(encoding="utf-8"))
     benchmark = Benchmark(STUDIES[name], before["sections"])
-    status = benchmark.run(quick, folder, jobs)
-    now = json.loads(benchmark.file(folder, quick).read_text(encoding="utf-8"))
+    status = benchmark.run(quick, folder, jobs, ideal=True)
+    now = json.loads(benchmark.file(folder, quick, ideal=True).read_text(encoding="utf-8"))
     comparison(before, now).section({}).print(Console())
     return status
 

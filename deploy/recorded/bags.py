@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
-from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
+from deploy.recorded.lidar_log import MAX_SCANS, OF_LOGS, Given, LidarLog, Scan
 from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import pose_of
@@ -212,4 +212,4 @@ def _lidar(scan: LaserScan, limits: tuple[float, float], given: Given, upside_do
     """The lidar that makes such scans."""
     low, high = limits
     reach = (low, high) if given.range_max_m is None else (low, given.range_max_m)
-    return scan.lidar(LidarSpec(noise_m=NOISE_M), reach, upside_down=upside_down)
+    return scan.lidar(LidarSpec(**OF_LOGS), reach, upside_down=upside_down)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deploy.recorded.lidar_log import MAX_SCANS, NOISE_M, Given, LidarLog, Scan
+from deploy.recorded.lidar_log import MAX_SCANS, OF_LOGS, Given, LidarLog, Scan
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
@@ -108,7 +108,7 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         first_beam_deg=first,
         range_min_m=NEAR_M,
         range_max_m=limit if given.range_max_m is None else given.range_max_m,
-        noise_m=NOISE_M,
+        **OF_LOGS,
     )
     time_s = float(words[after + (6 if flaser else 11)])
     return lidar, readings, (values[0], values[1], values[2]), (values[3], values[4], values[5]), time_s

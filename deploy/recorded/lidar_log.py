@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,9 @@ GAP_TIMES = 2.2
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
-NOISE_M = 0.01  # sd of a range; of the SICK lidars of public logs by their data sheet, and of most others
+OF_LOGS: dict[str, Any] = {"turning": False, "noise_m": 0.01, "noise_share": 0.0}
+"""Settings of the lidar of a log that does not tell: the SICK of most public logs, which by its data sheet errs by the
+same near and far, and whose scans are stamped as one."""
 
 
 class Given(NamedTuple):

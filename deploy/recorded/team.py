@@ -22,9 +22,11 @@ from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import Pose, pose_of, relative
-from protocol.messages import EVERYONE, Event, Heard, Observation, RobotSpec, Send
+from protocol.messages import EVERYONE, Event, Heard, Observation, OdometrySpec, RobotSpec, Send
 
 RATES_HZ = 0.01, 100.0  # of a lidar, as a LidarSpec may have them
+AS_TOLD = OdometrySpec(noisy=False)
+"""Odometry for whose errors nothing is made ready: how far a log's is off is in `agent.passenger`."""
 MAX_REFERENCE_BYTES = 100_000_000  # a million poses
 
 
@@ -130,7 +132,7 @@ def play(
     players = []
     for k, log in enumerate(logs):
         lidar = log.lidar.model_copy(update={"rate_hz": 1 / period_s})
-        spec = RobotSpec(lidar=lidar, radio_range_m=range_m if gated else None)
+        spec = RobotSpec(lidar=lidar, odometry=AS_TOLD, radio_range_m=range_m if gated else None)
         ticks = _ticks((times[k] - begins[k]) / period_s)
         players.append(Player(f"r{k + 1}", log, Passenger(spec, config), ticks, places[k]))
     order = sorted((tick, k) for k, player in enumerate(players) for tick in player.ticks)

@@ -10,12 +10,13 @@ from agent.config import AgentConfig
 from agent.robot import Robot
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
+from protocol.messages import EVERYONE, Heard, Observation
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
+from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 
-SPEC = RobotSpec()
+SPEC = ideal_spec()
 ROOM = np.array([(-1, -1, 2, -1), (2, -1, 2, 1), (2, 1, -1, 1), (-1, 1, -1, -1)], np.float64)
 SQUARE = Wireframe(
     np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float64),
@@ -57,7 +58,7 @@ def test_a_step_answers_its_tick_and_counts_its_messages() -> None:
 
 @pytest.mark.parametrize("rate_hz", [5, 10, 20])
 def test_walls_count_as_many_scans_in_a_second_at_any_rate(rate_hz: float) -> None:
-    mind = Robot("r1", RobotSpec(lidar=LidarSpec(rate_hz=rate_hz)), AgentConfig(), seed=3)
+    mind = Robot("r1", ideal_spec(lidar=ideal_lidar(rate_hz=rate_hz)), AgentConfig(), seed=3)
     for tick in range(round(2 * rate_hz)):
         mind.step(observation(tick), [])
     assert len(mind.wireframe.edges) == 4 and abs(mind.filter.edges["due"].max() - 10) <= 1
@@ -126,7 +127,7 @@ def test_a_peer_that_is_heard_is_greeted_and_told_the_map_once() -> None:
 
 
 def test_a_robot_keeps_to_the_radio_s_mtu() -> None:
-    spec = RobotSpec(radio_mtu_bytes=100)
+    spec = ideal_spec(radio_mtu_bytes=100)
     assert Robot("r1", spec, AgentConfig(), 7).exchange.mtu_bytes == 100
 
 

@@ -27,6 +27,7 @@ from deploy.bandwidth.representations import NAMES, Measurement, _changed_cells,
 from deploy.cli import app
 from deploy.config import RunConfig
 from deploy.occupancy_grid import two_bits
+from deploy.sensing import IDEAL
 from protocol.messages import Heard, Observation, RobotSpec
 from tests.tiny import tiny_config
 from world.episode import Episode
@@ -53,7 +54,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunConfig,
     """
     folder = tmp_path_factory.mktemp("bandwidth")
     models = [{"kind": "bernoulli", "loss": 0.2}, {"kind": "latency", "ticks": 2}]
-    config = tiny_config(folder, seed=1, until=40.0, radio={"models": models})
+    config = tiny_config(folder, seed=1, until=40.0, radio={"models": models}, spec=IDEAL)
     out = folder / "run"
     seen: dict[str, list[bytes]] = {}
     kept = type("KeptHere", (Kept,), {"seen": seen})

@@ -10,6 +10,7 @@ from threading import Thread
 from deploy.metrics import score_walls, truth_of
 from deploy.report.rundir import read_run
 from deploy.revision import ROOT
+from deploy.sensing import IDEAL
 from world.config import ServerConfig, WorldConfig
 from world.shell.server import serve
 from world.worldfile import load
@@ -25,7 +26,7 @@ def test_the_robot_has_nothing_of_ours() -> None:
 
 
 def test_the_robot_maps_a_flat(tmp_path: Path) -> None:
-    config = WorldConfig.model_validate({"world": "apartment", "robots": 1, "max_time_s": 300})
+    config = WorldConfig.model_validate({"world": "apartment", "robots": 1, "max_time_s": 300, "spec": IDEAL})
     endpoints: SimpleQueue[str] = SimpleQueue()
     world = Thread(target=serve, args=(config, ServerConfig(), tmp_path / "run"), kwargs={"listening": endpoints.put})
     world.start()

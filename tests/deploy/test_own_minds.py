@@ -12,6 +12,7 @@ import wireswarm
 from agent.shell.mind import minds_of
 from deploy.launch.launcher import launch
 from deploy.revision import ROOT
+from deploy.sensing import IDEAL
 from protocol.errors import InputError
 from tests.tiny import digests, tiny_config
 
@@ -31,7 +32,7 @@ def test_examples_run_in_processes_and_in_one_with_the_same_bytes(tmp_path: Path
 
 @pytest.mark.parametrize(("mind", "coverage"), [(FOLLOWER, 0.5), (GRID, 0.9)])
 def test_examples_explore_a_flat(mind: str, coverage: float) -> None:
-    settings = {"max_time_s": 150, "mind": {"*": mind}}
+    settings = {"max_time_s": 150, "mind": {"*": mind}, "spec": IDEAL}
     assert wireswarm.run("apartment", 2, settings=settings).summary["team"]["coverage"] > coverage
 
 

@@ -219,7 +219,7 @@ def test_an_observation_that_no_robot_can_make_is_refused() -> None:
 
 
 def test_beams_of_a_spec_have_bearings_and_moments() -> None:
-    still, turning = LidarSpec(), LidarSpec(turning=True)
+    still, turning = LidarSpec(turning=False), LidarSpec(turning=True)
     assert np.degrees(still.bearings()) == pytest.approx(np.arange(360)) and (still.moments() == 1).all()
     assert turning.moments() == pytest.approx(np.arange(1, 361) / 360) and turning.moments()[-1] == 1
     narrow = LidarSpec(

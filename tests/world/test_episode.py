@@ -128,7 +128,7 @@ def test_inputs_are_the_same_on_every_call_and_measure_the_world() -> None:
 
 
 def test_exact_odometry_is_the_true_pose_in_the_start_frame() -> None:
-    episode = Episode(QUICK, None)
+    episode = Episode(QUICK.model_copy(update={"spec": RobotSpec(odometry=OdometrySpec(noisy=False))}), None)
     for _ in range(20):
         inputs = episode.inputs()
         for robot, start, pose in zip(episode.robots, episode.starts, episode.poses, strict=True):

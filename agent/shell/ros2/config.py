@@ -1,12 +1,12 @@
 """Settings of a robot of ROS 2, with units and reasons."""
 
 import re
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
 from agent.config import ProcessConfig
-from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
+from protocol.messages import RobotSpec
 from protocol.settings import Config, Positive
 
 NAME = r"[A-Za-z_][A-Za-z0-9_]*"
@@ -69,17 +69,8 @@ class Ros2Config(Config):
 class Ros2ProcessConfig(ProcessConfig):
     """One robot's process on a ROS 2 robot, which nobody tells what body it has."""
 
-    spec: RobotSpec = RobotSpec(lidar=LidarSpec(noise_share=0.0175), odometry=OdometrySpec(noisy=True))
+    spec: RobotSpec = RobotSpec()
     """The body. What each scan tells of the lidar itself (its beams, field of view, range and period) is taken from
     there."""
     ros2: Ros2Config = Ros2Config()
     """How the robot is reached."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _real(cls, given: dict[str, Any]) -> dict[str, Any]:
-        """Whatever else is set of the body, wheels err, and far ranges more than near ones."""
-        spec, usual = given.get("spec", {}), cls.model_fields["spec"].default.model_dump(exclude_unset=True)
-        if not isinstance(spec, dict) or any(not isinstance(spec.get(part, {}), dict) for part in usual):
-            return given
-        return given | {"spec": spec | {part: some | spec.get(part, {}) for part, some in usual.items()}}

@@ -57,11 +57,13 @@ TABLES = [
         "Filter update by particles",
         whole("cost/particles/*"),
         "particles; median: median ms; p99: 99 % ms; bytes: filter bytes; load",
+        note="Ideal sensing.",
     ),
     Table(
         "vertices",
         "Filter update by vertices of the map",
         _by_vertices,
         f"world; particles; vertices: vertices, from (to {BIN_VERTICES} more); median: median ms",
+        note="Ideal sensing.",
     ),
 ]

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from agent.perception.perceive import perceive
 from agent.robot import Robot, Step
 from deploy.bench.explored import explore
 from deploy.metrics import Truth
-from deploy.sensing import REAL
+from deploy.sensing import IDEAL, REAL
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, inverted, pose_of, relative
 from protocol.messages import Observation, RobotSpec
@@ -59,7 +59,7 @@ class ScanRecording(NamedTuple):
 def record(
     world: str, seed: int, noise_m: float | None = None, limit_s: float = 7200.0, *, real: bool = False
 ) -> ScanRecording:
-    """Let a robot with default settings, or with real sensing, explore a layout and keep what it sees."""
+    """Let a robot with ideal, or with real sensing, explore a layout and keep what it sees."""
     ranges: list[Floats] = []
     ways: list[Floats] = []
     turns: list[Floats] = []  # the same in the frame of the last pose, as the robot knows its wheels
@@ -72,8 +72,8 @@ def record(
         ways.append(observation.poses())
         turns.append(turn)
 
-    spec: dict[str, Any] = REAL if real else {}
-    spec = {**spec, "lidar": spec.get("lidar", {}) | ({} if noise_m is None else {"noise_m": noise_m})}
+    spec = REAL if real else IDEAL
+    spec = {**spec, "lidar": spec["lidar"] | ({} if noise_m is None else {"noise_m": noise_m})}
     settings = {"world": world, "robots": 1, "seed": seed, "spec": spec, "max_time_s": limit_s}
     run = explore(settings, {}, watch)
     body, frame = run.episode.config.spec, run.frame()

@@ -108,6 +108,7 @@ TABLES = [
         "rmse_ahead_m >= 0.0001; recall_ahead >= -0.01; precision_ahead >= -0.01; grid_recall: grid's recall; "
         "grid_precision: grid's precision",
         judged=lambda row: row["storage"] in ("codec", "one particle"),
-        note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction.",
+        note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction. "
+        "Ideal sensing.",
     )
 ]

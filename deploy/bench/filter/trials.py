@@ -178,6 +178,7 @@ TABLES = [
         _rows,
         "fault; scope: in which particles; particles; trials; gone >= 95: gone in 50 scans %; median: median scans; "
         "p90: 90 % scans",
-        note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50.",
+        note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50. "
+        "Ideal sensing.",
     )
 ]

@@ -11,9 +11,10 @@ from deploy.bench.alignment.forced import ForcedRun
 from deploy.bench.alignment.hostile import KINDS, besiege
 from deploy.bench.errors import errors
 from deploy.bench.explored import explore
+from deploy.sensing import IDEAL
 from protocol.messages import Observation
 
-MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0}
+MEET = {"world": "apartment", "robots": 2, "seed": 1, "starts": "random", "max_time_s": 100.0, "spec": IDEAL}
 
 
 @pytest.fixture(scope="module")

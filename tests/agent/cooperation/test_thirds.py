@@ -17,8 +17,8 @@ from agent.mapping.layers import layer_of
 from deploy.bench.alignment.pairs import moved
 from protocol.arrays import Floats
 from protocol.geometry import pose_of, relative
-from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
+from tests.ideal import ideal_spec
 from world.worldfile import load
 
 TRUE = {name: np.array(pose) for name, pose in {"a": (3, 1, 0.4), "b": (-2, 5, 2), "c": (7, -1, -2)}.items()}
@@ -26,7 +26,7 @@ TRUE = {name: np.array(pose) for name, pose in {"a": (3, 1, 0.4), "b": (-2, 5, 2
 PEER = np.array((4.0, 4.0, -1.0))
 """That of the peer whose frame they tell."""
 WRONG = np.array((4.0, 6.5, -1.0))
-SPEC = RobotSpec(radio_range_m=30.0)
+SPEC = ideal_spec(radio_range_m=30.0)
 WALLS = load("apartment").segments
 
 

@@ -17,13 +17,13 @@ from agent.exploration.sweep import LEAST_SAMPLES, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.arrays import Floats
 from protocol.geometry import apply
-from protocol.messages import LidarSpec, RobotSpec
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
+from tests.ideal import ideal_lidar, ideal_spec
 
-ROOMY_M = RobotSpec().radius_m + DrivingConfig().path_air_m
+ROOMY_M = ideal_spec().radius_m + DrivingConfig().path_air_m
 NOWHERE = np.zeros((0, 2))
-TIGHT_M = RobotSpec().radius_m + DrivingConfig().tight_path_air_m
+TIGHT_M = ideal_spec().radius_m + DrivingConfig().tight_path_air_m
 
 
 def chain(*lines: list[tuple[float, float]], labels: Label = Label.NOMINAL) -> Wireframe:
@@ -165,7 +165,7 @@ def looked_from(own: Floats, teammates: Floats = NOWHERE) -> Viewpoints:
 
 @pytest.mark.parametrize("turn", np.linspace(0.1, 1.5, 8))
 def test_what_a_teammate_has_swept_on_its_lattice_is_swept_on_any(turn: float) -> None:
-    sweep = Sweep(0.1, LidarSpec())
+    sweep = Sweep(0.1, ideal_lidar())
     wireframe = chain(room(9, 8))
     looked = np.array([[4.0, 4.0]])
     while tasks := sweep.tasks(sweep.unseen(wireframe, looked_from(looked)), Roads(wireframe, looked[0], ROOMY_M)):
@@ -177,7 +177,7 @@ def test_what_a_teammate_has_swept_on_its_lattice_is_swept_on_any(turn: float) -
 
 
 def test_a_lidar_that_mixes_readings_at_edges_sees_less_far():
-    clean, mixing = (Sweep(0.06, LidarSpec(mixed=mixed)).radius for mixed in (0.0, 0.2))
+    clean, mixing = (Sweep(0.06, ideal_lidar(mixed=mixed)).radius for mixed in (0.0, 0.2))
     assert mixing == pytest.approx(1.43, abs=0.01) and clean > mixing
 
 
@@ -193,13 +193,13 @@ def test_around_walls_that_hold_no_robot_free_area_goes_on():
     column = chain([(1, 1), (2, 1), (2, 2), (1, 2), (1, 1)])
     here = np.array([[0.5, 0.5]])
     assert free_face(column, here, 3.0).area > 36.0
-    sweep = Sweep(0.1, LidarSpec())
+    sweep = Sweep(0.1, ideal_lidar())
     unseen = sweep.unseen(column, looked_from(here))
     assert len(sweep.tasks(unseen, Roads(column, here[0], ROOMY_M))) > 0  # else it would be complete
 
 
 def test_what_poses_see_within_the_radius_is_no_longer_unseen():
-    sweep = Sweep(0.06, LidarSpec())
+    sweep = Sweep(0.06, ideal_lidar())
     assert sweep.radius == pytest.approx(1.72, abs=0.01)  # where it has two beams
     wall = [(2.0, 0.0), (2.0, 2.0), (2.02, 2.0), (2.02, 0.0)]  # a screen that hides a part from the pose
     wireframe = chain([(0, 0), *wall, (4, 0), (4, 4), (0, 4), (0, 0)])

@@ -14,9 +14,9 @@ from agent.mapping.edges import EDGE, WALL
 from agent.mapping.layers import layer_of, merged
 from agent.mapping.scan_merge import same_line
 from protocol.arrays import Floats, Ints, Records
-from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain
 from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round_tour
+from tests.ideal import ideal_lidar
 
 GATES = Gates(0.01, SAME_WALL_M)
 
@@ -35,7 +35,7 @@ def bowed(turn_deg: float, wall_m: float, walls: int) -> list[tuple[float, float
 @pytest.mark.parametrize("seed", range(2))
 def test_walls_that_turn_by_a_few_degrees_share_corners(turn_deg: float, wall_m: float, walls: int, seed: int) -> None:
     room = bowed(turn_deg, wall_m, walls)
-    walk = Walk(room, LidarSpec(), seed=seed)
+    walk = Walk(room, ideal_lidar(), seed=seed)
     right = wall_m * (walls - 0.5)
     for pose in 2 * round_tour((0.5, 0.5), (right, 0.5), (right, 2.0), (0.5, 2.0)):
         walk.see(pose)

@@ -9,8 +9,8 @@ from agent.mapping.bodies import NO_TEAMMATES
 from agent.perception.perceive import perceive
 from protocol.arrays import Floats
 from protocol.geometry import Pose
-from protocol.messages import LidarSpec
 from tests.agent.mapping.test_particle_filter import Place, Walk, ring
+from tests.ideal import ideal_lidar
 
 CORRIDOR = ring((0, 0), (9, 0), (9, 2), (0, 2))
 STUB = ring((0, 0), (6, 0), (6, 4), (0, 4)) + ring((2, 2), (2, 2.15), (4, 2.15), (4, 2))
@@ -38,7 +38,7 @@ class Team(Walk):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_teammate_that_was_seen_before_it_was_heard_is_no_wall_for_long(seed: int) -> None:
     """In a crowd of 30 each parked robot was a wall to those that came, and to all whom they told of it."""
-    team = Team(CORRIDOR, LidarSpec(), seed=seed)
+    team = Team(CORRIDOR, ideal_lidar(), seed=seed)
     for k in range(25):
         team.meet((3.5 + 0.04 * k, 1.0, 0.0), (7.0, 1.1), company=False)
     assert team.walls_near(6.9, 1.1) > 0
@@ -58,7 +58,7 @@ BESIDE_TIP, TO_TIP, AWAY = (
 
 def past_the_tip(told: Floats) -> Team:
     """A robot that has passed the end of the wall and looks back, where a teammate stands behind it."""
-    team = Team(STUB, LidarSpec(), seed=1)
+    team = Team(STUB, ideal_lidar(), seed=1)
     for pose in TO_TIP:
         team.meet(pose, (1.0, 3.5))
     for pose in AWAY:
@@ -72,7 +72,7 @@ def test_a_teammate_half_behind_the_end_of_a_wall_is_no_wall_where_it_says_that_
 
 
 def test_a_post_is_a_wall_once_the_teammate_beside_it_has_gone() -> None:
-    team = Team(CORRIDOR + ring((5, 1), (5, 1.15), (5.15, 1.15), (5.15, 1)), LidarSpec())
+    team = Team(CORRIDOR + ring((5, 1), (5, 1.15), (5.15, 1.15), (5.15, 1)), ideal_lidar())
     for k in range(20):
         team.meet((3.4 + 0.03 * k, 1.0, 0.0), (4.9, 1.7), np.array([[4.9, 1.5, 0.6]]))
     assert team.walls_near(5.0, 1.08) == 0
@@ -84,7 +84,7 @@ def test_a_post_is_a_wall_once_the_teammate_beside_it_has_gone() -> None:
 @pytest.mark.parametrize(("told", "scans"), [(np.array([[5.1, 1.1, 0.3]]), 8), (NO_TEAMMATES, 40)])
 def test_a_post_that_a_robot_knows_outlasts_scans_that_take_it_for_a_teammate(told: Floats, scans: int) -> None:
     """In `hall` posts of 0.2 m fit a disc in scan after scan."""
-    team = Team(CORRIDOR + ring((5, 1), (5, 1.15), (5.15, 1.15), (5.15, 1)), LidarSpec())
+    team = Team(CORRIDOR + ring((5, 1), (5, 1.15), (5.15, 1.15), (5.15, 1)), ideal_lidar())
     for k in range(40):
         team.meet((3.4 + 0.03 * k, 0.8, 0.0), (8.0, 1.7), company=False)
     known = team.walls_near(5.08, 1.08)

@@ -15,10 +15,10 @@ from agent.mapping.views import view_of
 from agent.perception.perceive import perceive
 from protocol.arrays import Records
 from protocol.geometry import Pose, apply
-from protocol.messages import LidarSpec
 from protocol.wireframe import Label, Wireframe, certain, encode_wireframe
 from tests.agent.alignment.test_alignment import moved
 from tests.agent.mapping.test_particle_filter import ROOM, ROOM_TOUR, Walk, farthest, ring, round_tour
+from tests.ideal import ideal_lidar
 
 FRAME = np.array([3.0, -7.0, 2.1])
 """Pose of the peer's frame in the robot's own is its inverse."""
@@ -28,7 +28,7 @@ T = inverse(FRAME)
 @pytest.fixture(scope="module")
 def whole() -> Wireframe:
     """The room as a peer has mapped it, in its own frame."""
-    walk = Walk(ROOM, LidarSpec(), seed=5)
+    walk = Walk(ROOM, ideal_lidar(), seed=5)
     for pose in ROOM_TOUR:
         walk.see(pose)
     return moved(walk.filter.wireframe(), FRAME)
@@ -37,7 +37,7 @@ def whole() -> Wireframe:
 @pytest.fixture
 def walk() -> Walk:
     """A robot that has seen but a corner of it."""
-    walk = Walk(ROOM, LidarSpec(range_max_m=2.0))
+    walk = Walk(ROOM, ideal_lidar(range_max_m=2.0))
     for pose in ROOM_TOUR[:8]:
         walk.see(pose)
     return walk
@@ -168,7 +168,7 @@ def test_a_stub_of_centimetres_takes_no_wall_half_a_metre_beside_it() -> None:
 
 
 def scan_at(pose: Pose, walls: list[tuple[float, float, float, float]]):
-    walk = Walk(walls, LidarSpec())
+    walk = Walk(walls, ideal_lidar())
     ranges = walk.lidar.measured(walk.lidar.cast(np.array([pose])), [np.random.default_rng(3)])[0]
     return perceive(np.asarray(ranges, np.float64), walk.spec)
 
@@ -250,7 +250,7 @@ def test_walls_on_either_side_of_a_plate_are_two(thickness: float) -> None:
     """
     x, y = 2.5 + thickness, 2.5
     room = ring((0, 0), (2.5, 0), (2.5, y), (x, y), (x, 0), (8, 0), (8, 4), (0, 4))
-    own, peer = Walk(room, LidarSpec(range_max_m=2.0)), Walk(room, LidarSpec(range_max_m=2.0), seed=5)
+    own, peer = Walk(room, ideal_lidar(range_max_m=2.0)), Walk(room, ideal_lidar(range_max_m=2.0), seed=5)
     for pose in round_tour((3.2, 0.7), (4.5, 0.7), (4.5, 1.5)):
         own.see(pose)
     for pose in round_tour((1.8, 0.7), (0.7, 0.7), (0.7, 3.3)):

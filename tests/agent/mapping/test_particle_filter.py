@@ -13,8 +13,9 @@ from agent.mapping.particle_filter import STILL_SCANS, WireframeFilter, systemat
 from agent.perception.disc_memory import SeenDiscs
 from agent.perception.perceive import perceive
 from protocol.geometry import Pose, seen_from, wrapped
-from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
+from protocol.messages import LidarSpec, OdometrySpec
 from protocol.wireframe import Label, Wireframe
+from tests.ideal import EXACT, ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 
 Place = tuple[float, float]
@@ -46,7 +47,7 @@ class Walk:
         odometry: OdometrySpec | None = None,
         seed: int = 0,
     ) -> None:
-        self.spec = RobotSpec(lidar=spec, odometry=odometry or OdometrySpec())
+        self.spec = ideal_spec(lidar=spec, odometry=odometry or EXACT)
         self.lidar = Lidar(np.array(segments, np.float64), spec)
         self.rng = np.random.default_rng(seed)
         self.discs = SeenDiscs(self.spec)
@@ -87,7 +88,7 @@ def farthest(wireframe: Wireframe, corners: list[tuple[float, float, float, floa
 
 @pytest.mark.parametrize("particles", [1, 8])
 def test_a_room_seen_whole_is_rings_of_nominal_corners(particles: int) -> None:
-    walk = Walk(ROOM, LidarSpec(), particles)
+    walk = Walk(ROOM, ideal_lidar(), particles)
     for pose in ROOM_TOUR:
         walk.see(pose)
     wireframe = walk.filter.wireframe()
@@ -99,7 +100,7 @@ def test_a_room_seen_whole_is_rings_of_nominal_corners(particles: int) -> None:
 
 
 def test_the_map_of_figure_2_is_complete_and_all_nominal() -> None:
-    walk = Walk(FIGURE_2, LidarSpec(range_max_m=12.0, beams=720))
+    walk = Walk(FIGURE_2, ideal_lidar(range_max_m=12.0, beams=720))
     for pose in round_tour(
         (2, 2), (8, 2), (11.5, 0.5), (18, 2), (15, 3.5), (13, 5.5), (16, 8), (10, 8), (9, 6), (2, 6), (2, 9), (2, 6)
     ):
@@ -111,7 +112,7 @@ def test_the_map_of_figure_2_is_complete_and_all_nominal() -> None:
 
 
 def test_one_view_of_a_room_leaves_all_three_labels() -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for _ in range(5):
         walk.see((0.7, 0.7, 0.3))
     assert set(walk.filter.wireframe().labels.tolist()) == set(Label)
@@ -133,7 +134,7 @@ def false_wall(walk: Walk, p: int, a: tuple[float, float], b: tuple[float, float
 
 @pytest.mark.parametrize("particles", [1, 6])
 def test_a_wall_across_the_room_in_all_particles_is_gone_after_a_few_scans(particles: int) -> None:
-    walk = Walk(ROOM, LidarSpec(), particles)
+    walk = Walk(ROOM, ideal_lidar(), particles)
     for pose in ROOM_TOUR:
         walk.see(pose)
     for p in range(particles):
@@ -145,7 +146,7 @@ def test_a_wall_across_the_room_in_all_particles_is_gone_after_a_few_scans(parti
 
 
 def test_a_wall_in_half_of_the_particles_loses_its_weight() -> None:
-    walk = Walk(ROOM, LidarSpec(), 6)
+    walk = Walk(ROOM, ideal_lidar(), 6)
     for pose in ROOM_TOUR:
         walk.see(pose)
     for p in range(3):
@@ -156,7 +157,7 @@ def test_a_wall_in_half_of_the_particles_loses_its_weight() -> None:
 
 
 def test_a_missing_wall_comes_back() -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges = walk.filter.edges[0]
@@ -173,7 +174,7 @@ def test_a_missing_wall_comes_back() -> None:
 
 
 def test_a_false_gap_closes() -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges = walk.filter.edges[0]
@@ -196,7 +197,7 @@ def test_a_false_gap_closes() -> None:
 
 
 def test_teammates_that_stand_or_pass_leave_no_wall() -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for k, pose in enumerate(round_tour((0.7, 0.7), (1.2, 0.7)) * 40):  # 60 s at 5 Hz
         passing = (4.5 - 0.04 * (k % 75), 0.4, 0.105)
         walk.see(pose, discs=np.array([(2.5, 0.9, 0.105), passing]))
@@ -209,7 +210,7 @@ def test_teammates_that_stand_or_pass_leave_no_wall() -> None:
 @pytest.mark.parametrize("particles", [1, 6])
 def test_odometry_noise_is_corrected_by_the_map(particles: int) -> None:
     spec = OdometrySpec(noisy=True)
-    walk = Walk(ROOM, LidarSpec(), particles, spec, seed=3)
+    walk = Walk(ROOM, ideal_lidar(), particles, spec, seed=3)
     rng = np.random.default_rng(8)
     start = (0.0, 0.0, 0.0)
     believed, last = start, ROOM_TOUR[0]
@@ -236,7 +237,7 @@ def test_odometry_noise_is_corrected_by_the_map(particles: int) -> None:
 
 def test_far_columns_seen_before_the_first_move_hold_the_heading_against_wheels_that_differ() -> None:
     columns = [wall for x in (-2.0, 2.0) for y in (-2.0, 2.0) for wall in ring(*turned(x, y, 0.0, 0.4))]
-    walk = Walk(columns, LidarSpec(noise_share=0.0175), 1, OdometrySpec(noisy=True))
+    walk = Walk(columns, ideal_lidar(noise_share=0.0175), 1, OdometrySpec(noisy=True))
     for _ in range(50):
         walk.see((0.0, 0.0, 0.0))
     way = 0.0
@@ -249,7 +250,7 @@ def test_far_columns_seen_before_the_first_move_hold_the_heading_against_wheels_
 
 def test_scans_of_a_robot_that_stands_tell_no_more_and_more_of_pose_and_walls() -> None:
     """They err alike, and turned the maps of robots that had parked."""
-    walk = Walk(ROOM, LidarSpec(noise_share=0.0175), 1, OdometrySpec(noisy=True))
+    walk = Walk(ROOM, ideal_lidar(noise_share=0.0175), 1, OdometrySpec(noisy=True))
     for k in range(30):
         walk.see((2.5 + 0.02 * k, 0.7, 0.0), (0.02 * k, 0.0, 0.0))
     known = []
@@ -262,7 +263,7 @@ def test_scans_of_a_robot_that_stands_tell_no_more_and_more_of_pose_and_walls() 
 
 
 def test_who_is_pushed_around_by_a_teammate_knows_where_it_is_by_what_it_sees() -> None:
-    walk, mate = Walk(ROOM, LidarSpec(), 1, OdometrySpec(noisy=True)), np.array([[0.205, 0.0, 0.105]])
+    walk, mate = Walk(ROOM, ideal_lidar(), 1, OdometrySpec(noisy=True)), np.array([[0.205, 0.0, 0.105]])
     x, y, theta = 2.5, 0.7, 0.0
     for _ in range(30):
         walk.see((x, y, theta), (0.0, 0.0, 0.0))
@@ -279,7 +280,7 @@ def test_who_is_pushed_around_by_a_teammate_knows_where_it_is_by_what_it_sees() 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     maps = []
     for _ in range(2):
-        walk = Walk(ROOM, LidarSpec(noise_m=0.03, dropout=0.02), 5, seed=7)
+        walk = Walk(ROOM, ideal_lidar(noise_m=0.03, dropout=0.02), 5, seed=7)
         for pose in ROOM_TOUR:
             walk.see(pose)
         maps.append(walk.filter.edges.tobytes())
@@ -295,7 +296,7 @@ def test_systematic_resampling_is_proportional() -> None:
 
 
 def test_memory_is_counted() -> None:
-    walk = Walk(ROOM, LidarSpec(), 3)
+    walk = Walk(ROOM, ideal_lidar(), 3)
     walk.see(ROOM_TOUR[0])
     one = walk.filter.nbytes
     for pose in ROOM_TOUR:
@@ -317,7 +318,7 @@ def faces_of_the_plate(wireframe: Wireframe) -> float:
 
 
 def test_a_thin_plate_stays_though_it_is_looked_at_edge_on() -> None:
-    walk = Walk(PLATE, LidarSpec())
+    walk = Walk(PLATE, ideal_lidar())
     for pose in round_tour((0.7, 0.7), (0.7, 2.4), (1.6, 2.2), (2.4, 2.2), (3.3, 2.4), (3.3, 0.7)):
         walk.see(pose)
     assert faces_of_the_plate(walk.filter.wireframe()) > 0.6
@@ -333,7 +334,7 @@ SLOT = ring((0, 0), (4, 0), (4, 3), (0.7, 3), (0.7, 2.6), (0.2, 2.6), (0.2, 3), 
 
 
 def test_a_corner_prolonged_over_a_slot_is_a_guess_and_gives_way_to_what_is_seen() -> None:
-    walk = Walk(SLOT, LidarSpec())
+    walk = Walk(SLOT, ideal_lidar())
     for k in range(60):
         walk.see((0.6 - 0.005 * k, 1.8, 2.0))
     for k in range(200):  # flat along the cabinet: its last hit is before the slot, the next beam meets the side wall
@@ -348,7 +349,7 @@ def test_a_corner_prolonged_over_a_slot_is_a_guess_and_gives_way_to_what_is_seen
 
 @pytest.mark.parametrize("shift", [(0.5, 0.0), (-0.35, 0.35), (0.0, 0.5)])
 def test_a_corner_moved_by_half_a_metre_goes_also_where_a_wall_now_lies_in_solid(shift: tuple[float, float]) -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
@@ -371,7 +372,7 @@ def test_a_corner_moved_by_half_a_metre_goes_also_where_a_wall_now_lies_in_solid
 
 
 def test_a_wall_behind_the_one_that_took_its_corner_goes() -> None:
-    walk = Walk(ROOM, LidarSpec())
+    walk = Walk(ROOM, ideal_lidar())
     for pose in ROOM_TOUR:
         walk.see(pose)
     edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
@@ -407,7 +408,7 @@ def test_a_turned_post_has_four_faces_though_no_scan_shows_many_beams_of_any(see
     """In hall a face showed 7 beams in 50 scans, and was known by three far ones that noise had turned to the axis."""
     x, y = 2.6, 1.6
     post = ring(*turned(x, y, 0.6, 0.1))
-    walk = Walk(ring((0, 0), (5, 0), (5, 3.2), (0, 3.2)) + post, LidarSpec(), seed=seed)
+    walk = Walk(ring((0, 0), (5, 0), (5, 3.2), (0, 3.2)) + post, ideal_lidar(), seed=seed)
     for pose in round_tour((0.6, 0.6), (1.7, 0.8), (3.5, 0.8), (3.5, 2.4), (1.7, 2.4), (1.7, 0.8), step=0.044):
         walk.see(pose, post=(x, y))
     wireframe = walk.filter.wireframe()
@@ -419,7 +420,7 @@ def test_a_turned_post_has_four_faces_though_no_scan_shows_many_beams_of_any(see
 def test_three_smears_over_two_faces_of_a_far_post_are_no_wall() -> None:
     """Three beams on a post lie near a line whatever its faces, and near the axis now and then."""
     for seed in range(40):
-        walk = Walk(ring((0, 0), (7, 0), (7, 3), (0, 3)) + ring(*turned(5.0, 1.5, 0.6, 0.1)), LidarSpec(), seed=seed)
+        walk = Walk(ring((0, 0), (7, 0), (7, 3), (0, 3)) + ring(*turned(5.0, 1.5, 0.6, 0.1)), ideal_lidar(), seed=seed)
         for x in (1.6, 1.65, 1.7):
             walk.see((x, 1.5, 0.0), post=(5.0, 1.5))
         points = walk.filter.wireframe().points
@@ -437,7 +438,7 @@ def most_oblique_deg(wireframe: Wireframe) -> float:
 def test_a_smear_over_a_small_step_is_no_oblique_wall() -> None:
     """In pal_home_w four scans like these closed a step of 5 cm with a wall that lay 26 degrees off."""
     for seed in range(10):
-        walk = Walk(ring((0, 0), (6, 0), (6, 2), (3, 2), (3, 2.05), (0, 2.05)), LidarSpec(), seed=seed)
+        walk = Walk(ring((0, 0), (6, 0), (6, 2), (3, 2), (3, 2.05), (0, 2.05)), ideal_lidar(), seed=seed)
         for x, y, heading in ((2.83, 1.74, 1.7), (2.83, 1.74, 1.4), (2.81, 1.73, 1.1), (2.74, 1.69, 0.9)):
             walk.see((x, y, heading))
         assert most_oblique_deg(walk.filter.wireframe()) < 10
@@ -446,7 +447,7 @@ def test_a_smear_over_a_small_step_is_no_oblique_wall() -> None:
 @pytest.mark.parametrize("seed", [8, 9])
 def test_from_one_wall_to_the_next_over_a_step_is_no_oblique_wall_however_often_it_is_seen(seed: int) -> None:
     """In pal_home_w the beams over a step of 5 cm between known walls fitted a line well enough by and by, as of 9."""
-    walk = Walk(ring((0, 0), (6, 0), (6, 2), (3, 2), (3, 2.05), (0, 2.05)), LidarSpec(), seed=seed)
+    walk = Walk(ring((0, 0), (6, 0), (6, 2), (3, 2), (3, 2.05), (0, 2.05)), ideal_lidar(), seed=seed)
     y = np.random.default_rng(seed).uniform(0.5, 1.5)
     far, near = 2 - y / 2, 2 - y
     stops = ((5, 0.7), (3.2, 1.0), (2.7, far), (2.2, far), (1.6, far), (2.2, near), (2.7, near))

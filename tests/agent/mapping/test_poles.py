@@ -11,9 +11,9 @@ from agent.mapping.views import view_of
 from agent.perception.perceive import perceive
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
 from tests.agent.mapping.test_particle_filter import Walk, ring, round_tour
+from tests.ideal import ideal_lidar
 
 OUTSIDE = ring((0, 0), (5, 0), (5, 4), (0, 4))
 TOUR = round_tour((0.7, 0.7), (4.3, 0.7), (4.3, 3.3), (0.7, 3.3), step=0.1)
@@ -26,7 +26,7 @@ def post(x: float, y: float, width: float) -> list[tuple[float, float, float, fl
 
 
 def walked(walls: list[tuple[float, float, float, float]], seed: int = 0, **lidar: float) -> Walk:
-    walk = Walk(walls, LidarSpec(**lidar), seed=seed)
+    walk = Walk(walls, ideal_lidar(**lidar), seed=seed)
     for pose in TOUR:
         walk.see(pose)
     return walk
@@ -69,7 +69,7 @@ def test_a_post_of_which_beams_see_the_faces_is_no_pole() -> None:
 
 def test_a_post_that_is_taken_away_leaves_the_map() -> None:
     walk = walked(OUTSIDE + post(2.2, 1.8, 0.04))
-    walk.lidar = Walk(OUTSIDE, LidarSpec()).lidar
+    walk.lidar = Walk(OUTSIDE, ideal_lidar()).lidar
     for pose in TOUR:
         walk.see(pose)
     assert len(poles_of(walk)) == 0
@@ -79,7 +79,7 @@ def test_what_peeps_out_behind_an_edge_is_no_pole() -> None:
     """From here a door jamb hides all but 5 cm of a cabinet."""
     jamb = ring((1.9, 0.0), (1.9, 1.5), (2.0, 1.5), (2.0, 0.0))
     cabinet = ring((2.6, 1.0), (2.6, 1.785), (3.2, 1.785), (3.2, 1.0))
-    walk = Walk(OUTSIDE + jamb + cabinet, LidarSpec())
+    walk = Walk(OUTSIDE + jamb + cabinet, ideal_lidar())
     for _ in range(60):
         walk.see((1.0, 1.2, 0.0))
     assert walk.filter.poles["seen"].max() > 20.0 and len(poles_of(walk)) == 0
@@ -106,7 +106,7 @@ def test_a_pole_of_which_one_wall_is_seen_through_is_not_laid() -> None:
 def test_a_scan_sees_through_no_pole_that_may_stand_between_its_beams() -> None:
     far, near = (0.5, 2.0, 0.0), (2.7, 2.0, 0.0)
     pole = with_poles(Wireframe(), np.array([(3.5, 2.0, 0.04)]), np.ones(1), np.ones(1, np.bool_), 0.0)
-    walk = Walk(OUTSIDE, LidarSpec())
+    walk = Walk(OUTSIDE, ideal_lidar())
     for pose, walls in ((far, 0), (near, 2)):  # its front and its back
         evidence = WallEvidence()
         evidence.lay(pole)
@@ -120,6 +120,6 @@ def test_poles_have_no_part_in_alignment(mine: Walk) -> None:
 
 
 def test_a_mind_that_was_kept_has_its_poles(mine: Walk) -> None:
-    again = Walk(OUTSIDE, LidarSpec()).filter
+    again = Walk(OUTSIDE, ideal_lidar()).filter
     again.restore(mine.filter.state())
     assert np.array_equal(again.wireframe().points, mine.filter.wireframe().points)

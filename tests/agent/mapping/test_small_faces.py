@@ -9,9 +9,9 @@ from agent.corner_scan import FRONTIER
 from agent.mapping.edges import EDGE, WALL, join
 from agent.mapping.squares import square_short_walls
 from protocol.geometry import Pose
-from protocol.messages import LidarSpec
 from protocol.wireframe import Label
 from tests.agent.mapping.test_particle_filter import Walk, farthest, ring, round_tour
+from tests.ideal import ideal_lidar
 
 NOISE_M = 0.01
 OUTSIDE = ring((0, 0), (5, 0), (5, 4), (0, 4))
@@ -25,7 +25,7 @@ def plate(x: float, y: float, length: float, thickness: float) -> list[tuple[flo
 
 
 def seen(walls: list[tuple[float, float, float, float]], seed: int = 0, tour: list[Pose] = TOUR):
-    walk = Walk(walls, LidarSpec(), seed=seed)
+    walk = Walk(walls, ideal_lidar(), seed=seed)
     for pose in tour:
         walk.see(pose)
     found = walk.filter.wireframe()

@@ -9,11 +9,12 @@ from agent.corner_scan import CornerScan
 from agent.mapping.views import MARGIN_M, THROUGH, UNSEEN, look_at, view_of
 from agent.perception.beams import ring_of
 from agent.perception.perceive import perceive
-from protocol.messages import LidarSpec, RobotSpec
+from protocol.messages import LidarSpec
+from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 from world.worldfile import load
 
-TURNING = LidarSpec(turning=True, noise_m=0.0)
+TURNING = ideal_lidar(turning=True, noise_m=0.0)
 ROOM = np.array([(-1.0, -1, 3, -1), (3, -1, 3, 2), (3, 2, -1, 2), (-1, 2, -1, -1)])
 PERIOD_S = 0.2
 
@@ -35,12 +36,12 @@ def taken(walls: np.ndarray, spec: LidarSpec, way: np.ndarray) -> tuple[np.ndarr
     poses[:, 0] += c * spec.mount_x_m - s * spec.mount_y_m
     poses[:, 1] += s * spec.mount_x_m + c * spec.mount_y_m
     poses[:, 2] += spec.bearings()
-    ranges, met = Lidar(walls, LidarSpec(beams=8, range_max_m=spec.range_max_m)).trace(poses)
+    ranges, met = Lidar(walls, ideal_lidar(beams=8, range_max_m=spec.range_max_m)).trace(poses)
     return ranges[:, 0], met[:, 0]
 
 
 def scan_of(walls: np.ndarray, spec: LidarSpec, way: np.ndarray) -> CornerScan:
-    return perceive(taken(walls, spec, way)[0], RobotSpec(lidar=spec), way=way)
+    return perceive(taken(walls, spec, way)[0], ideal_spec(lidar=spec), way=way)
 
 
 def off_the_walls(scan: CornerScan, walls: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -64,15 +65,15 @@ def test_a_room_is_seen_as_straight_from_a_robot_that_drives_and_turns(turn: flo
     assert len(scan.pieces) >= 4
     assert off_the_walls(scan, ROOM, end).max() < 0.002
     if turn:
-        still = perceive(taken(ROOM, spec, way)[0], RobotSpec(lidar=spec))
+        still = perceive(taken(ROOM, spec, way)[0], ideal_spec(lidar=spec))
         assert off_the_walls(still, ROOM, end).max() > 0.1
 
 
 def test_a_scan_at_one_instant_needs_no_way() -> None:
-    spec = LidarSpec(noise_m=0.0)
+    spec = ideal_lidar(noise_m=0.0)
     way = way_of(np.zeros(3), 0.22, 2.8)
     ranges = Lidar(ROOM, spec).cast(np.zeros((1, 3)))[0]
-    with_way, without = perceive(ranges, RobotSpec(lidar=spec), way=way), perceive(ranges, RobotSpec(lidar=spec))
+    with_way, without = perceive(ranges, ideal_spec(lidar=spec), way=way), perceive(ranges, ideal_spec(lidar=spec))
     assert (with_way.pieces == without.pieces).all()
 
 
@@ -107,7 +108,7 @@ def test_no_wall_is_seen_through_from_a_robot_that_drives_and_turns(name: str) -
     for pose in world.starts(40, 0.12, rng):
         way = way_of(pose, rng.uniform(-0.5, 0.5), rng.uniform(-2.8, 2.8))
         ranges, met = taken(world.segments, TURNING, way)
-        view = view_of(perceive(ranges, RobotSpec(lidar=TURNING), way=way), tuple(pose), MARGIN_M)
+        view = view_of(perceive(ranges, ideal_spec(lidar=TURNING), way=way), tuple(pose), MARGIN_M)
         for wall in np.unique(met[met >= 0]):
             a, b = world.segments[wall, :2], world.segments[wall, 2:]
             for share in np.linspace(0, 1, 12)[1:-1]:
@@ -119,7 +120,7 @@ def test_no_wall_is_seen_through_from_a_robot_that_drives_and_turns(name: str) -
 
 
 def test_a_teammate_is_a_disc_though_the_robot_turns() -> None:
-    walls, spec = ROOM, RobotSpec(lidar=TURNING)
+    walls, spec = ROOM, ideal_spec(lidar=TURNING)
     sides = np.arange(24) * 2 * math.pi / 24
     ring = np.column_stack((0.2 + 0.105 * np.cos(sides), 1.1 + 0.105 * np.sin(sides)))
     mate = np.column_stack((np.roll(ring, -1, 0), ring))
@@ -134,7 +135,7 @@ def test_a_teammate_is_a_disc_though_the_robot_turns() -> None:
 def test_a_teammate_close_by_is_a_disc_though_parallax_leaves_gaps_beside_it() -> None:
     """From where its beam was taken a robot looked past a teammate elsewhere than from the scan's stamp."""
     found, rng, room = 0, np.random.default_rng(0), 3.0 * ROOM
-    spec = RobotSpec(lidar=TURNING.model_copy(update={"noise_m": 0.01}))
+    spec = ideal_spec(lidar=TURNING.model_copy(update={"noise_m": 0.01}))
     sides = np.arange(24) * 2 * math.pi / 24
     for bearing in np.linspace(0.0, 2 * math.pi, 40, endpoint=False):
         way = way_of(np.array((2.0, 1.0, 0.4)), 0.22, rng.uniform(-2.8, 2.8))

@@ -6,8 +6,9 @@ import pytest
 from agent.perception.config import PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.perceive import Perception, perceive
-from protocol.messages import LidarSpec, Observation, RobotSpec
+from protocol.messages import Observation
 from protocol.wireframe import Wireframe
+from tests.ideal import ideal_lidar, ideal_spec
 
 NOBODY = np.zeros((0, 2))
 STANDING = np.array([[2.0, 0.5]])
@@ -16,12 +17,12 @@ ELSEWHERE = np.array([[-3.0, 0.0, 0.5]])  # a teammate whose place is known, and
 
 
 def posts() -> Posts:
-    return Posts(RobotSpec())
+    return Posts(ideal_spec())
 
 
 @pytest.mark.parametrize("rate_hz", [5, 20])
 def test_a_disc_that_stands_is_a_post_where_nobody_was_ever_heard(rate_hz: int) -> None:
-    one, ticks = Posts(RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))), 3 * rate_hz
+    one, ticks = Posts(ideal_spec(lidar=ideal_lidar(rate_hz=rate_hz))), 3 * rate_hz
     for tick in range(ticks):
         one.add(tick, STANDING + 0.01 * (tick % 3), ELSEWHERE)
     assert not len(one.places)
@@ -82,9 +83,9 @@ def room_with_a_post() -> np.ndarray:
 
 
 def test_beams_on_a_post_tell_of_walls() -> None:
-    plain = perceive(room_with_a_post(), RobotSpec())
+    plain = perceive(room_with_a_post(), ideal_spec())
     assert len(plain.discs) == 1
-    told = perceive(room_with_a_post(), RobotSpec(), posts=plain.discs)
+    told = perceive(room_with_a_post(), ideal_spec(), posts=plain.discs)
     assert not len(told.discs)
     assert len(told.pieces) > len(plain.pieces)
     assert np.hypot(told.pieces["x"], told.pieces["y"]).min() < 0.8
@@ -93,7 +94,7 @@ def test_beams_on_a_post_tell_of_walls() -> None:
 
 def test_beams_on_a_disc_tell_of_walls_unless_somebody_was_heard_lately() -> None:
     """A beacon comes every 5 s; after 21 s without one nobody is near."""
-    one, ranges = Perception(PerceptionConfig(), RobotSpec()), room_with_a_post().astype("<f4").tobytes()
+    one, ranges = Perception(PerceptionConfig(), ideal_spec()), room_with_a_post().astype("<f4").tobytes()
     hidden = []
     for tick in range(0, 260):
         place = (0.02 * tick, 0.0, 0.0)  # what comes along with the robot stands nowhere for long, and so is no post
@@ -107,7 +108,7 @@ def test_beams_on_a_disc_tell_of_walls_unless_somebody_was_heard_lately() -> Non
 
 @pytest.mark.parametrize("rate_hz", [5.0, 20.0])
 def test_a_disc_that_was_seen_for_long_is_remembered_for_four_scans_at_any_rate(rate_hz: float) -> None:
-    one = SeenDiscs(RobotSpec(lidar=LidarSpec(rate_hz=rate_hz)))
+    one = SeenDiscs(ideal_spec(lidar=ideal_lidar(rate_hz=rate_hz)))
     for _ in range(9):
         one.add(HERE, STANDING)
         assert one.expected(HERE)[:, 2] == pytest.approx([0.22 / rate_hz])  # where it was before no longer counts
@@ -118,7 +119,7 @@ def test_a_disc_that_was_seen_for_long_is_remembered_for_four_scans_at_any_rate(
 
 
 def test_a_disc_that_one_scan_saw_is_expected_in_the_next_alone() -> None:
-    one = SeenDiscs(RobotSpec())
+    one = SeenDiscs(ideal_spec())
     one.add(HERE, STANDING)
     assert len(one.expected(HERE)) == 1
     one.add(HERE, NOBODY)
@@ -126,7 +127,7 @@ def test_a_disc_that_one_scan_saw_is_expected_in_the_next_alone() -> None:
 
 
 def test_a_disc_that_drives_is_one_disc() -> None:
-    one = SeenDiscs(RobotSpec())
+    one = SeenDiscs(ideal_spec())
     for tick in range(6):
         one.add(HERE, STANDING + np.array((0.0, 0.044 * tick)))
         assert len(one.expected(HERE)) == 1

@@ -12,11 +12,12 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.perception.config import PerceptionConfig
 from agent.perception.median_scan import MOST_SCANS, MedianScan
 from agent.perception.perceive import Perception, perceive
-from protocol.messages import LidarSpec, Observation, OdometrySpec, RobotSpec
+from protocol.messages import Observation, OdometrySpec, RobotSpec
 from protocol.wireframe import Wireframe
+from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 
-SPEC = RobotSpec(lidar=LidarSpec(noise_share=0.0175), odometry=OdometrySpec(noisy=True))
+SPEC = ideal_spec(lidar=ideal_lidar(noise_share=0.0175), odometry=OdometrySpec(noisy=True))
 STILL, HERE = np.zeros(3), (0.0, 0.0, 0.0)
 WALL = (-4.0, -0.73, 6.0, -0.73)
 COLUMN = [(0.71, 2.97, 0.71, 3.37), (1.11, 2.97, 0.71, 2.97)]
@@ -64,7 +65,7 @@ def test_of_scans_one_by_one_no_smear_over_two_faces_is_kept(seed: int) -> None:
 
 
 def test_a_beam_is_what_most_scans_had() -> None:
-    standing = MedianScan(LidarSpec())
+    standing = MedianScan(ideal_lidar())
     for k in range(5):
         ranges = np.array([1.0 + 0.01 * k, math.inf if k < 3 else 1.0, math.nan if k < 3 else 1.0, 2.0 if k else 9.0])
         standing.add(ranges, STILL, touching=False)
@@ -100,7 +101,7 @@ def test_far_ends_of_the_first_look_hold_the_robot() -> None:
 
 @pytest.mark.parametrize(("odometry", "touching"), [((0.01, 0.0, 0.0), False), ((0.0, 0.0, 0.0), True)])
 def test_who_has_moved_or_may_be_pushed_stands_no_more(odometry: tuple[float, float, float], touching: bool) -> None:
-    standing = MedianScan(LidarSpec())
+    standing = MedianScan(ideal_lidar())
     for _ in range(MOST_SCANS + 5):
         standing.add(np.ones(4), STILL, touching=False)
     assert standing.number == MOST_SCANS
@@ -114,4 +115,4 @@ def test_exact_odometry_takes_scan_by_scan() -> None:
         seen = Observation(tick=0, ranges=ranges_of(0, 1)[0].astype("<f4").tobytes(), odometry=HERE)
         return Perception(PerceptionConfig(), spec).see(seen, np.zeros((2, 3)), HERE, Wireframe())
 
-    assert (see(SPEC).stood, see(RobotSpec()).stood) == (1, 0)
+    assert (see(SPEC).stood, see(ideal_spec()).stood) == (1, 0)

@@ -11,13 +11,13 @@ from agent.corner_scan import CornerScan, to_map_frame
 from agent.perception.config import Segmentation
 from agent.perception.perceive import perceive
 from protocol.geometry import pose_of
-from protocol.messages import LidarSpec, RobotSpec
 from protocol.wireframe import Label
+from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
 from world.worldfile import World, load
 
 SHARED = Path(__file__).parents[4] / "shared" / "worlds"
-SPEC = LidarSpec()
+SPEC = ideal_lidar()
 BEAM = 2 * math.pi / SPEC.beams
 
 
@@ -54,7 +54,7 @@ def judge(world: World, count: int, seed: int, method: Segmentation = "piecewise
     corners = np.unique(world.segments.reshape(-1, 2).round(6), axis=0)
     errors, wrong, ends = [], 0, 0
     for pose, scan_ranges, walls in zip(poses, measured, met, strict=True):
-        scan = perceive(np.asarray(scan_ranges, np.float64), RobotSpec(), method)
+        scan = perceive(np.asarray(scan_ranges, np.float64), ideal_spec(), method)
         c, s = math.cos(pose[2]), math.sin(pose[2])
         for piece in scan.pieces:
             for side in (0, 1):
@@ -106,13 +106,13 @@ def view(
     segments: list[tuple[float, float, float, float]], noise: float = 0.0, reach: float = 3.5, **extra
 ) -> CornerScan:
     """Corner scan from the origin; extra: discs (m, 3), and those of them that were seen before."""
-    spec = LidarSpec(noise_m=noise, range_max_m=reach)
+    spec = ideal_lidar(noise_m=noise, range_max_m=reach)
     lidar = Lidar(np.array(segments, np.float64), spec)
     ranges = lidar.cast(np.zeros((1, 3)), extra.get("discs"))
     if noise:
         ranges = lidar.measured(ranges, [np.random.default_rng(4)])
     expected = extra.get("before", np.zeros((0, 3))) * (1.0, 1.0, 0.0)
-    return perceive(np.asarray(ranges[0], np.float64), RobotSpec(lidar=spec), expected=expected)
+    return perceive(np.asarray(ranges[0], np.float64), ideal_spec(lidar=spec), expected=expected)
 
 
 def test_one_view_gives_all_three_labels() -> None:
@@ -146,9 +146,9 @@ def test_a_wall_cut_by_range_is_a_frontier() -> None:
 
 @pytest.mark.parametrize("off", [0.5, 2.0, 3.0, 3.3])
 def test_who_stands_for_long_takes_the_end_of_the_range_for_no_corner(off: float) -> None:
-    lidar = Lidar(np.array([[-10.0, off, 10.0, off]]), LidarSpec(noise_m=0.01))
+    lidar = Lidar(np.array([[-10.0, off, 10.0, off]]), ideal_lidar(noise_m=0.01))
     ranges, rng = lidar.cast(np.zeros((1, 3))), np.random.default_rng(0)
-    scans = (perceive(np.asarray(lidar.measured(ranges, [rng])[0], np.float64), RobotSpec()) for _ in range(300))
+    scans = (perceive(np.asarray(lidar.measured(ranges, [rng])[0], np.float64), ideal_spec()) for _ in range(300))
     labels = np.concatenate([scan.pieces["label"].ravel() for scan in scans])
     assert len(labels) >= 600 and (labels == Label.OCCLUSION).sum() <= 1
 
@@ -156,8 +156,8 @@ def test_who_stands_for_long_takes_the_end_of_the_range_for_no_corner(off: float
 @pytest.mark.parametrize("off", [0.05, 0.08, 0.11, 0.15])
 def test_an_open_door_that_is_looked_at_along_its_wall_is_no_wall(off: float) -> None:
     walls = np.array([[-1.0, 4.0, -1.0, -4.0], [0.0, 0.2, 0.0, 1.6], [0.0, 2.5, 0.0, 2.9], [1.0, 2.9, -1.0, 2.9]])
-    ranges = Lidar(walls, LidarSpec()).cast(np.array([[-off, 0.0, 0.0]]))[0]
-    scan = perceive(np.asarray(ranges, np.float64), RobotSpec()).wireframe()
+    ranges = Lidar(walls, ideal_lidar()).cast(np.array([[-off, 0.0, 0.0]]))[0]
+    scan = perceive(np.asarray(ranges, np.float64), ideal_spec()).wireframe()
     a, b = scan.points[scan.edges].transpose(1, 0, 2)
     along = (np.abs(a[:, 0] - off) < 0.05) & (np.abs(b[:, 0] - off) < 0.05)
     assert along.any()
@@ -209,12 +209,12 @@ def test_a_teammate_that_peeps_out_behind_another_one_is_no_wall(away: float) ->
 
 
 def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_says_that_it_is() -> None:
-    spec, rng = LidarSpec(noise_m=0.01), np.random.default_rng(0)
+    spec, rng = ideal_lidar(noise_m=0.01), np.random.default_rng(0)
     lidar, taken = Lidar(np.array([(1.0, 0.0, 1.0, -3.0), (3.0, 3.0, 3.0, -3.0)]), spec), 0
     for away, aside in rng.uniform((1.2, -0.1), (2.8, 0.1), (200, 2)):  # half behind the end of a wall
         ranges = lidar.measured(lidar.cast(np.zeros((1, 3)), np.array([(away, aside, 0.105)])), [rng])[0]
         seen, told = (
-            perceive(np.asarray(ranges, np.float64), RobotSpec(lidar=spec), places=places)
+            perceive(np.asarray(ranges, np.float64), ideal_spec(lidar=spec), places=places)
             for places in (np.zeros((0, 3)), np.array([(away - 0.1, aside + 0.2, 0.4)]))
         )
         between = [(scan.pieces["x"] > 1.1) & (scan.pieces["x"] < 2.9) for scan in (seen, told)]
@@ -226,8 +226,10 @@ def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_s
 def test_a_post_is_a_wall_beside_a_teammate_that_is_seen() -> None:
     disc, post = np.array([(1.5, 0.0, 0.105)]), (1.5, 0.55, 1.5, 0.65)
     scan = perceive(
-        Lidar(np.array([post, (3.0, -3.0, 3.0, 3.0)]), LidarSpec()).cast(np.zeros((1, 3)), disc)[0].astype(np.float64),
-        RobotSpec(),
+        Lidar(np.array([post, (3.0, -3.0, 3.0, 3.0)]), ideal_lidar())
+        .cast(np.zeros((1, 3)), disc)[0]
+        .astype(np.float64),
+        ideal_spec(),
         places=np.array([(1.5, 0.1, 0.8)]),
     )
     assert len(scan.discs) == 1 and (np.abs(scan.pieces["x"] - 1.5) < 0.02).any()
@@ -235,7 +237,7 @@ def test_a_post_is_a_wall_beside_a_teammate_that_is_seen() -> None:
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, 0.0, 1e9])
 def test_nonsense_ranges_are_silence(value: float) -> None:
-    scan = perceive(np.full(360, value), RobotSpec())
+    scan = perceive(np.full(360, value), ideal_spec())
     assert len(scan.pieces) == 0
     assert len(scan.wireframe().points) == 0
 
@@ -243,13 +245,13 @@ def test_nonsense_ranges_are_silence(value: float) -> None:
 def test_dropouts_do_not_open_walls() -> None:
     ranges = Lidar(np.array([(-10.0, 1, 10, 1)]), SPEC).cast(np.zeros((1, 3)))[0].astype(np.float64)
     ranges[np.random.default_rng(5).random(len(ranges)) < 0.05] = np.inf
-    scan = perceive(ranges, RobotSpec(lidar=LidarSpec(dropout=0.05)))
+    scan = perceive(ranges, ideal_spec(lidar=ideal_lidar(dropout=0.05)))
     assert (np.abs(scan.pieces["y"] - 1) < 1e-6).all()
     assert (scan.pieces["label"] == Label.FRONTIER).all()
 
 
 def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_one() -> None:
-    spec = LidarSpec()
+    spec = ideal_lidar()
     wall = [(1.0, -0.075, 1.0, 0.075), (1.0, 0.075, 3.0, 0.075), (3.0, -0.075, 1.0, -0.075)]
     walls = np.array([w[2:] + w[:2] for w in wall])
     sides = np.array(wall[1:])
@@ -260,14 +262,14 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
         pose = np.array([[-0.3, 0.05 * (seed % 3 - 1), 0.0]])
         ranges = np.asarray(lidar.measured(lidar.cast(pose), [rng])[0], np.float64)
         known = sides - np.tile(pose[0, :2], 2)
-        hidden_without += len(perceive(ranges, RobotSpec()).discs)
-        scan = perceive(ranges, RobotSpec(), known=known)
+        hidden_without += len(perceive(ranges, ideal_spec()).discs)
+        scan = perceive(ranges, ideal_spec(), known=known)
         assert len(scan.discs) == 0
         seen_with += len(scan.pieces) > 0
         beside = np.array([[2.0, 0.075 + 0.2, 0.105]])
         pose = np.array([[1.2, 0.9, 0.0]])
         ranges = np.asarray(lidar.measured(lidar.cast(pose, beside), [rng])[0], np.float64)
-        scan = perceive(ranges, RobotSpec(), known=sides - np.tile(pose[0, :2], 2))
+        scan = perceive(ranges, ideal_spec(), known=sides - np.tile(pose[0, :2], 2))
         assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
     assert hidden_without > 0
     assert seen_with == 20
@@ -275,7 +277,7 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
 
 def test_what_fits_a_disc_on_a_known_wall_is_the_wall_and_a_teammate_before_it_is_none() -> None:
     """Few beams on a far wall that is seen obliquely fit a circle, too: its middle lies a radius behind the wall."""
-    wall, spec, rng = np.array([(2.0, 2.0, -3.0, 2.0)]), RobotSpec(), np.random.default_rng(0)
+    wall, spec, rng = np.array([(2.0, 2.0, -3.0, 2.0)]), ideal_spec(), np.random.default_rng(0)
     lidar, mate = Lidar(wall, spec.lidar), np.array([[-0.3, 2.0 - 1.3 * spec.radius_m, spec.radius_m]])
     on_wall, left, on_mate, told = 0, 0, 0, 0
     for _ in range(40):
@@ -292,25 +294,25 @@ def test_what_fits_a_disc_on_a_known_wall_is_the_wall_and_a_teammate_before_it_i
 
 
 def test_a_far_piece_shows_where_it_ends_however_noisy_its_beams_are() -> None:
-    bearings = RobotSpec().lidar.bearings() - 0.5 * math.pi
+    bearings = ideal_spec().lidar.bearings() - 0.5 * math.pi
     panel = np.where(np.abs(2.5 * np.tan(bearings)) < 0.15, 2.5 / np.cos(bearings), np.inf)
     panel[panel < 0] = np.inf
     for share in (0.0, 0.0175):
-        piece = perceive(panel, RobotSpec(lidar=LidarSpec(noise_share=share)), alone=True).pieces[0]
+        piece = perceive(panel, ideal_spec(lidar=ideal_lidar(noise_share=share)), alone=True).pieces[0]
         assert set(piece["label"].tolist()) == {int(Label.OCCLUSION)}
         assert (np.abs(piece["end"]) < 0.16).all() and (np.abs(piece["end"]) + piece["slack"] > 0.14).all()
 
 
 def test_beams_on_the_tip_of_a_wall_do_not_move_its_long_side() -> None:
     """Noise takes beams on the tip for ones on the side, and these lie behind it: it seemed 5 mm too far away."""
-    lidar = LidarSpec(noise_share=0.0175)
+    lidar = ideal_lidar(noise_share=0.0175)
     side, count, rng = 0.5, 400, np.random.default_rng(0)
     plate = np.array([[side, 0.0, -side, 0.0], [-side, 0.0, -side, -0.15], [side, -0.15, side, 0.0]])
     poses = np.column_stack((rng.uniform(0.9, 2.2, count), rng.uniform(1.2, 2.3, count), rng.uniform(-3, 3, count)))
     weight, moment = 0.0, 0.0
     seen = Lidar(plate, lidar).cast(poses)
     for pose, ranges in zip(poses, Lidar(plate, lidar).measured(seen, [rng] * count), strict=True):
-        for piece in to_map_frame(perceive(ranges, RobotSpec(lidar=lidar), alone=True).pieces, pose_of(pose)):
+        for piece in to_map_frame(perceive(ranges, ideal_spec(lidar=lidar), alone=True).pieces, pose_of(pose)):
             if abs(piece["uy"]) < 0.3 and abs(piece["x"]) < side:
                 weight += piece["hits"]
                 moment += piece["hits"] * piece["y"]
@@ -319,16 +321,16 @@ def test_beams_on_the_tip_of_a_wall_do_not_move_its_long_side() -> None:
 
 @pytest.mark.parametrize(("hits", "bridge_m", "pieces"), [(5, 2.0, 1), (5, 0.25, 0), (4, 2.0, 0)])
 def test_sparse_hits_of_a_sure_line_are_one_wall_where_it_is_bridged(hits: int, bridge_m: float, pieces: int) -> None:
-    lidar = LidarSpec(beams=90, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=20.0, turning=False)
+    lidar = ideal_lidar(beams=90, field_of_view_deg=180.0, first_beam_deg=-90.0, range_max_m=20.0, turning=False)
     ranges, angles = np.full(90, np.inf), np.radians(-90.0 + 2.0 * np.arange(90))
     ahead = np.arange(56, 56 + hits)  # at 22 degrees and more off the heading, half a metre and more apart on the wall
     ranges[ahead] = 3.0 / np.sin(angles[ahead])
-    assert len(perceive(ranges, RobotSpec(lidar=lidar), alone=True, bridge_m=bridge_m).pieces) == pieces
+    assert len(perceive(ranges, ideal_spec(lidar=lidar), alone=True, bridge_m=bridge_m).pieces) == pieces
 
 
 @pytest.mark.parametrize("bearing_deg", [-4.5, -1.5, 0.0, 2.5, 90.0])
 def test_a_post_straight_ahead_is_seen_in_company_though_the_seam_of_a_revolution_is_there(bearing_deg: float) -> None:
-    spec = RobotSpec(lidar=LidarSpec(turning=True))
+    spec = ideal_spec(lidar=ideal_lidar(turning=True))
     off = (spec.lidar.bearings() - math.radians(bearing_deg) + math.pi) % (2 * math.pi) - math.pi
     on_post = (np.abs(0.7 * np.tan(off)) <= 0.05) & (np.abs(off) < 1.0)
     on_wall = np.abs(off) > 2.5  # 1 m behind the robot
@@ -342,5 +344,5 @@ def test_a_post_straight_ahead_is_seen_in_company_though_the_seam_of_a_revolutio
 def test_a_lone_post_is_one_piece_wherever_the_ring_of_beams_begins(bearing_deg: float) -> None:
     off = (SPEC.bearings() - math.radians(bearing_deg) + math.pi) % (2 * math.pi) - math.pi
     on_post = (np.abs(0.7 * np.tan(off)) <= 0.05) & (np.abs(off) < 1.0)
-    piece = perceive(np.where(on_post, 0.7 / np.cos(off), np.inf), RobotSpec()).pieces
+    piece = perceive(np.where(on_post, 0.7 / np.cos(off), np.inf), ideal_spec()).pieces
     assert np.diff(piece["end"]).tolist() == [[pytest.approx(0.09, abs=0.01)]]

@@ -18,6 +18,7 @@ from deploy.bench.exploration.teams import corridor
 from deploy.bench.exploration.tours import best_bound, held_karp, least_ways
 from deploy.bench.explored import Driven, explore
 from deploy.bench.tables import Section
+from deploy.sensing import IDEAL
 from protocol.messages import RobotSpec
 from world.config import WorldConfig
 from world.worldfile import from_document
@@ -107,7 +108,7 @@ def test_silence_beside_a_wall_too_near_to_be_seen_is_no_free_space() -> None:
 def test_the_dense_robot_explores(tmp_path: Path) -> None:
     path = tmp_path / "room.yaml"
     path.write_text(json.dumps(room(7.0, 4.0, [3.0, 0.0, 3.0, 2.9], [5.0, 4.0, 5.0, 1.1])))
-    config = WorldConfig.model_validate({"world": str(path), "robots": 1, "max_time_s": 300.0})
+    config = WorldConfig.model_validate({"world": str(path), "robots": 1, "max_time_s": 300.0, "spec": IDEAL})
     minds: list[DenseRobot] = []
 
     def make(name: str, spec: RobotSpec, settings: AgentConfig, seed: int) -> DenseRobot:

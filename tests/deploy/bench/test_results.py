@@ -3,7 +3,6 @@
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from rich.console import Console
@@ -27,15 +26,16 @@ def test_every_case_has_a_name_of_its_own_and_plain_arguments(name: str) -> None
     assert Benchmark(name).sections({}) == []
 
 
-PUBLISHED = [(name, None) for name in STUDIES.values()]
+RESULTS = ROOT / "results"
+PUBLISHED: list[tuple[str, str | None]] = [(name, None) for name in STUDIES.values()]
 PUBLISHED += [("alignment", "thin"), ("exploration", "runs")]
 
 
 @pytest.mark.parametrize(("name", "part"), PUBLISHED)
 def test_the_committed_results_have_the_declared_tables_columns_and_bars(name: str, part: str | None) -> None:
-    file = ROOT / "results" / f"{name}{f'-{part}' if part else ''}.json"
-    kept: dict[str, Any] = json.loads(file.read_text())["sections"]
-    parts = Benchmark(name, part=part).parts
+    benchmark = Benchmark(name, part=part)
+    kept = json.loads(benchmark.file(RESULTS, quick=False, ideal=True).read_text())["sections"]
+    parts = benchmark.parts
     tables: dict[str, Table] = {table.name: table for one in parts for table in one.TABLES}
     assert list(kept) == [table for table in tables if table in kept]
     later = {"exact", "exact-twins", "thin"}  # in files of their own, as a thousand runs take a day
@@ -51,7 +51,7 @@ def test_the_committed_results_have_the_declared_tables_columns_and_bars(name: s
 
 @pytest.mark.parametrize("name", STUDIES.values())
 def test_a_study_measures_what_its_published_tables_need_and_no_more(name: str) -> None:
-    kept = json.loads((ROOT / f"results/{name}.json").read_text())["sections"]
+    kept = json.loads((RESULTS / f"{name}-ideal.json").read_text())["sections"]
     parts = [{table.name for table in part.TABLES} for part in Benchmark(name, kept).parts]
     assert kept.keys() <= set().union(*parts) and all(tables & kept.keys() for tables in parts)
 
@@ -130,7 +130,7 @@ def test_a_table_is_divided_to_fit_a_terminal_and_loses_no_figure(width: int) ->
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_study_is_compared_with_what_is_published(name: str) -> None:
-    text = (ROOT / f"results/{STUDIES[name]}.json").read_text()
+    text = (RESULTS / f"{STUDIES[name]}-ideal.json").read_text()
     before, now = json.loads(text), json.loads(text)
     rows = comparison(before, now).section({}).rows
     assert [row["table"] for row in rows] == list(before["sections"])
@@ -147,10 +147,10 @@ def test_a_study_is_compared_with_what_is_published(name: str) -> None:
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_quick_study_runs_to_its_end(name: str, tmp_path: Path) -> None:
     assert study(name, tmp_path, 1, quick=True) in (Status.OK, Status.NOT_MET)
-    made = json.loads((tmp_path / f"{STUDIES[name]}-quick.json").read_text())
+    made = json.loads((tmp_path / f"{STUDIES[name]}-ideal-quick.json").read_text())
     assert made["sections"] and not made["failed"]
 
 
 def test_a_study_does_not_overwrite_what_it_is_compared_with() -> None:
     with pytest.raises(InputError, match="choose another folder"):
-        study("trust", ROOT / "results", None)
+        study("trust", RESULTS, None)

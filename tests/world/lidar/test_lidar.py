@@ -8,13 +8,13 @@ import shapely
 
 from protocol.arrays import Floats
 from protocol.geometry import relative
-from protocol.messages import LidarSpec
+from tests.ideal import ideal_lidar
 from world import maze, worldfile
 from world.lidar.lidar import DISC, NOTHING, Lidar
 from world.lidar.readings import readings
 from world.way import interpolated
 
-SPEC = LidarSpec()
+SPEC = ideal_lidar()
 ROOM = np.array([[0, 0, 4, 0], [4, 0, 4, 3], [4, 3, 0, 3], [0, 3, 0, 0]], float)
 
 
@@ -46,7 +46,7 @@ def test_agrees_with_every_beam_against_every_wall(reach: float) -> None:
     rng = np.random.default_rng(5)
     world = worldfile.from_document(maze.generate(12, 10, rng))
     poses = world.starts(12, 0.105, rng, drawn=True)
-    spec = LidarSpec(range_max_m=reach, beams=180)
+    spec = ideal_lidar(range_max_m=reach, beams=180)
     lidar = Lidar(world.segments, spec)
     ranges = lidar.cast(poses)
     assert np.isfinite(ranges).mean() > 0.5
@@ -56,11 +56,11 @@ def test_agrees_with_every_beam_against_every_wall(reach: float) -> None:
 
 MOUNTED = {"mount_x_m": -0.03, "mount_y_m": 0.02, "mount_yaw_deg": 170.0}
 LIDARS = {
-    "burger": LidarSpec(turning=True),
-    "clockwise": LidarSpec(turning=True, clockwise=True, first_beam_deg=90.0, beams=90),
-    "half": LidarSpec(turning=True, field_of_view_deg=180.0, first_beam_deg=-90.0, beams=180, range_max_m=12.0),
-    "mounted": LidarSpec(turning=True, field_of_view_deg=270.0, first_beam_deg=-135.0, beams=270, **MOUNTED),
-    "all-at-once": LidarSpec(field_of_view_deg=270.0, first_beam_deg=135.0, beams=270, clockwise=True, **MOUNTED),
+    "burger": ideal_lidar(turning=True),
+    "clockwise": ideal_lidar(turning=True, clockwise=True, first_beam_deg=90.0, beams=90),
+    "half": ideal_lidar(turning=True, field_of_view_deg=180.0, first_beam_deg=-90.0, beams=180, range_max_m=12.0),
+    "mounted": ideal_lidar(turning=True, field_of_view_deg=270.0, first_beam_deg=-135.0, beams=270, **MOUNTED),
+    "all-at-once": ideal_lidar(field_of_view_deg=270.0, first_beam_deg=135.0, beams=270, clockwise=True, **MOUNTED),
 }
 
 
@@ -99,7 +99,7 @@ def drives(starts: Floats, turn: float, rng: np.random.Generator) -> Floats:
 
 
 def test_rays_begin_where_the_mount_is_at_their_moment() -> None:
-    spec = LidarSpec(turning=True, beams=8, mount_x_m=0.1, mount_yaw_deg=90.0)
+    spec = ideal_lidar(turning=True, beams=8, mount_x_m=0.1, mount_yaw_deg=90.0)
     rays = Lidar(ROOM, spec).rays(np.array([[[1.0, 1.0, 0.0]], [[2.0, 1.0, math.pi]]]))[0]
     assert rays[3] == pytest.approx([1.5, 1.1, math.pi / 2 + math.pi / 2 + 3 * math.pi / 4])  # halfway, facing +y
     assert rays[7] == pytest.approx([1.9, 1.0, math.pi + math.pi / 2 + 7 * math.pi / 4])
@@ -118,7 +118,7 @@ def test_a_turning_lidar_that_stands_sees_what_one_sees_that_looks_at_once() -> 
 
 
 def test_a_beam_along_a_wall_returns_its_near_end_while_the_lidar_turns() -> None:
-    spec = LidarSpec(turning=True)
+    spec = ideal_lidar(turning=True)
     way = np.array([[[0.0, 0.0, 0.0]], [[0.04, 0.0, 0.0]]])
     for wall in ([1.0, 0, 2, 0], [2.0, 0, 1, 0]):
         ranges = Lidar(np.array([wall]), spec).cast(way)[0]
@@ -229,7 +229,7 @@ def test_chunks_do_not_show() -> None:
 
 
 def test_noise_dropouts_and_minimum() -> None:
-    spec = LidarSpec(noise_m=0.02, dropout=0.1)
+    spec = ideal_lidar(noise_m=0.02, dropout=0.1)
     lidar = Lidar(ROOM, spec)
     true = np.repeat(lidar.cast(np.array([[2.0, 1.5, 0.0]])), 50, 0)
     out = lidar.measured(true, [np.random.default_rng(i) for i in range(50)])
@@ -250,7 +250,7 @@ def test_noise_dropouts_and_minimum() -> None:
 
 
 def test_noise_grows_with_range() -> None:
-    spec = LidarSpec(beams=4096, noise_share=0.0175)
+    spec = ideal_lidar(beams=4096, noise_share=0.0175)
     out = readings(spec, np.tile([0.2, 0.5, 1.0, 3.0], 1024)[None].repeat(8, 0), rngs(8))
     off = (out - np.tile([0.2, 0.5, 1.0, 3.0], 1024)).reshape(8, -1, 4)
     assert np.nanstd(off, axis=(0, 1)) == pytest.approx([0.01, 0.01, 0.0175, 0.0525], rel=0.04)
@@ -260,7 +260,7 @@ def test_noise_grows_with_range() -> None:
 @pytest.mark.parametrize(("turned", "lost"), [(90, 0.0), (30, 0.0001), (8, 0.07), (3, 0.3679), (0.3, 0.905)])
 def test_grazing_beams_are_lost(turned: float, lost: float) -> None:
     # one wall, on which beams of a narrow view fall nearly alike
-    spec = LidarSpec(beams=1000, grazing_deg=3, range_max_m=50).model_copy(update={"field_of_view_deg": 0.01})
+    spec = ideal_lidar(beams=1000, grazing_deg=3, range_max_m=50).model_copy(update={"field_of_view_deg": 0.01})
     wall = rotated(np.array([[-40.0, 0.0, 40.0, 0.0]]), math.radians(turned)) + np.array([1.0, 0, 1, 0])
     lidar = Lidar(wall, spec)
     ranges, met = lidar.trace(np.zeros((1, 3)))
@@ -272,7 +272,7 @@ def test_grazing_beams_are_lost(turned: float, lost: float) -> None:
 
 def test_readings_at_an_edge_lie_between_its_surfaces() -> None:
     walls = np.array([[1.0, 5, 1, 0.003], [2.0, 5, 2, -5], [1.0, -0.4, 1, -5]])
-    spec = LidarSpec(noise_m=0, mixed=0.2, dropout=0.1)
+    spec = ideal_lidar(noise_m=0, mixed=0.2, dropout=0.1)
     lidar = Lidar(walls, spec)
     ranges, met = lidar.trace(np.zeros((1, 3)))
     out = lidar.measured(ranges.repeat(4000, 0), rngs(4000), met.repeat(4000, 0), lidar.rays(np.zeros((4000, 3))))

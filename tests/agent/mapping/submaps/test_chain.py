@@ -19,8 +19,9 @@ from agent.passenger import Passenger
 from deploy.bench.rings import laps
 from protocol.arrays import Floats, Records
 from protocol.geometry import apply, compose, relative, wrapped
-from protocol.messages import LidarSpec, Observation, RobotSpec
+from protocol.messages import LidarSpec, Observation
 from tests.carried import DRIFT, HALF_TURN, Wall, observations, outline, path_error, ring_corridor
+from tests.ideal import ideal_spec
 
 SIDE, WIDTH = 18.0, 2.2
 
@@ -30,7 +31,7 @@ def carried(seed: int, count: float = 2.0) -> tuple[Passenger, Floats, Floats]:
     """A mind after some laps of a ring, the true way, and the one by odometry."""
     way = laps(SIDE, WIDTH, count)
     seen = observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, seed)
-    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
     for observation in seen:
         mind.step(observation)
     mind.finish()
@@ -59,7 +60,7 @@ def test_no_wall_stands_twice(seed: int) -> None:
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
 def test_sparse_beams_along_a_corridor_hold_the_heading(seed: int) -> None:
     way, lidar = laps(SIDE, WIDTH, 1.5, step=1.0), HALF_TURN.model_copy(update={"beams": 60})
-    mind = Passenger(RobotSpec(lidar=lidar), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=lidar), AgentConfig())
     for observation in observations(ring_corridor(SIDE, WIDTH), way, lidar, DRIFT, seed):
         mind.step(observation)
     mind.finish()
@@ -68,7 +69,7 @@ def test_sparse_beams_along_a_corridor_hold_the_heading(seed: int) -> None:
 
 def test_a_lap_that_tracking_bent_by_25_degrees_is_closed() -> None:
     way = laps(SIDE, WIDTH, 1.5)
-    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
     submaps, begun, bend = mind.submaps, 1, math.radians(2.1)
     for observation in observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, 1):
         mind.step(observation)
@@ -81,7 +82,7 @@ def test_a_lap_that_tracking_bent_by_25_degrees_is_closed() -> None:
 
 
 def test_no_scan_waits_for_more_than_one_comparison_of_submaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    compared, mind, most = [0], Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig()), 0
+    compared, mind, most = [0], Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig()), 0
 
     def counted(*given: Any) -> Found | None:
         compared[0] += 1
@@ -111,7 +112,7 @@ def test_the_way_is_as_sure_as_walls_held_it() -> None:
     room, corridor = (outline((-x, -y), (x, -y), (x, y), (-x, y)) for x, y in ((6.0, 3.0), (60.0, 1.0)))
     sds = []
     for walls in (room, corridor):
-        mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+        mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
         for observation in observations(np.array(walls), way, HALF_TURN, DRIFT, 0):
             mind.step(observation)
         sds.append(np.sqrt(np.diag(np.linalg.inv(mind.submaps.graph().information[0]))))
@@ -145,7 +146,7 @@ def two_rooms(seed: int) -> Floats:
 
 def mapped(seen: Sequence[Observation], scan: int, slip_deg: float, lidar: LidarSpec = HALF_TURN) -> Floats:
     """(n, 3) path by observations, where wheels slip before one of the scans."""
-    mind, at = Passenger(RobotSpec(lidar=lidar), AgentConfig()), seen[scan].odometry
+    mind, at = Passenger(ideal_spec(lidar=lidar), AgentConfig()), seen[scan].odometry
     slipped = compose(at, (0.0, 0.0, math.radians(slip_deg)))
     for k, observation in enumerate(seen):
         odometry = observation.odometry if k < scan else compose(slipped, relative(at, observation.odometry))
@@ -208,7 +209,7 @@ def test_a_scan_with_a_wrong_stamp_bends_nothing_after_it(
     seen = observations(walls, way, HALF_TURN, DRIFT, seed)
     wrong = compose(seen[scan].odometry, (0.0, 0.0, math.radians(off_deg)))
     seen[scan] = seen[scan].model_copy(update={"odometry": wrong})
-    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
     for observation in seen:
         mind.step(observation)
     assert np.abs(wrapped(mind.path()[:, 2] - (way[:, 2] - way[0, 2]))).max() < math.radians(1.0)
@@ -219,7 +220,7 @@ def test_walls_that_a_turn_brings_into_view_are_not_put_onto_known_ones(seed: in
     turns = np.arange(0, 7.5, 0.7)
     nods = math.radians(25.0) * (-1.0) ** np.arange(len(turns))
     way = np.column_stack((5 + 2.5 * np.cos(turns), 5 + 2.5 * np.sin(turns), turns + math.pi / 2 + nods))
-    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
     for observation in observations(cluttered(12), way, HALF_TURN, DRIFT, seed):
         mind.step(observation)
     assert path_error(mind.path(), way) < 0.006
@@ -231,7 +232,7 @@ def test_what_was_put_before_a_wall_since_hardly_pulls_at_the_pose(seed: int) ->
     way = np.column_stack((xs, np.full(len(xs), 4.0), np.zeros(len(xs))))
     shelf = outline((9.85, 2), (9.85, 6), (9.99, 6), (9.99, 2))
     empty, furnished = (observations(np.array(w), way, HALF_TURN, DRIFT, seed) for w in (HALL, HALL + shelf))
-    mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+    mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
     for observation in empty[:7] + furnished[7:8]:
         mind.step(observation)
     assert abs(mind.path()[7, 0] - (xs[7] - xs[0])) < 0.02
@@ -241,7 +242,7 @@ def test_the_same_scans_make_the_same_bytes() -> None:
     way = laps(SIDE, WIDTH, 1.25, step=0.5)
     paths = []
     for _ in range(2):
-        mind = Passenger(RobotSpec(lidar=HALF_TURN), AgentConfig())
+        mind = Passenger(ideal_spec(lidar=HALF_TURN), AgentConfig())
         for observation in observations(ring_corridor(SIDE, WIDTH), way, HALF_TURN, DRIFT, 3):
             mind.step(observation)
         mind.finish()

@@ -18,13 +18,14 @@ from agent.perception.perceive import perceive
 from deploy.bench.rings import laps
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import Pose, apply, compose, pose_of, relative
-from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
+from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
 from tests.carried import observations, path_error, ring_corridor
+from tests.ideal import EXACT, ideal_lidar, ideal_spec
 
 SIDE, WIDTH = 20.0, 2.0
 WALLS = ring_corridor(SIDE, WIDTH)
-SPEC = RobotSpec(lidar=LidarSpec(), odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
+SPEC = ideal_spec(lidar=ideal_lidar(), odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
 
 
 def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, Floats, list[int]]:
@@ -76,7 +77,7 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
     start: Pose = (3.0, -2.0, 1.0)
     way, before = laps(SIDE, WIDTH, 0.25, step=0.2), None
-    for seen in observations(WALLS, way, SPEC.lidar, OdometrySpec(), 1):
+    for seen in observations(WALLS, way, SPEC.lidar, EXACT, 1):
         by = relative(before or seen.odometry, seen.odometry)
         before = seen.odometry
         loops.take(perceive(seen.scan(), SPEC, alone=True), by, compose(start, seen.odometry), np.zeros((3, 3)))
