@@ -30,7 +30,7 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.passenger import Passenger
 from agent.robot import Robot
 from protocol.arrays import Floats
-from protocol.geometry import Pose, compose, pose_of
+from protocol.geometry import Pose, compose
 from protocol.messages import Heard, Observation, RobotSpec
 from protocol.wireframe import enclosed
 
@@ -154,8 +154,11 @@ def _explore(starts: Sequence[Pose], ticks: int) -> None:
 
 def _beams(begin: Pose, move: Pose, spec: RobotSpec) -> Floats:
     """(beams, 3) where each beam begins and points in a period with this move, given in the frame of its begin."""
-    poses = np.array([compose(begin, pose_of(share * np.array(move))) for share in spec.lidar.moments()])
-    return poses + np.outer(spec.lidar.bearings(), [0, 0, 1])
+    x, y, _ = compose(begin, move)
+    way = np.outer(spec.lidar.moments(), [x - begin[0], y - begin[1], move[2]])
+    way[:, 2] += spec.lidar.bearings()
+    beams: Floats = np.array(begin) + way
+    return beams
 
 
 def _ranges(beams: Floats, others: Floats, spec: RobotSpec) -> Floats:

@@ -13,6 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from agent.geometry.transform import fit_on_points
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.walls import directions, lengths, points_along
@@ -121,6 +122,17 @@ def score_walls(segments: Floats, truth: Truth) -> WallScore:
         rmse_m=_rms(np.minimum(to_truth, FAR_M)),
         repeated=repeated,
     )
+
+
+def corners_fitted(wireframe: Wireframe, frame: Pose, truth: Truth) -> float | None:
+    """`corner_rmse_m` after the best rigid fit: what is wrong in the map itself, however it lies in its frame."""
+    points = apply(frame, wireframe.points[wireframe.labels == Label.NOMINAL])
+    found = nearest_point(points, truth.corners) < CORNER_NEAR_M
+    points = points[found]
+    if len(points) < 2:
+        return None
+    corners = truth.corners[np.linalg.norm(points[:, None] - truth.corners, axis=2).argmin(1)]
+    return _rms(np.hypot(*(apply(fit_on_points(points, corners, len(points)), points) - corners).T))
 
 
 def _rms(distances: Floats) -> float | None:

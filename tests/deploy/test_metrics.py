@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from deploy.metrics import score, score_walls, truth_of
+from deploy.metrics import corners_fitted, score, score_walls, truth_of
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 from tests.conftest import SHARED
@@ -74,6 +74,7 @@ def test_a_wall_twice_is_repeated_and_a_shift_is_the_rmse(room: World) -> None:
     assert score_walls(shifted, truth).rmse_m == pytest.approx(0.02, abs=0.002)
     off = score(wireframe(shifted), (0, 0, 0), truth)
     assert off.corner_rmse_m == pytest.approx(0.02 * math.sqrt(2))
+    assert corners_fitted(wireframe(walls), (0.02, -0.01, 0.005), truth) == pytest.approx(0, abs=1e-9)
     open_ended = score(wireframe(walls, Label.OCCLUSION), (0, 0, 0), truth)
     assert open_ended.corner_recall == 0 and open_ended.corner_precision is None
 
@@ -81,6 +82,7 @@ def test_a_wall_twice_is_repeated_and_a_shift_is_the_rmse(room: World) -> None:
 def test_nothing_mapped_is_no_crash(room: World) -> None:
     got = score(Wireframe(), (0, 0, 0), truth_of(room, (0, 0), RADIUS, REACH))
     assert got == (0.0, 0.0, None, 1.0, 0.0, None, None)
+    assert corners_fitted(Wireframe(), (0, 0, 0), truth_of(room, (0, 0), RADIUS, REACH)) is None
     with pytest.raises(worldfile.WorldFileError, match="no free space"):
         truth_of(room, (2.1, 0), RADIUS, REACH)
 
