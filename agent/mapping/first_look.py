@@ -14,10 +14,13 @@ from agent.geometry.lines import along
 from agent.kernels import kernel
 from agent.mapping.association import Gates, associate
 from agent.mapping.edges import TENTATIVE, WALL, set_end, set_tip
-from agent.mapping.joint import has_rows, is_landmark, place_end, row_of, tells_end
+from agent.mapping.joint import has_rows, is_landmark, place_end, row_of
 from agent.mapping.tentative import is_steady, tentative_of
 from protocol.arrays import Floats, Ints, Records
 
+SURE_FACE = 0.3
+"""Share of an end's slack up to which hits on the next face may have lengthened its piece. Such an end seems too far
+out by a fifth of the slack, as does the other one of the face, whose direction both tell."""
 LEAST_SCANS = 10.0  # scans that must have hit a wall of the first look: mixed readings at edges show in one or two
 
 
@@ -57,7 +60,8 @@ def hold_first_ends(edges: Records, counts: Ints, joint: Floats, pieces: Records
             w = edges[p, e]
             for side in range(2):
                 tip = along(w, piece.x, piece.y) + piece.end[side]
-                if w.link[side] >= 0 or not (tells_end(piece, side) or piece.label[side] == NOMINAL):
+                sure = piece.label[side] == OCCLUSION and piece.face[side] <= SURE_FACE * piece.slack[side]
+                if w.link[side] >= 0 or not (sure or piece.label[side] == NOMINAL):
                     continue
                 set_tip(w, side, tip)
                 set_end(w, side, OCCLUSION, piece.slack[side], views)

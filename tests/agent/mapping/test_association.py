@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
+import pytest
 
-from agent.corner_scan import PIECE
+from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
 from agent.kernels import kernel
-from agent.mapping.association import Gates, cost, is_off, lines_of, overlap, walls_near
+from agent.mapping.association import OFFSET_GATE_M, Gates, associate, cost, is_off, lines_of, overlap, walls_near
 from agent.mapping.edges import EDGE
 from agent.mapping.layers import Layer, merged
 from protocol.arrays import Bools, Records
@@ -56,3 +57,24 @@ def test_every_wall_that_could_take_a_piece_is_asked() -> None:
         could, are = asked(edges, pieces_of(rng, 500), gates)
         assert could.sum() > 300 and not (could & ~are).any()
         assert are.sum() < 3 * could.sum()
+
+
+@pytest.mark.parametrize(
+    ("off_m", "label", "known", "taken"),
+    [
+        (0.05, OCCLUSION, True, True),
+        (0.05, NOMINAL, True, False),
+        (0.02, NOMINAL, True, True),
+        (0.05, NOMINAL, False, False),
+    ],
+)
+def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int, known: bool, taken: bool) -> None:
+    """A robot that came round to it knew the wall to 24 mm, and was moved by 60."""
+    wall, piece = np.zeros(1, EDGE), np.zeros(1, PIECE)
+    wall["kind"], wall["hits"], wall["ux"], wall["xx"] = 1, 1000.0, 1.0, 1000.0
+    wall["tip"], wall["link"], wall["label"] = [(-2.0, 0.0), (2.0, 0.0)], -1, OCCLUSION
+    wall["relative"] = (0.024**2, 0.0, 0.004**2) if known else 0.0
+    piece["hits"], piece["y"], piece["ux"], piece["spread"], piece["end"] = 3.0, off_m, 1.0, 0.2, (-0.4, 0.4)
+    piece["label"], piece["link"] = (label, OCCLUSION), -1
+    found = associate(wall, 1, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1))
+    assert found.tolist() == [0 if taken else -1]
