@@ -27,6 +27,7 @@ GOES_ON_M = 0.1  # a wall goes on from here beyond a corner: scans place corners
 TURNING_SIGMAS = 2.0
 """Deviations of its own noise that a piece with a corner may lie off a wall that goes on there. In `hurtado_apartment`,
 five seeds, corners are 12 to 19 mm off; where what the wall is known to counted, too, 16 to 47 mm."""
+LOST_M = 0.05  # a robot that knows a wall no better goes by any piece of it: it may have been pushed and turned
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -113,10 +114,10 @@ def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
     Where a robot knows a wall to some centimetres only, such a piece may be the back of a shelf before that wall. Taken
     for it scan after scan, it moved the robot by what lay between the two.
     """
-    if not related(e):
-        return False
     t, off = along(e, p.x, p.y), abs(above(e, p.x, p.y))
     if off <= gates.offset + TURNING_SIGMAS * gates.noise / math.sqrt(p.hits):
+        return False
+    if not related(e) or line_sd(e, t, gates.noise) > LOST_M:
         return False
     for side in range(2):
         corner = t + p.end[side]

@@ -31,6 +31,11 @@ Near a corner a beam counts for the face that noise puts it nearer to. A face th
 from behind so: a column of 0.4 m seemed 1 mm too far away from 0.5 m and 5 mm from 2.7 m, and a robot that came nearer
 took itself to have come 0.2 % farther than it had."""
 DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0, so that short pieces keep a line
+CUT_SIGMAS = 2.0
+"""Standard deviations before the lidar's range from which beams on a wall count for nothing: only those come back that
+noise has shortened. A wall of `hall` in 3.47 m seemed 50 mm nearer, scan after scan, and took a map along by 36 mm that
+had been right. A piece without enough other beams is none."""
+CUT = 1e-6  # weight of such a beam; not 0, so that a sum of weights never is
 TELLING_NOISE = 1.5  # standard deviations of a near range up to which a beam tells which wall of a corner it met
 TELLING_APART_M = 0.1  # distance of two beams on a wall up to which they tell of a slot before its corner
 DOORWAY_M = 0.5
@@ -71,14 +76,21 @@ def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools
             ends[k, side] = _beam(scan, cuts[k, side] - side)
     pieces = _with_corners(scan, cuts, ends, totals, worth)
     if scan.corner_sigmas > 0.0:
+        whole = np.ones(len(cuts), np.bool_)
         for k in range(len(cuts)):
+            p, telling = pieces[k], 0
             for side in range(2):
                 _doubt_beams(worth, pieces, k, side, scan, cuts[k])
             for j in range(cuts[k, 0], cuts[k, 1]):
                 beam = scan.used[j % len(scan.used)]
+                if _range_to(p.x, p.y, p.ux, p.uy, scan.beams, beam) > scan.range_max - CUT_SIGMAS * scan.noise[beam]:
+                    worth[beam] = CUT
+                else:
+                    telling += 1
                 if explained[beam]:  # a stray that the piece was joined across is in no sum
                     totals[k] -= (1.0 - worth[beam]) * (sums[j + 1] - sums[j])
-        pieces = _with_corners(scan, cuts, ends, totals, worth)
+            whole[k] = telling >= MIN_HITS
+        pieces = _with_corners(scan, cuts[whole], ends[whole], totals[whole], worth)
     return pieces, explained
 
 
@@ -207,6 +219,19 @@ def _only_strays(scan: RangeScan, first: int, end: int, joint: Floats) -> bool:
 
 
 @kernel
+def _nearer(scan: RangeScan, cut: Ints) -> float:
+    """By what factor a line that is fitted to some beams lies too far away: ranges err, and the fit has their squares.
+
+    With noise of 1.75 % of the range it is 1.0003: pieces of walls in `symmetric` lay 0.3 to 0.7 mm behind them.
+    """
+    total = 0.0
+    for j in range(cut[0], cut[1]):
+        k = scan.used[j % len(scan.used)]
+        total += (scan.noise[k] / scan.beams.distances[k]) ** 2
+    return 1.0 + total / (cut[1] - cut[0])
+
+
+@kernel
 def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, worth: Floats) -> None:
     """Fill a piece with its line and hits. Both its ends are frontiers until more is known.
 
@@ -215,6 +240,9 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
     """
     m, beams = len(scan.used), scan.beams
     a, b, _ = fit_line(total)
+    if scan.corner_sigmas > 0.0:
+        nearer = _nearer(scan, cut)
+        a, b = nearer * a, nearer * b
     norm = math.hypot(a, b)
     piece.ux, piece.uy = -b / norm, a / norm
     hits, sum_t, sum_tt, residual, moment = 0.0, 0.0, 0.0, 0.0, 0.0
