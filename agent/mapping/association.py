@@ -27,7 +27,7 @@ GOES_ON_M = 0.1  # a wall goes on from here beyond a corner: scans place corners
 TURNING_SIGMAS = 2.0
 """Deviations of its own noise that a piece with a corner may lie off a wall that goes on there. In `hurtado_apartment`,
 five seeds, corners are 12 to 19 mm off; where what the wall is known to counted, too, 16 to 47 mm."""
-LOST_M = 0.05  # a robot that knows a wall no better goes by any piece of it: it may have been pushed and turned
+LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have been pushed, and goes by any piece of it
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -117,7 +117,7 @@ def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
     t, off = along(e, p.x, p.y), abs(above(e, p.x, p.y))
     if off <= gates.offset + TURNING_SIGMAS * gates.noise / math.sqrt(p.hits):
         return False
-    if not related(e) or line_sd(e, t, gates.noise) > LOST_M:
+    if not related(e) or direction_sd(e, gates.noise) > LOST_RAD:
         return False
     for side in range(2):
         corner = t + p.end[side]
