@@ -2,9 +2,9 @@
 
     python -m tests.same_behaviour e12916e [--quick]
 
-Runs the bundled worlds with three robots, seeds 0 and 1, in one process each, from both sources on this machine, and
-compares the SHA-256 of what they wrote. Status 1 where anything differs. Digests of a commit are kept under
-results/same_behaviour/, as they do not change.
+Runs the bundled worlds with three robots and ideal sensing, seeds 0 and 1, in one process each, from both sources on
+this machine, and compares the SHA-256 of what they wrote. Status 1 where anything differs. Digests of a commit are kept
+under results/same_behaviour/, as they do not change.
 """
 
 import argparse
@@ -28,10 +28,15 @@ from pathlib import Path
 from agent.config import AgentConfig
 from deploy.inprocess import run
 from world.config import WorldConfig
+try:
+    from deploy.sensing import IDEAL
+except ImportError:
+    IDEAL = {}
 world, seed, out = sys.argv[1:]
-run(WorldConfig(world=world, robots=3, seed=int(seed)), AgentConfig(), Path(out))
+config = WorldConfig.model_validate({"world": world, "robots": 3, "seed": int(seed), "spec": IDEAL})
+run(config, AgentConfig(), Path(out))
 """
-"""Works with the sources of every commit since e12916e."""
+"""Works with the sources of every commit since e12916e; the first ones knew ideal sensing only."""
 
 
 def digests(sources: Path, world: str, seed: int) -> dict[str, str]:

@@ -10,6 +10,7 @@ from deploy.bench.errors import errors, right
 from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import written
 from deploy.bench.made import traced, turned
+from deploy.sensing import IDEAL
 from protocol.geometry import compose, relative
 from protocol.messages import Observation
 
@@ -62,5 +63,5 @@ def test_a_merge_by_the_half_turn_of_a_hall_is_undone_once_the_teammate_s_place_
 
     near_the_wrong_place = [[1.2, 0.3, 0.0], [-1.8, 0.2, math.pi]]  # r2's is at (1.8, -0.2), 0.8 m from r1
     world = written(turned(0) | {"spawns": near_the_wrong_place})
-    explore({"world": world, "robots": 2, "seed": seed, "max_time_s": 120.0}, {}, watch, enough=keep)
+    explore({"world": world, "robots": 2, "seed": seed, "max_time_s": 120.0, "spec": IDEAL}, {}, watch, enough=keep)
     assert undone == ["its place is empty"]
