@@ -31,11 +31,12 @@ from agent.passenger import Passenger
 from agent.robot import Robot
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose
-from protocol.messages import Heard, Observation, RobotSpec
+from protocol.messages import Heard, LidarSpec, Observation, RobotSpec
 from protocol.wireframe import enclosed
 
-TICKS_TO_LOAD = 70  # enough for one robot to look about, which takes 50, map some walls, choose a frontier and drive
-TICKS_TO_COMPILE = 170  # enough for two robots to merge their maps, after 132, and to explore what is left
+TICKS_TO_LOAD = 40  # enough for one robot to look about, map some walls, choose a frontier, plan and drive
+LOADING = RobotSpec(lidar=LidarSpec(rate_hz=2.0))  # a slow lidar: the first look is of 20 scans instead of 50
+TICKS_TO_COMPILE = 170  # enough for two robots to merge their maps, after 137, and to explore what is left
 
 TICKS_TO_CLOSE = 60  # enough for five submaps of 5 m, the last of which close loops
 
@@ -56,7 +57,7 @@ def rehearse() -> None:
     global _rehearsed
     if not _rehearsed:
         _rehearsed = True
-        _explore(_STARTS[:1], TICKS_TO_LOAD)
+        _explore(_STARTS[:1], TICKS_TO_LOAD, LOADING)
         _align()
 
 
@@ -78,7 +79,7 @@ def compile_kernels() -> None:
         other = multiprocessing.get_context("fork").Process(target=_map_and_align)
         other.start()
     _plan()
-    _explore(_STARTS, TICKS_TO_COMPILE)
+    _explore(_STARTS, TICKS_TO_COMPILE, RobotSpec())
     if other is not None:
         other.join()
     _map_and_align()  # what the other failed to compile, or all of it where there is no other
@@ -126,9 +127,9 @@ def _align() -> None:
     align_prepared(building, building, config, np.random.default_rng(0))
 
 
-def _explore(starts: Sequence[Pose], ticks: int) -> None:
+def _explore(starts: Sequence[Pose], ticks: int, spec: RobotSpec) -> None:
     """Let robots explore from their starts and hear each other."""
-    spec, config, rng = RobotSpec(), AgentConfig(), np.random.default_rng(0)
+    config, rng = AgentConfig(), np.random.default_rng(0)
     robots = [Robot(f"r{k + 1}", spec, config, k) for k in range(len(starts))]
     moves: list[Pose] = [(0.0, 0.0, 0.0)] * len(starts)  # in the last period, in the frame of its begin
     moved = list(moves)  # since the start

@@ -124,14 +124,20 @@ def score_walls(segments: Floats, truth: Truth) -> WallScore:
     )
 
 
+def corner_pairs(wireframe: Wireframe, frame: Pose, truth: Truth) -> tuple[Floats, Floats]:
+    """Nominal vertices near to a true corner, and those corners, (n, 2) each in the world: `corner_precision`'s."""
+    points = apply(frame, wireframe.points[wireframe.labels == Label.NOMINAL])
+    points = points[nearest_point(points, truth.corners) < CORNER_NEAR_M]
+    if not len(points):
+        return points, points
+    return points, truth.corners[np.linalg.norm(points[:, None] - truth.corners, axis=2).argmin(1)]
+
+
 def corners_fitted(wireframe: Wireframe, frame: Pose, truth: Truth) -> float | None:
     """`corner_rmse_m` after the best rigid fit: what is wrong in the map itself, however it lies in its frame."""
-    points = apply(frame, wireframe.points[wireframe.labels == Label.NOMINAL])
-    found = nearest_point(points, truth.corners) < CORNER_NEAR_M
-    points = points[found]
+    points, corners = corner_pairs(wireframe, frame, truth)
     if len(points) < 2:
         return None
-    corners = truth.corners[np.linalg.norm(points[:, None] - truth.corners, axis=2).argmin(1)]
     return _rms(np.hypot(*(apply(fit_on_points(points, corners, len(points)), points) - corners).T))
 
 

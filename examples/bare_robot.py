@@ -1,9 +1,10 @@
 """A robot without any of our packages: docs/protocol.md with Zenoh, MessagePack and numpy.
 
-    wireswarm world --world apartment --robots 1 --listen tcp/127.0.0.1:7447
+    wireswarm world --world apartment --robots 1 --listen tcp/127.0.0.1:7447 \\
+        --set spec.odometry.noisy=false --set spec.lidar.turning=false
     python examples/bare_robot.py r1 tcp/127.0.0.1:7447
 
-It drives to the nearest frontier of a grid. Its map is of lines through the straight parts of scans.
+It drives to the nearest frontier of a grid, by odometry. Its map is of lines through the straight parts of scans.
 """
 
 import json

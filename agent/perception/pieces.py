@@ -78,18 +78,13 @@ def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools
     if scan.corner_sigmas > 0.0:
         whole = np.ones(len(cuts), np.bool_)
         for k in range(len(cuts)):
-            p, telling = pieces[k], 0
             for side in range(2):
                 _doubt_beams(worth, pieces, k, side, scan, cuts[k])
+            whole[k] = _beams_in_reach(worth, pieces[k], scan, cuts[k]) >= MIN_HITS
             for j in range(cuts[k, 0], cuts[k, 1]):
                 beam = scan.used[j % len(scan.used)]
-                if _range_to(p.x, p.y, p.ux, p.uy, scan.beams, beam) > scan.range_max - CUT_SIGMAS * scan.noise[beam]:
-                    worth[beam] = CUT
-                else:
-                    telling += 1
                 if explained[beam]:  # a stray that the piece was joined across is in no sum
                     totals[k] -= (1.0 - worth[beam]) * (sums[j + 1] - sums[j])
-            whole[k] = telling >= MIN_HITS
         pieces = _with_corners(scan, cuts[whole], ends[whole], totals[whole], worth)
     return pieces, explained
 
@@ -135,6 +130,20 @@ def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, scan: RangeS
         if not abs(apart) < scan.corner_sigmas * scan.noise[beam]:
             return
         worth[beam] = DOUBTFUL
+
+
+@kernel
+def _beams_in_reach(worth: Floats, p: Record, scan: RangeScan, cut: Ints) -> int:
+    """Number of beams of piece p that meet its line where the lidar cuts off none; the others count for nothing, in
+    worth (n,)."""
+    number = 0
+    for j in range(cut[0], cut[1]):
+        beam = scan.used[j % len(scan.used)]
+        if _range_to(p.x, p.y, p.ux, p.uy, scan.beams, beam) > scan.range_max - CUT_SIGMAS * scan.noise[beam]:
+            worth[beam] = CUT
+        else:
+            number += 1
+    return number
 
 
 @kernel

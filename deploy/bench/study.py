@@ -24,8 +24,7 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     quick: as little of each as shows that all works, so that few values come out the same. Raises InputError where
     there is nothing to compare with.
     """
-    benchmark = Benchmark(STUDIES[name])
-    published = benchmark.file(PUBLISHED, quick=False, ideal=True)
+    published = Benchmark(STUDIES[name]).file(PUBLISHED, quick=False, ideal=True)
     if not published.is_file() or folder.resolve() == PUBLISHED:
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
     before = json.loads(published.read_text(encoding="utf-8"))

@@ -136,9 +136,7 @@ def cpu_ms(kind: str, honest: bool, times: int) -> float:
     return 1e3 * float(np.mean(np.min([beside(kind, honest, time).seconds for time in range(times)], axis=0)))
 
 
-@pytest.mark.parametrize(
-    "kind", ["poison", "huge map", pytest.param("deltas", marks=pytest.mark.slow), "below", "rooms"]
-)
+@pytest.mark.parametrize("kind", ["poison", "huge map", "deltas", "below", "rooms"])
 def test_a_merged_peer_that_turns_hostile_at_most_doubles_the_work(kind: str) -> None:
     honest, before = beside(kind, honest=True), psutil.Process().memory_info().rss  # it also loads the kernels
     hostile = beside(kind)

@@ -15,6 +15,7 @@ from agent.cooperation.proposing import Aligner
 from agent.geometry.transform import inverse
 from deploy.bench.alignment import exact
 from deploy.bench.made import traced
+from deploy.sensing import IDEAL_BENCHMARK
 from protocol.geometry import apply
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
@@ -104,9 +105,12 @@ def test_walls_along_a_corridor_do_not_tell_how_far_along_it() -> None:
     assert found is not None and found[1].transform is None
 
 
-def test_robots_in_a_loop_of_like_corners_merge_as_they_pass() -> None:
-    """Before, they had to meet again round a corner, 40 s later."""
-    run = exact.measure("loop-3", 0, limit_s=40.0)
+@pytest.mark.parametrize(("ideal", "limit_s", "most_deg"), [(True, 26.0, 0.1), (False, 40.0, 0.2)])
+def test_robots_in_a_loop_of_like_corners_merge_as_they_pass(ideal: bool, limit_s: float, most_deg: float) -> None:
+    """Before, they had to meet again round a corner, 40 s later. Where wheels err they look about for 10 s first."""
+    token = IDEAL_BENCHMARK.set(ideal)
+    run = exact.measure("loop-3", 0, limit_s=limit_s)
+    IDEAL_BENCHMARK.reset(token)
     pairs = {(merge["robot"], merge["peer"]): merge["at_once"] for merge in run["merges"]}
     assert run["false"] == 0 and {("r1", "r2"), ("r2", "r1")} <= pairs.keys()
-    assert all(metres < 0.02 and degrees < 0.2 for metres, degrees in pairs.values())
+    assert all(metres < 0.02 and degrees < most_deg for metres, degrees in pairs.values())

@@ -17,13 +17,14 @@ from agent.exploration.sweep import LEAST_SAMPLES, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.arrays import Floats
 from protocol.geometry import apply
+from protocol.messages import RobotSpec
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
-from tests.ideal import ideal_lidar, ideal_spec
+from tests.ideal import ideal_lidar
 
-ROOMY_M = ideal_spec().radius_m + DrivingConfig().path_air_m
+ROOMY_M = RobotSpec().radius_m + DrivingConfig().path_air_m
 NOWHERE = np.zeros((0, 2))
-TIGHT_M = ideal_spec().radius_m + DrivingConfig().tight_path_air_m
+TIGHT_M = RobotSpec().radius_m + DrivingConfig().tight_path_air_m
 
 
 def chain(*lines: list[tuple[float, float]], labels: Label = Label.NOMINAL) -> Wireframe:

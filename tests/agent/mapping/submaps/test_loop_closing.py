@@ -21,11 +21,11 @@ from protocol.geometry import Pose, apply, compose, pose_of, relative
 from protocol.messages import OdometrySpec
 from protocol.wireframe import Wireframe
 from tests.carried import observations, path_error, ring_corridor
-from tests.ideal import EXACT, ideal_lidar, ideal_spec
+from tests.ideal import EXACT, ideal_spec
 
 SIDE, WIDTH = 20.0, 2.0
 WALLS = ring_corridor(SIDE, WIDTH)
-SPEC = ideal_spec(lidar=ideal_lidar(), odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
+SPEC = ideal_spec(odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
 
 
 def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, Floats, list[int]]:
