@@ -17,9 +17,8 @@ import msgpack
 import numpy as np
 import zenoh
 
-CELL_M, CELLS = 0.1, 400
+CELL_M, CELLS, OFF_M = 0.1, 400, 0.05  # OFF_M: from a line, for a point to be on it
 UNKNOWN, FREE, WALL = 0, 1, 2
-OFF_M = 0.05  # from a line, for a point to be on it
 
 
 class Wall:
