@@ -23,11 +23,14 @@ ANGLE_GATE = math.radians(3.0)  # the same for directions, rad
 MOST_TURN = 0.5  # rad that piece and wall may differ by, however unsure their directions are
 _SURELY = 1.000001 * NOISE_SIGMAS**2  # of a variance: a piece so far off a wall is, however numbers are rounded
 _SIGMAS = 1.001 * NOISE_SIGMAS  # the same of standard deviations, of which sums are taken
-GOES_ON_M = 0.1  # a wall goes on from here beyond a corner: scans place corners and ends to a few centimetres
+GOES_ON_M = 0.1  # what goes on past an end does so for more than this: scans place ends to a few centimetres
 TURNING_SIGMAS = 2.0
 """Deviations of its own noise that a piece with a corner may lie off a wall that goes on there. In `hurtado_apartment`,
 five seeds, corners are 12 to 19 mm off; where what the wall is known to counted, too, 16 to 47 mm."""
 LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have been pushed, and goes by any piece of it
+OF_TWO_WALLS = -2
+"""In place of a piece's wall: it has hits on two, and tells nothing of either. From 2.5 m away the back of a shelf and
+the wall 65 mm behind it are one piece, which scan after scan moved the wall onto the shelf's back."""
 BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
@@ -126,6 +129,32 @@ def _turns_before(e: Record, p: Record, gates: Gates) -> bool:
     return False
 
 
+@kernel
+def is_beside(a: Record, b: Record, gates: Gates) -> bool:
+    """Whether the centroid of wall b lies off the line of wall a by more than noise."""
+    t = along(a, b.x, b.y)
+    sd = math.hypot(line_sd(a, t, gates.noise), line_sd(b, 0.0, gates.noise))
+    return bool(abs(above(a, b.x, b.y)) > gates.offset + NOISE_SIGMAS * sd)
+
+
+@kernel
+def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
+    """Which of two walls a piece is of that is on both within noise: e, unless one stands before the other.
+
+    What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
+    and lies between them: OF_TWO_WALLS.
+    """
+    if not related(edges[e]) or not related(edges[f]) or not is_beside(edges[e], edges[f], gates):
+        return e
+    front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
+    w = edges[front]
+    t = along(w, p.x, p.y)
+    shared = min(t + p.end[1], tip_at(w, 1)) - max(t + p.end[0], tip_at(w, 0))
+    if shared <= GOES_ON_M:
+        return e
+    return OF_TWO_WALLS if p.end[1] - p.end[0] - shared > GOES_ON_M else front
+
+
 class Lines(NamedTuple):
     """What tells quickly that a piece is not on a wall, side by side in memory: records are ten times as long."""
 
@@ -202,11 +231,12 @@ def is_off(row: Floats, p: Record, gates: Gates) -> bool:
 
 
 @kernel
-def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: Floats) -> Ints:
-    """The wall of each piece, or -1: (k,).
+def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: Floats, seen: bool = True) -> Ints:
+    """The wall of each piece, -1 where it is on none, or OF_TWO_WALLS: (k,).
 
     dice: (k,) in [0, 1): a piece that several walls would take is given to one of them with the probability that
-    their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does.
+    their chi-squares say; a die of exactly 0 takes the best, which is what a single hypothesis does. seen: whether a
+    scan saw the pieces, so that one wall hides another; those of a layer were all seen elsewhere.
     """
     out = np.full(len(pieces), -1)
     lines, near, chi2 = lines_of(edges, count, 0, gates), np.empty(count, np.int64), np.empty(count)
@@ -221,7 +251,10 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
                 chi2[j] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
                 if chi2[j] < best:
                     best, out[k] = chi2[j], e
-        if dice[k] == 0.0 or not math.isfinite(best):
+        for j in range(found if seen else 0):
+            if out[k] >= 0 and near[j] != out[k] and math.isfinite(chi2[j]):
+                out[k] = _one_of(edges, out[k], near[j], pieces[k], gates)
+        if dice[k] == 0.0 or not math.isfinite(best) or out[k] == OF_TWO_WALLS:
             continue
         total = 0.0
         for j in range(found):

@@ -10,6 +10,7 @@ import numpy as np
 
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
+from agent.mapping.association import OF_TWO_WALLS
 from agent.mapping.bodies import Bodies, is_front, seen_teammates
 from agent.mapping.edges import (
     CONFIRMATIONS,
@@ -39,8 +40,8 @@ SURE_AFTER = 4.0  # scans that hit a wall before it leaves probation
 def contradict(edges: Records, count: int, view: View, walls: Ints, bodies: Bodies, patience: float) -> int:
     """Count what a merged scan says for and against every wall, and cut or remove those refuted; returns the count.
 
-    walls: (k,) the wall of each of the view's pieces, or -1. bodies: where teammates are. patience: the particle's
-    own, as a factor.
+    walls: (k,) the wall of each of the view's pieces, as of `associate`. bodies: where teammates are. patience: the
+    particle's own, as a factor.
     """
     hit = np.zeros(len(edges), np.bool_)
     for k in range(len(walls)):
@@ -83,7 +84,7 @@ def _views_of(e: int, wall: Record, samples: Samples, view: View, walls: Ints) -
     for j in range(samples.number):
         t = samples.first + j * samples.spacing
         saw, piece, faces = look_at_wall(wall, t, view)
-        if saw == UNSEEN:
+        if saw == UNSEEN or (piece >= 0 and walls[piece] == OF_TWO_WALLS):
             continue
         if saw == THROUGH:  # counts from behind, too: no robot stands in solid
             low, high = min(low, t), max(high, t)

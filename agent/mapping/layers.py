@@ -178,7 +178,7 @@ def _keep_published(edges: Records, count: int) -> None:
 @kernel
 def _lay(edges: Records, count: int, pieces: Records, likelihood: Floats, gates: Gates) -> int:
     """Merge one layer into the walls; returns the new count. Walls that only the layer has get its likelihood."""
-    walls = associate(edges, count, pieces, gates, np.zeros(len(pieces)))
+    walls = associate(edges, count, pieces, gates, np.zeros(len(pieces)), False)
     count = merge_scan(edges, count, pieces, walls, np.full(len(pieces), -1.0), gates, 1.0, False)
     for k in range(len(pieces)):
         e = walls[k]

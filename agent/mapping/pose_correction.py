@@ -12,7 +12,7 @@ import numpy as np
 from agent.corner_scan import NOISE_FLOOR_M, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.association import Gates, cost, overlap
+from agent.mapping.association import OF_TWO_WALLS, Gates, cost, overlap
 from agent.mapping.edges import WALL, length, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
@@ -155,6 +155,8 @@ def correct_pose(
             for e in range(count):
                 if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
                     _observe_wall(edges, e, p, pose, update, gates.noise)
+            continue
+        if walls[k] == OF_TWO_WALLS:
             continue
         tentative = tentative_of(edges, count, p, gates)
         if tentative >= 0 and related(edges[tentative]):

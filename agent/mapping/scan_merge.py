@@ -5,15 +5,26 @@ import math
 import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
-from agent.geometry.lines import Record, above, along
+from agent.geometry.lines import Record, along
 from agent.kernels import kernel
-from agent.mapping.association import ANGLE_GATE, Gates, Lines, cost, is_off, lines_of, overlap, set_line, walls_near
+from agent.mapping.association import (
+    ANGLE_GATE,
+    OF_TWO_WALLS,
+    Gates,
+    Lines,
+    cost,
+    is_beside,
+    is_off,
+    lines_of,
+    overlap,
+    set_line,
+    walls_near,
+)
 from agent.mapping.edges import (
     WALL,
     add_hits,
     count_hits,
     direction_sd,
-    line_sd,
     part,
     related,
     remove,
@@ -50,7 +61,11 @@ def merge_scan(
         p = pieces[k]
         bent[k] = is_bent(p.end[1] - p.end[0], p.hits, p.residual, gates.noise)
         if walls[k] < 0:
-            if bent[k] or cuts_corner(edges, near[: walls_near(lines, count, p, gates, near)], p):
+            if (
+                bent[k]
+                or walls[k] == OF_TWO_WALLS
+                or cuts_corner(edges, near[: walls_near(lines, count, p, gates, near)], p)
+            ):
                 continue
             walls[k], count = take_piece(edges, count, p, gates)
             if walls[k] >= 0 and dice[k] < wall_probability(edges[walls[k]], axis, trust, gates.noise):
@@ -142,11 +157,7 @@ def same_line(e: Record, f: Record, gates: Gates) -> bool:
         turn_sd = math.hypot(direction_sd(e, gates.noise), direction_sd(f, gates.noise))
         if abs(turn) > ANGLE_GATE + NOISE_SIGMAS * turn_sd:
             return False
-    for a, b in ((e, f), (f, e)):
-        sd = math.hypot(line_sd(a, along(a, b.x, b.y), gates.noise), line_sd(b, 0.0, gates.noise))
-        if abs(above(a, b.x, b.y)) > gates.offset + NOISE_SIGMAS * sd:
-            return False
-    return True
+    return not is_beside(e, f, gates) and not is_beside(f, e, gates)
 
 
 @kernel

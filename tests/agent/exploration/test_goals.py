@@ -1,14 +1,17 @@
 """Open ends as goals: what a robot found itself is not crowded out by what others tell, and nobody tries all anew."""
 
 import numpy as np
+import pytest
 
 from agent.exploration.agenda import Task
 from agent.exploration.config import DrivingConfig
 from agent.exploration.goals import MOST_ENDS, MOST_HEARD, Goals
+from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation, Surroundings
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
+from tests.ideal import ideal_spec
 
 SPEC = RobotSpec()
 NONE = np.zeros((0, 4))
@@ -28,10 +31,10 @@ def strewn(own: int, heard: int) -> Wireframe:
     )
 
 
-def goals_of(wireframe: Wireframe, in_vain: Floats = NONE) -> Goals:
-    goals = Goals(2, SPEC)
+def goals_of(wireframe: Wireframe, in_vain: Floats = NONE, spec: RobotSpec = SPEC) -> Goals:
+    goals = Goals(2, spec)
     situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), in_vain=in_vain)
-    goals.read(Surroundings(DrivingConfig(), SPEC).look(situation))
+    goals.read(Surroundings(DrivingConfig(), spec).look(situation))
     return goals
 
 
@@ -54,6 +57,24 @@ def test_an_end_that_a_teammate_looked_at_in_vain_is_left_to_it() -> None:
     left = {tuple(point) for point in goals.ends.points[goals.fresh()].round(1).tolist()}
     assert left == {(1.0, 0.5), (1.0, 1.0), (1.3, 1.0)}
     assert sum(map(bool, goals.reasons)) == 1 and not len(goals.again())
+
+
+@pytest.mark.parametrize(("spec", "least_m", "most_m"), [(SPEC, 1.4, 2.0), (ideal_spec(), 0.2, 0.7)])
+def test_a_robot_that_goes_by_what_it_sees_looks_on_from_off_the_wall(
+    spec: RobotSpec, least_m: float, most_m: float
+) -> None:
+    """Along a wall of a wide hall nothing but the rest of the room tells it how far it has come."""
+    wall = Wireframe(
+        np.array(((-4.0, -0.4), (4.0, -0.4))),
+        np.full(2, Label.FRONTIER, np.uint8),
+        np.array(((0, 1),), np.int32),
+        np.ones(1, np.float32),
+        np.ones(1, np.bool_),
+    )
+    goals = goals_of(wall, spec=spec)
+    tasks = goals.tasks(goals.fresh(), Roads(wall, np.array((1.0, 0.0)), 0.2))
+    off_m = [float(task.stand[1]) + 0.4 for task in tasks]
+    assert len(off_m) == 2 and all(least_m < off < most_m for off in off_m)
 
 
 def test_an_end_is_told_once_somebody_has_looked_at_it_from_a_standing_point() -> None:

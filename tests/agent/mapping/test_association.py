@@ -7,8 +7,18 @@ import pytest
 
 from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
 from agent.kernels import kernel
-from agent.mapping.association import OFFSET_GATE_M, Gates, associate, cost, is_off, lines_of, overlap, walls_near
-from agent.mapping.edges import EDGE
+from agent.mapping.association import (
+    OF_TWO_WALLS,
+    OFFSET_GATE_M,
+    Gates,
+    associate,
+    cost,
+    is_off,
+    lines_of,
+    overlap,
+    walls_near,
+)
+from agent.mapping.edges import EDGE, WALL
 from agent.mapping.layers import Layer, merged
 from protocol.arrays import Bools, Records
 
@@ -59,6 +69,37 @@ def test_every_wall_that_could_take_a_piece_is_asked() -> None:
         assert are.sum() < 3 * could.sum()
 
 
+def walls_of(count: int, sd_m: float) -> Records:
+    """Walls (count,) of 4 m along x through the origin, known to so many metres."""
+    walls = np.zeros(count, EDGE)
+    walls["kind"], walls["hits"], walls["ux"], walls["xx"] = WALL, 1000.0, 1.0, 1000.0
+    walls["tip"], walls["link"], walls["label"] = [(-2.0, 0.0), (2.0, 0.0)], -1, OCCLUSION
+    walls["relative"] = (sd_m**2, 0.0, 0.004**2) if sd_m > 0.0 else 0.0
+    return walls
+
+
+@pytest.mark.parametrize(
+    ("middle_m", "off_m", "seen", "taken"),
+    [
+        (0.1, 0.03, True, OF_TWO_WALLS),  # half on the back of the shelf, half on the wall beside it
+        (0.1, 0.03, False, 1),  # as another robot tells it: that wall may be where no scan of ours looked
+        (-0.5, 0.02, True, 0),  # nearer to the wall, but there the shelf hides it
+        (1.0, 0.03, True, 1),  # beside the shelf
+    ],
+)
+def test_a_piece_over_the_end_of_a_wall_before_another_is_of_neither(
+    middle_m: float, off_m: float, seen: bool, taken: int
+) -> None:
+    """From afar the back of a shelf and the wall 65 mm behind it are one piece, by which the wall was moved onto it."""
+    walls, piece = walls_of(2, 0.003), np.zeros(1, PIECE)
+    walls["y"][0], walls["tip"][0] = 0.065, [(-1.0, 0.065), (0.0, 0.065)]
+    walls["y"][1] = 0.0
+    piece["hits"], piece["x"], piece["y"], piece["ux"], piece["spread"] = 1.0, middle_m, off_m, 1.0, 0.2
+    piece["end"], piece["label"], piece["link"] = (-0.4, 0.4), OCCLUSION, -1
+    found = associate(walls, 2, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1), seen)
+    assert found.tolist() == [taken]
+
+
 @pytest.mark.parametrize(
     ("off_m", "label", "known", "taken"),
     [
@@ -70,10 +111,7 @@ def test_every_wall_that_could_take_a_piece_is_asked() -> None:
 )
 def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int, known: bool, taken: bool) -> None:
     """A robot that came round to it knew the wall to 24 mm, and was moved by 60."""
-    wall, piece = np.zeros(1, EDGE), np.zeros(1, PIECE)
-    wall["kind"], wall["hits"], wall["ux"], wall["xx"] = 1, 1000.0, 1.0, 1000.0
-    wall["tip"], wall["link"], wall["label"] = [(-2.0, 0.0), (2.0, 0.0)], -1, OCCLUSION
-    wall["relative"] = (0.024**2, 0.0, 0.004**2) if known else 0.0
+    wall, piece = walls_of(1, 0.024 if known else 0.0), np.zeros(1, PIECE)
     piece["hits"], piece["y"], piece["ux"], piece["spread"], piece["end"] = 3.0, off_m, 1.0, 0.2, (-0.4, 0.4)
     piece["label"], piece["link"] = (label, OCCLUSION), -1
     found = associate(wall, 1, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1))
