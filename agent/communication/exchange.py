@@ -170,7 +170,7 @@ class Exchange:
         """Acknowledgements due: to whom, what, and how many parts there are."""
         self._events: list[Event] = []
         """What happened while talking."""
-        self._asks: dict[str, int] = {}
+        self._asked_since: dict[str, int] = {}
         """Who wants to know where the robot looked from, and since when."""
         self._refused: dict[str, int] = {}
         """Tick at which a peer's refusal was last told."""
@@ -256,7 +256,7 @@ class Exchange:
             views = decode_views(message.payload)
             if isinstance(views, Views):
                 return self._known[peer].take_views(views)
-            self._asks[peer] = views.since
+            self._asked_since[peer] = views.since
             return views
         if message.kind == FRAMES:
             return ToldFrames.decode(message.payload)
@@ -301,14 +301,14 @@ class Exchange:
     def _views_to_tell(self, tick: int, told_version: int, looked: Looked) -> list[Send]:
         """To those that ask. Nobody is told of a viewpoint before it has the map of what was seen from there."""
         sends = []
-        for peer, since in self._asks.items():
+        for peer, since in self._asked_since.items():
             told = self._told[peer]
             if not told.parts and told.compared == told_version:
                 told.current = tick
             views = looked.between(since, told.current, self.mtu_bytes, peer)
             if views is not None:
                 sends.append(Send(tick=tick, to=peer, kind=VIEWS, payload=views.encode()))
-        self._asks = {}
+        self._asked_since = {}
         return sends
 
     def _questions(self, tick: int, peer: str, frames: Mapping[str, Pose]) -> list[Send]:

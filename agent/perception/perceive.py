@@ -16,7 +16,7 @@ from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_beams
 from agent.perception.median_scan import MedianScan, noise_of
-from agent.perception.pieces import CORNER_SIGMAS, RangeScan, pieces_of
+from agent.perception.pieces import RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats, Ints
@@ -149,9 +149,8 @@ def perceive(
         cut = piecewise if method == "piecewise" else split_and_merge
         cuts, sums = cut(beams.distances[used], beams.bearings[used], noise[used])
         silence = 1 if lidar.dropout == 0 else 2  # one may have dropped out, two in a row went through
-        corner = 0.0 if lidar.noise_share == 0 else CORNER_SIGMAS
         unit, farthest = range_noise(lidar), lidar.range_max_m
-        range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, corner, bridge_m)
+        range_scan = RangeScan(beams, noise, hidden, used, farthest, silence, unit, lidar.noise_share > 0, bridge_m)
         pieces, explained = pieces_of(range_scan, cuts, sums)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)

@@ -54,7 +54,7 @@ class RangeScan(NamedTuple):
     range_max: float  # m, beyond which nothing comes back
     silence: int  # silent beams in a row that show that a wall is not there: more than dropouts explain
     unit: float  # m, the standard deviation of a range that counts as one hit
-    corner_sigmas: float  # standard deviations between two faces up to which it is doubtful which a beam met
+    grows: bool  # whether noise grows with range, so that far beams tell little and bias what they are fitted to
     bridge_m: float  # between neighbouring hits of a sure line, up to which the wall goes on there
 
 
@@ -75,7 +75,7 @@ def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools
         for side in range(2):
             ends[k, side] = _beam(scan, cuts[k, side] - side)
     pieces = _with_corners(scan, cuts, ends, totals, worth)
-    if scan.corner_sigmas > 0.0:
+    if scan.grows:
         whole = np.ones(len(cuts), np.bool_)
         for k in range(len(cuts)):
             for side in range(2):
@@ -127,7 +127,7 @@ def _doubt_beams(worth: Floats, pieces: Records, k: int, side: int, scan: RangeS
     for i in range(cut[1] - cut[0]):
         beam = scan.used[(cut[1] - 1 - i if side == 1 else cut[0] + i) % m]
         apart = _range_to(p.x, p.y, p.ux, p.uy, scan.beams, beam) - _range_to(x, y, ux, uy, scan.beams, beam)
-        if not abs(apart) < scan.corner_sigmas * scan.noise[beam]:
+        if not abs(apart) < CORNER_SIGMAS * scan.noise[beam]:
             return
         worth[beam] = DOUBTFUL
 
@@ -249,7 +249,7 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
     """
     m, beams = len(scan.used), scan.beams
     a, b, _ = fit_line(total)
-    if scan.corner_sigmas > 0.0:
+    if scan.grows:
         nearer = _nearer(scan, cut)
         a, b = nearer * a, nearer * b
     norm = math.hypot(a, b)
@@ -269,14 +269,14 @@ def _fill(piece: Record, scan: RangeScan, cut: Ints, ends: Ints, total: Floats, 
         sum_tt += weight * t * t
         residual += weight * off * off
         moment += weight * beams.moments[k]
-        if scan.corner_sigmas == 0.0:
+        if not scan.grows:
             continue
         for power in range(5):
             powers[power] += weight * t**power
         for power in range(3):
             offs[power] += weight * off * t**power
     t = sum_t / hits
-    if scan.corner_sigmas > 0.0:
+    if scan.grows:
         piece.bend[0], piece.bend[1] = _bend(powers, offs)
     piece.hits, piece.spread, piece.residual = hits, max(sum_tt - hits * t * t, 1e-9), residual
     piece.moment = moment / hits
