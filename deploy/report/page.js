@@ -46,6 +46,7 @@ function replay() {
   const frame = (t) => {  // its number, and the share of the way to the next
     let k = Math.min(Math.floor(t / Math.max(times[1] - times[0] || 1, 1e-9)), end);
     while (k > 0 && times[k] > t) k--;
+    while (k < end && times[k + 1] <= t) k++;  // the last step may be shorter: a run ends where it ends
     const next = times[k + 1];
     return [k, next ? Math.min((t - times[k]) / (next - times[k]), 1) : 0];
   };

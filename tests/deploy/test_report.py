@@ -2,7 +2,10 @@ import csv
 import json
 import math
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -374,3 +377,15 @@ def test_text_from_files_is_escaped(tmp_path: Path) -> None:
 def test_numbers_read_well() -> None:
     assert (size(999), size(5300), size(2_500_000), size(None)) == ("999 B", "5.3 kB", "2.5 MB", "—")
     assert (share(0.9876), share(None), share(math.nan)) == ("98.8 %", "—", "—")
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="the page's script is tried with node")
+def test_the_replay_ends_with_the_last_maps_where_the_last_step_is_shorter() -> None:
+    """A run of 298.4 s was shown to its end with the maps of 290 s."""
+    script = (files("deploy.report") / "page.js").read_text(encoding="utf-8")
+    found = re.search(r"const frame = .*?\n  };\n", script, re.S)
+    assert found is not None
+    asked = "const times = [0, 1, 2, 2.4], end = 3; %s console.log(JSON.stringify([0, 1.5, 2.2, 2.4].map(frame)))"
+    told = subprocess.run(["node", "-e", asked % found[0]], capture_output=True, text=True, check=True, timeout=30)
+    assert [k for k, _ in json.loads(told.stdout)] == [0, 1, 2, 3]
+    assert [part for _, part in json.loads(told.stdout)] == pytest.approx([0.0, 0.5, 0.5, 0.0])
