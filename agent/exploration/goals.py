@@ -121,7 +121,8 @@ class Goals:
         points, goal_of = stands.points[good], stands.goal[good]
         extra = STARE_COST * np.hypot(*(points - stands.in_view[good]).T)
         if self.spec.odometry.noisy:
-            extra += CRAMPED_COST * self.ends.frontier[goal_of] * self._cramped(points, roads)
+            goes_on = self.ends.frontier[goal_of]
+            extra[goes_on] += CRAMPED_COST * self._cramped(points[goes_on], roads)
         wall_of = once[goal_of]
         kept = self.end_of(begun) if begun is not None and is_end(begun) else -1
         tasks = []

@@ -79,6 +79,12 @@ def cost(e: Record, p: Record, gates: Gates) -> float:
 
 
 @kernel
+def _shared(e: Record, p: Record, t: float) -> float:
+    """Length of a wall beside a piece whose centroid is t metres along it, metres; negative is a gap."""
+    return float(min(t + p.end[1], tip_at(e, 1)) - max(t + p.end[0], tip_at(e, 0)))
+
+
+@kernel
 def overlap(e: Record, p: Record, gates: Gates) -> float:
     """Length that piece and wall share, metres; negative is a gap that may be bridged; -inf: they share nothing.
 
@@ -90,7 +96,7 @@ def overlap(e: Record, p: Record, gates: Gates) -> float:
         return -math.inf
     t = along(e, p.x, p.y)
     tail, head = tip_at(e, 0), tip_at(e, 1)
-    shared = min(t + p.end[1], head) - max(t + p.end[0], tail)
+    shared = _shared(e, p, t)
     if shared > gates.offset:
         return shared
     side = 1 if t > 0.5 * (tail + head) else 0
@@ -147,9 +153,7 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     if not related(edges[e]) or not related(edges[f]) or not is_beside(edges[e], edges[f], gates):
         return e
     front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
-    w = edges[front]
-    t = along(w, p.x, p.y)
-    shared = min(t + p.end[1], tip_at(w, 1)) - max(t + p.end[0], tip_at(w, 0))
+    shared = _shared(edges[front], p, along(edges[front], p.x, p.y))
     if shared <= GOES_ON_M:
         return e
     return OF_TWO_WALLS if p.end[1] - p.end[0] - shared > GOES_ON_M else front

@@ -46,7 +46,7 @@ SAME_DIRECTION = 0.95  # cosine of 18 degrees: walls that differ more in directi
 def merge_scan(
     edges: Records, count: int, pieces: Records, walls: Ints, dice: Floats, gates: Gates, patience: float, own: bool
 ) -> int:
-    """Merge pieces (map frame), each associated with a wall or with -1, into a particle; returns the new count.
+    """Merge pieces (map frame), each with its wall as of `associate`, into a particle; returns the new count.
 
     `walls` (k,) is updated in place: pieces on no wall get their tentative wall, or the wall that it has become; joined
     walls are renamed. dice: (k,) in [0, 1), a tentative wall becomes one of the map if its piece's die is below its
@@ -60,12 +60,10 @@ def merge_scan(
     for k in range(len(pieces)):
         p = pieces[k]
         bent[k] = is_bent(p.end[1] - p.end[0], p.hits, p.residual, gates.noise)
+        if walls[k] == OF_TWO_WALLS:
+            continue
         if walls[k] < 0:
-            if (
-                bent[k]
-                or walls[k] == OF_TWO_WALLS
-                or cuts_corner(edges, near[: walls_near(lines, count, p, gates, near)], p)
-            ):
+            if bent[k] or cuts_corner(edges, near[: walls_near(lines, count, p, gates, near)], p):
                 continue
             walls[k], count = take_piece(edges, count, p, gates)
             if walls[k] >= 0 and dice[k] < wall_probability(edges[walls[k]], axis, trust, gates.noise):

@@ -93,7 +93,6 @@ def test_a_piece_over_the_end_of_a_wall_before_another_is_of_neither(
     """From afar the back of a shelf and the wall 65 mm behind it are one piece, by which the wall was moved onto it."""
     walls, piece = walls_of(2, 0.003), np.zeros(1, PIECE)
     walls["y"][0], walls["tip"][0] = 0.065, [(-1.0, 0.065), (0.0, 0.065)]
-    walls["y"][1] = 0.0
     piece["hits"], piece["x"], piece["y"], piece["ux"], piece["spread"] = 1.0, middle_m, off_m, 1.0, 0.2
     piece["end"], piece["label"], piece["link"] = (-0.4, 0.4), OCCLUSION, -1
     found = associate(walls, 2, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1), seen)
