@@ -101,7 +101,7 @@ class DefaultStates:
             good = roads.with_view(stands.points, stands.in_view)
             route = roads.nearest(stands.points[good], np.zeros(int(good.sum())))
             if route is not None:
-                return Task("edge", middle, stands.points[good][route.goal], along)
+                return Task("edge", middle, route.path[-1], along)
         return None
 
     def _random_vertex(self, scene: Scene, roads: Roads) -> Task | None:
@@ -116,7 +116,7 @@ class DefaultStates:
             around = around[roads.standable(around)]
             route = roads.nearest(around, np.zeros(len(around)))
             if route is not None:
-                return Task("vertex", point, around[route.goal])
+                return Task("vertex", point, route.path[-1])
         return None
 
     def _perimeter(self, wireframe: Wireframe, roads: Roads) -> Task | None:

@@ -130,7 +130,7 @@ class Goals:
             here = np.flatnonzero(wall_of == wall)
             route = roads.nearest(points[here], extra[here])
             if route is not None:
-                k = here[route.goal]
+                k = here[route.row]
                 place, along, _, frontier, _ = (of_ends[goal_of[k]] for of_ends in self.ends)
                 kind: TaskKind = "frontier" if frontier else "occlusion"
                 begins = kept >= 0 and bool(once[kept] == wall)

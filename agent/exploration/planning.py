@@ -219,7 +219,7 @@ def hurdles_of(ends: Ends) -> Floats:
 class Route(NamedTuple):
     """The way to the best of several goals."""
 
-    goal: int  # its row
+    row: int  # of that goal among them
     cost: float  # metres of path, tolls and what was added to the goal included
     path: Floats  # (k, 2) from the start to the goal
 
