@@ -27,7 +27,7 @@ TELLING_HITS = 1.0
 """Pieces with fewer hits than this, as PIECE counts them, tell of no ends. Every sixth end of such a piece is none, and
 the others are off by the distance of two beams."""
 
-STANDS = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
+START_TOLERANCE = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
 
 PIECE = np.dtype(
     [
@@ -74,7 +74,7 @@ class CornerScan:
     sight: Sight  # open and blind sectors
     discs: Floats  # (d, 2) m, centres of teammates
     touching: bool = False  # whether something is so near that the body may touch it: its wheels may have slipped
-    stood: int = 0
+    median_of: int = 0
     """Where a robot whose wheels err has not moved yet: of how many scans, from its start, this one is the median."""
 
     def wireframe(self) -> Wireframe:
@@ -98,9 +98,9 @@ def noise_at(spec: LidarSpec, ranges: Floats) -> Floats:
     return np.maximum(range_noise(spec), spec.noise_share * ranges)
 
 
-def stands(odometry: Floats) -> bool:
+def at_start(odometry: Floats) -> bool:
     """Whether a robot is where its frame begins, by odometry (3,) since then."""
-    return all(abs(part) < STANDS for part in odometry)
+    return all(abs(part) < START_TOLERANCE for part in odometry)
 
 
 @kernel

@@ -119,7 +119,7 @@ class Robot:
         scene = explorer.look(self._situation(tick, scan, seen))
         if self._to_look > 0:
             self._to_look -= 1
-            command = explorer.stand("look round")
+            command = explorer.stop("look round")
         elif not len(self.wireframe.edges):
             command = explorer.drive_forward(scene)
         elif contact := explorer.place_of_contact(scene):

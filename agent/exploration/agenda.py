@@ -76,7 +76,7 @@ class Target:
     deadline: float = math.inf  # tick at which it is given up
     looks_due: float = math.inf  # scans to be taken at the standing point before it is done
     looks: int = 0  # scans taken there
-    stands: int = 1  # standing points tried, this one included
+    stands_tried: int = 1  # standing points, this one included
     stuck: int = 0  # how often the robot was stuck on the way
 
     def within(self, metres: float, here: Floats) -> bool:

@@ -50,7 +50,7 @@ class Motion(NamedTuple):
     held: bool
 
 
-STANDS = Motion(0.0, 0.0, False)
+STOP = Motion(0.0, 0.0, False)
 
 
 @kernel
@@ -178,7 +178,7 @@ class Driver:
         """Command for the next tick towards a point, with left_m to go at most."""
         spec, (x, y, theta), (px, py) = self.spec, pose, point
         if math.hypot(px - x, py - y) < 1e-6:
-            return STANDS
+            return STOP
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))

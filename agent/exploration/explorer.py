@@ -16,7 +16,7 @@ from agent.exploration.agenda import Target, Task, agenda_of, first_of_tour, is_
 from agent.exploration.auction import own_share
 from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.default_state import DefaultStates
-from agent.exploration.driving import STANDS, Driver, Motion, ticks_to_drive
+from agent.exploration.driving import STOP, Driver, Motion, ticks_to_drive
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.homing import Homing
@@ -140,9 +140,9 @@ class Explorer:
             motion = Motion(0.0, 0.5 * self.spec.max_turn_rps, True)
         return self._command(motion, "drive until a wall is seen")
 
-    def stand(self, reason: str) -> Command:
-        """Nothing for a tick."""
-        return self._command(STANDS, reason)
+    def stop(self, reason: str) -> Command:
+        """No motion for a tick."""
+        return self._command(STOP, reason)
 
     def place_of_contact(self, scene: Scene) -> Target | None:
         """The way to where a proposal is verified; None without proposal, or if its drive has ended or there is no way.
@@ -216,7 +216,7 @@ class Explorer:
             self._resume(scene.here, "what a teammate saw was taken back")
 
     def _wake(self, read_ticks: int) -> None:
-        """A new frontier that lasts ends `complete`; read_ticks: ticks for which this reading of ends stands."""
+        """A new frontier that lasts ends `complete`; read_ticks: ticks for which this reading of ends counts."""
         if not read_ticks or not self.complete:
             return
         fresh = self.goals.fresh()
@@ -276,12 +276,12 @@ class Explorer:
     def _looked(self, scene: Scene, target: Target) -> None:
         """An end is still open: try another standing point, or give up."""
         tried = self.goals.looked(target.task)
-        if target.stands < STANDING_POINTS:
+        if target.stands_tried < STANDING_POINTS:
             for roads in self.surroundings.ways(scene):
                 tasks = self.goals.tasks(np.array([self.goals.end_of(target.task)]), roads)
                 if tasks:
                     new = self._pursue(scene, tasks[0], roads, target)
-                    new.stands, new.deadline = target.stands + 1, self._deadline(scene, new.path)
+                    new.stands_tried, new.deadline = target.stands_tried + 1, self._deadline(scene, new.path)
                     return
         self._give_up(f"still open seen from {tried} standing points")
 
@@ -368,7 +368,8 @@ class Explorer:
         self.homing.pursue(task)
         self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
         if old is not None and self.goals.same(old.task, task):
-            self.target.deadline, self.target.stands, self.target.stuck = old.deadline, old.stands, old.stuck
+            self.target.deadline, self.target.stands_tried = old.deadline, old.stands_tried
+            self.target.stuck = old.stuck
             self.headway.allow(length_of(route.path))
             return self.target
         self.headway.restart(scene.tick)
@@ -438,7 +439,7 @@ class Explorer:
         left_m = length_of(target.path)
         if left_m <= 0.5 * ARRIVED_M:
             self.headway.restart(scene.tick)
-            return STANDS
+            return STOP
         motion = self.driver.follow(target.path, scene.pose, scene.near, target.clearance - GIVE_M)
         x, y = scene.here.tolist()
         mate = self.surroundings.teammates.near(x, y, BLOCKED_M) if motion.held else None

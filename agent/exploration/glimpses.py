@@ -22,7 +22,7 @@ SAME_M = 0.5  # glimpses as near are of one thing: of a post of 0.3 m they lay w
 STAND_M = 0.7
 """Metres from which it is looked at: there an oblique face of 0.1 m shows 4 hits a scan, as near ones count, and is a
 wall after a dozen scans."""
-STANDS = 12  # standing points that are tried around it
+STANDS_AROUND = 12  # standing points that are tried around it
 LEAST_SCANS = 10  # scans in a row, but for short breaks, that must hit a thing: a mixed reading shows in one or two
 BREAK_S = 5.0
 """Longest break between two of them. Of a post that is passed every second scan or so shows something. People who walk
@@ -68,8 +68,8 @@ class Glimpses:
         made, walls = [], wireframe.segments()
         due = (self._scans >= LEAST_SCANS) & ~self._done
         for place in self._places[due & (distances_to_walls(self._places, walls) > EXPLAINED_M)]:
-            around = place + STAND_M * circle(STANDS)
-            shown = place + EXPLAINED_M * circle(STANDS)  # what the scan shows of the thing itself bars the rest
+            around = place + STAND_M * circle(STANDS_AROUND)
+            shown = place + EXPLAINED_M * circle(STANDS_AROUND)  # what the scan shows of the thing itself bars the rest
             around = around[roads.with_view(around, shown)]
             route = roads.nearest(around, np.zeros(len(around)))
             if route is not None:

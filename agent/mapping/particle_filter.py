@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, range_noise, stands, to_map_frame
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, at_start, range_noise, to_map_frame
 from agent.geometry.chains import chained
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
@@ -211,7 +211,7 @@ class WireframeFilter:
         """
         if self.counts.max() + SPARE > self.edges.shape[1] and self.edges.shape[1] < MAX_WALLS:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
-        if scan.stood and self._noisy:
+        if scan.median_of and self._noisy:
             self._begin_anew()
         grown = self.move(odometry, slips=scan.touching)
         self._still += 1
@@ -226,14 +226,14 @@ class WireframeFilter:
             self._noise,
             self._throw_dice(len(scan.pieces)),
             self._patience,
-            self._still <= STILL_SCANS or scan.stood > 0,
+            self._still <= STILL_SCANS or scan.median_of > 0,
         )
         glimpses = best["tip"][_scans_of_tentative(best) > hit_before].mean(1)
         self._weigh(scores)
-        if scan.stood and self._noisy:
-            self.edges["seen"], self.edges["due"] = scan.stood, scan.stood  # each of them has shown these walls
+        if scan.median_of and self._noisy:
+            self.edges["seen"], self.edges["due"] = scan.median_of, scan.median_of  # each of them has shown these walls
             gates = Gates(self._noise, OFFSET_GATE_M)
-            hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.stood)
+            hold_first_ends(self.edges, self.counts, self.joint, scan.pieces, gates, scan.median_of)
             return
         walls, count = self.edges[self.best], int(self.counts[self.best])
         self.glimpses = glimpses
@@ -254,7 +254,7 @@ class WireframeFilter:
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))
-        leaves = stands(before) and not stands(way[-1])
+        leaves = at_start(before) and not at_start(way[-1])
         told = moves_of(np.vstack((before, way)))
         if slips or np.abs(told).max() > STILL:
             self._still = 0

@@ -70,7 +70,7 @@ class Posts:
         self._silence = round(SILENCE_S * spec.lidar.rate_hz)
         self._heard = -self._silence  # tick of the last message
         self._strange = -self._silence  # tick of the last one from somebody whose place is not known
-        self._standing = np.zeros((0, 4))  # (k, 4) x, y, and the ticks of the first and last sighting
+        self._candidates = np.zeros((0, 4))  # (k, 4) of discs: x, y, and the ticks of the first and last sighting
         self.places = np.zeros((0, 2))  # (k, 2) metres
 
     def company(self, tick: int) -> bool:
@@ -93,21 +93,21 @@ class Posts:
         Metres, frame of the map.
         """
         if tick - self._strange < self._silence:
-            self._standing = self._standing[:0]
+            self._candidates = self._candidates[:0]
             return
         self.places = self.places[~_may_be_of(self.places, teammates)]
-        if not len(discs) and not len(self._standing):
+        if not len(discs) and not len(self._candidates):
             return  # so it is of most scans
         for x, y in discs[~_may_be_of(discs, teammates)].tolist():
-            away = np.hypot(self._standing[:, 0] - x, self._standing[:, 1] - y)
+            away = np.hypot(self._candidates[:, 0] - x, self._candidates[:, 1] - y)
             if len(away) and away.min() <= STILL_M:
-                self._standing[int(away.argmin()), 3] = tick
+                self._candidates[int(away.argmin()), 3] = tick
             else:
-                self._standing = np.vstack((self._standing, (x, y, tick, tick)))
-        stood = self._standing[:, 3] - self._standing[:, 2] >= self._still
-        if stood.any():
-            self.places = np.vstack((self.places, self._standing[stood, :2]))[-MAX_POSTS:]
-        self._standing = self._standing[~stood & (tick - self._standing[:, 3] <= self._still)]
+                self._candidates = np.vstack((self._candidates, (x, y, tick, tick)))
+        still = self._candidates[:, 3] - self._candidates[:, 2] >= self._still
+        if still.any():
+            self.places = np.vstack((self.places, self._candidates[still, :2]))[-MAX_POSTS:]
+        self._candidates = self._candidates[~still & (tick - self._candidates[:, 3] <= self._still)]
 
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) the posts in the frame of a pose."""

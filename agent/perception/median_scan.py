@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOISE_FLOOR_M, noise_at, stands
+from agent.corner_scan import NOISE_FLOOR_M, at_start, noise_at
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec
 
@@ -37,7 +37,7 @@ class MedianScan:
 
         A robot that touches something may be pushed, of which odometry tells nothing.
         """
-        self.moved |= touching or not stands(odometry)
+        self.moved |= touching or not at_start(odometry)
         if self.moved:
             self._scans.clear()
         elif len(self._scans) < MOST_SCANS:

@@ -85,10 +85,10 @@ class Perception:
         company, ranges = self._posts.company(observation.tick), observation.scan()
         if self._spec.odometry.noisy and not self._median_scan.moved:
             self._median_scan.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
-        stood = self._median_scan.number
+        median_of = self._median_scan.number
         near = walls_near(self._walls, predicted[0], predicted[1], self._spec.lidar.range_max_m + NOT_BEYOND_M)
         scan = perceive(
-            self._median_scan.median() if stood else ranges,
+            self._median_scan.median() if median_of else ranges,
             self._spec,
             self._method,
             way=unrolled,
@@ -98,7 +98,7 @@ class Perception:
             places=np.column_stack((seen_from(predicted, places[:, :2]), places[:, 2])),
             alone=self._alone,
             company=company,
-            stood=stood,
+            median_of=median_of,
             bridge_m=self._bridge,
         )
         self._seen_discs.add(observation.odometry, scan.discs)
@@ -122,7 +122,7 @@ def perceive(
     places: Floats = NOTHING[:, :3],
     alone: bool = False,
     company: bool = True,
-    stood: int = 0,
+    median_of: int = 0,
     bridge_m: float = BRIDGE_M,
 ) -> CornerScan:
     """Corner scan of a revolution of the lidar, in the robot's frame at its stamp.
@@ -131,7 +131,7 @@ def perceive(
     or more than 1 m beyond the lidar's range, counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
     start of the revolution to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing
     round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
-    stood: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
+    median_of: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
     bridge_m: up to so far apart, two neighbouring hits of a sure line show that there is wall between them.
     In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
     the map, in which no teammate stands. posts: (p, 2) what is round and no teammate. places: (t, 3) where teammates
@@ -142,7 +142,7 @@ def perceive(
     lidar, radius = spec.lidar, spec.radius_m
     beams = ring_of(_possible(ranges, lidar.range_max_m + 1.0), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
-    noise = noise_of(noise, stood) if stood else noise
+    noise = noise_of(noise, median_of) if median_of else noise
     discs, hidden, used = _teammates(beams, noise, expected, known, posts, places, radius, alone, company)
     pieces, explained = np.zeros(0, PIECE), np.zeros(len(hidden), np.bool_)
     if len(used) >= MIN_HITS:
@@ -154,8 +154,8 @@ def perceive(
         pieces, explained = pieces_of(range_scan, cuts, sums)
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)
-    touching = stood == 0 and _touching(ranges, spec)  # the median has no range where the lidar cuts some off
-    return CornerScan(pieces, sight, discs, touching, stood)
+    touching = median_of == 0 and _touching(ranges, spec)  # the median has no range where the lidar cuts some off
+    return CornerScan(pieces, sight, discs, touching, median_of)
 
 
 @kernel

@@ -87,7 +87,7 @@ def test_what_the_range_cuts_off_is_not_touched() -> None:
         ranges = lidar.measured(lidar.cast(np.array([HERE])), [rng])[0]
         seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=HERE)
         scan = perception.see(seen, np.zeros((2, 3)), HERE, Wireframe())
-    assert scan.stood == 50 and not scan.touching
+    assert scan.median_of == 50 and not scan.touching
 
 
 def test_far_ends_of_the_first_look_hold_the_robot() -> None:
@@ -115,4 +115,4 @@ def test_exact_odometry_takes_scan_by_scan() -> None:
         seen = Observation(tick=0, ranges=ranges_of(0, 1)[0].astype("<f4").tobytes(), odometry=HERE)
         return Perception(PerceptionConfig(), spec).see(seen, np.zeros((2, 3)), HERE, Wireframe())
 
-    assert (see(SPEC).stood, see(ideal_spec()).stood) == (1, 0)
+    assert (see(SPEC).median_of, see(ideal_spec()).median_of) == (1, 0)
