@@ -8,7 +8,7 @@ from agent.geometry.clearance import crosses, walls_near
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats
 
-STAND_M = 0.3  # distance between the places on a robot's path from which its views are drawn
+VIEW_STEP_M = 0.3  # distance between the places on a robot's path from which its views are drawn
 VIEW_RAYS = 90  # directions of a view, beside those past the ends of walls
 _BESIDE_RAD = 1e-4  # rays beside a wall's end see the wall itself, and what lies behind it; 0.35 mm at 3.5 m
 

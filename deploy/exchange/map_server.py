@@ -55,7 +55,7 @@ def cells(named: NamedMap) -> NDArray[np.uint8]:
 
 def _box(named: NamedMap) -> tuple[tuple[float, float], tuple[int, int]]:
     """Lower left corner, a multiple of the cell, and numbers of cells along x and y."""
-    points = np.vstack([named.map.vertices, named.stands, np.zeros((0 if len(named.map.vertices) else 1, 2))])
+    points = np.vstack([named.map.vertices, named.viewpoints, np.zeros((0 if len(named.map.vertices) else 1, 2))])
     low, high = np.floor(points.min(0) / CELL_M) - MARGIN_CELLS, np.floor(points.max(0) / CELL_M) + MARGIN_CELLS + 1
     nx, ny = (high - low).astype(int).tolist()
     if nx * ny > MAX_CELLS:

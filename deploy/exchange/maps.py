@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from agent.geometry.chains import chains_of
-from agent.geometry.visibility import STAND_M, VIEW_RAYS, visible_ring
+from agent.geometry.visibility import VIEW_RAYS, VIEW_STEP_M, visible_ring
 from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
@@ -32,7 +32,7 @@ class NamedMap:
     robot: str
     frame: str  # in words
     map: Map
-    stands: Floats  # (k, 2) where the robot has looked from; empty where that is not on record
+    viewpoints: Floats  # (k, 2) where the robot has looked from; empty where that is not on record
     range_m: float  # of its lidar
 
     @property
@@ -58,7 +58,7 @@ class NamedMap:
         rings = [shapely.LinearRing(line) for line, ring in self.chains if ring and len(line) > 2]
         rooms = shapely.union_all([shapely.Polygon(ring).buffer(0) for ring in rings if ring.is_ccw])
         solids = shapely.union_all([shapely.Polygon(ring).buffer(0) for ring in rings if not ring.is_ccw])
-        views = [visible_ring(x, y, self.walls, self.range_m, VIEW_RAYS) for x, y in self.stands.tolist()]
+        views = [visible_ring(x, y, self.walls, self.range_m, VIEW_RAYS) for x, y in self.viewpoints.tolist()]
         seen = shapely.union_all([shapely.Polygon(view).buffer(0) for view in views])
         return shapely.union(rooms, seen).difference(solids)
 
@@ -108,10 +108,10 @@ def _named(run: Run, robot: str, drawn: Map, frame: Frame, path: Path) -> NamedM
 
 
 def _apart(track: Floats) -> Floats:
-    """Points of a path (n, 2), each STAND_M from the one before."""
+    """Points of a path (n, 2), each VIEW_STEP_M from the one before."""
     kept: list[Floats] = []
     for point in track:
-        if not kept or np.hypot(*(point - kept[-1])) >= STAND_M:
+        if not kept or np.hypot(*(point - kept[-1])) >= VIEW_STEP_M:
             kept.append(point)
     return np.array(kept).reshape(-1, 2)
 

@@ -44,8 +44,8 @@ class Air:
             wanted = [keys.from_robot("*", channel) for channel in (keys.RADIO, keys.PLACE)]
         return [session.declare_subscriber(key, at_once(inbox.hear)) for key in wanted]
 
-    def stand(self, x_m: float, y_m: float, now: float) -> SharedPlace:
-        """Be at a place, of which the others are to be told."""
+    def take_own_place(self, x_m: float, y_m: float, now: float) -> SharedPlace:
+        """Take where this robot is, of which the others are to be told."""
         place = SharedPlace(x_m=x_m, y_m=y_m)
         self._places[self._robot] = place, now
         return place

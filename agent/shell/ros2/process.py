@@ -146,7 +146,7 @@ class Ros2Shell:
         self._spoke_at = self._drew_at = -math.inf
         self._hindered = Counter[str]()
         """Diagnostics in which the robot stood, by reason."""
-        self._stands = True
+        self._stopped = True
         """Whether the last command was to stop."""
         self._takers: dict[str, set[str]] = {kind: set() for kind in COMMANDS}
         """Tokens of subscribers of the command's topic by type."""
@@ -158,7 +158,7 @@ class Ros2Shell:
         if ros2.dead_man_s is not None:
             self._take[node.name_of(DEAD_MAN)] = wire.HELD, self._hold
         if ros2.position_topic is not None:
-            self._take[node.name_of(ros2.position_topic)] = wire.POSE, self._stand
+            self._take[node.name_of(ros2.position_topic)] = wire.POSE, self._take_place
         self._out = {channel: stack.enter_context(one) for channel, one in publishers_of(session, robot, False).items()}
         self._place = stack.enter_context(session.declare_publisher(keys.from_robot(robot, keys.PLACE)))
         self._grid = node.publisher("map", wire.GRID, latched=True)
@@ -228,12 +228,12 @@ class Ros2Shell:
         """Take a word of the dead man's switch."""
         self._held_at = time.monotonic() if told.data else -math.inf
 
-    def _stand(self, told: Any) -> None:
+    def _take_place(self, told: Any) -> None:
         """Take where the robot is in the frame that all robots share, and tell the others."""
         x, y = float(told.pose.position.x), float(told.pose.position.y)
         if not max(abs(x), abs(y)) <= MAX_NUMBER:  # NaN is not
             return self._sensing.skip("positions that are no numbers")
-        self._place.put(encode(self._air.stand(x, y, time.monotonic())))
+        self._place.put(encode(self._air.take_own_place(x, y, time.monotonic())))
         return None
 
     def _hindrance(self, now: float) -> str:
@@ -254,7 +254,7 @@ class Ros2Shell:
     def _watch(self, now: float) -> None:
         """Stop the robot where it must stand, and tell how it does."""
         hindrance = self._hindrance(now)
-        if hindrance and not self._stands:
+        if hindrance and not self._stopped:
             self._sensing.skip(f"times at which the robot was stopped: {hindrance}")
             self.stop()
         if hindrance:
@@ -288,7 +288,7 @@ class Ros2Shell:
 
     def _drive(self, speed_mps: float, turn_rps: float) -> None:
         """Command a speed and a turn rate, in each type that the robot subscribes to."""
-        self._stands = speed_mps == turn_rps == 0.0
+        self._stopped = speed_mps == turn_rps == 0.0
         for kind, publisher in list(self._commands.items()):
             if kind == wire.TWIST:
                 publisher.put(showing.twist_of(speed_mps, turn_rps))

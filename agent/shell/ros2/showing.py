@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from agent.geometry.cells import CELL_M, MARGIN_CELLS, wall_cells
-from agent.geometry.visibility import STAND_M, VIEW_RAYS, visible_ring
+from agent.geometry.visibility import VIEW_RAYS, VIEW_STEP_M, visible_ring
 from agent.shell.ros2.wire import DIAGNOSTICS, GRID, MARKERS, ODOMETRY, SCAN, TRANSFORMS, types
 from protocol.arrays import Floats, Ints
 from protocol.geometry import Pose
@@ -44,7 +44,7 @@ class SeenArea:
     def look(self, pose: Pose, wireframe: Wireframe) -> None:
         """Take what is in view from a pose, if it is apart from the last."""
         here = np.array(pose[:2])
-        if np.hypot(*(here - self._last)) < STAND_M:
+        if np.hypot(*(here - self._last)) < VIEW_STEP_M:
             return
         self._last = here
         ring = visible_ring(here[0], here[1], wireframe.segments(), self._reach_m, VIEW_RAYS)

@@ -59,9 +59,9 @@ def test_a_grid_by_the_rules_of_nav2(run: Path, tmp_path: Path) -> None:
 def test_an_open_map_is_free_only_where_its_robot_has_looked(run: Path, tmp_path: Path) -> None:
     export_maps(run, tmp_path, "world", FORMS["map_server"])
     _, free, unknown = grid_of(tmp_path, "r2")
-    stands = shapely.MultiPoint(named(run)["r2"].stands)
+    viewpoints = shapely.MultiPoint(named(run)["r2"].viewpoints)
     assert len(free) > 1000 and len(unknown) > 1000
-    assert shapely.distance(stands, shapely.points(free)).max() < 3.5
+    assert shapely.distance(viewpoints, shapely.points(free)).max() < 3.5
     behind = unknown[(unknown[:, 0] < 2.9) & (unknown[:, 1] < 1.0)]
     assert len(behind) > 1000  # the other room, hidden by the wall that was seen
     lone = tmp_path / "lone.json"
