@@ -388,7 +388,7 @@ class Explorer:
         places = np.vstack((scene.here[None], own))
         if old is not None and old.task.kind == "park":
             places = np.vstack((old.task.stand, places))
-        *_, roads = self.surroundings.ways(scene)
+        roads = self.surroundings.tight_ways(scene)
         route = None if old is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
         route = route or standing.out_of_the_way(places, roads)
         return self._park_at(scene, scene.here[None] if route is None else route.path, roads)
@@ -405,7 +405,7 @@ class Explorer:
         if parked is None or not parked.within(ARRIVED_M, scene.here) or len(self._shown) >= MOST_SHOWN:
             return None
         self._shown.append(scene.here)
-        *_, roads = self.surroundings.ways(scene)
+        roads = self.surroundings.tight_ways(scene)
         route = standing.aside(np.array(self._shown), self.viewpoints.own_places(), roads)
         return None if route is None else self._park_at(scene, route.path, roads)
 

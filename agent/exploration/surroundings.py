@@ -121,8 +121,15 @@ class Surroundings:
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:
         """Ways from here with room, then tight ones; around teammates or through them, never through unseen walls."""
         for clearance in (self.roomy_m, self.tight_m):
-            walls, nodes = self.touch.walls, self.touch.nodes(clearance)
-            if teammates:
-                walls = np.vstack((walls, self.teammates.walls(scene.tick)))
-                nodes = np.vstack((nodes, self.teammates.nodes(scene.tick, clearance)))
-            yield Roads(scene.wireframe, scene.here, clearance, walls, nodes)
+            yield self._ways(scene, clearance, teammates)
+
+    def tight_ways(self, scene: Scene) -> Roads:
+        """The last of `ways`, around teammates."""
+        return self._ways(scene, self.tight_m, True)
+
+    def _ways(self, scene: Scene, clearance: float, teammates: bool) -> Roads:
+        walls, nodes = self.touch.walls, self.touch.nodes(clearance)
+        if teammates:
+            walls = np.vstack((walls, self.teammates.walls(scene.tick)))
+            nodes = np.vstack((nodes, self.teammates.nodes(scene.tick, clearance)))
+        return Roads(scene.wireframe, scene.here, clearance, walls, nodes)
