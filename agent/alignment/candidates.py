@@ -13,7 +13,7 @@ from agent.alignment.agreement import agreement
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.feature import Corners, like_walls, likeness
 from agent.alignment.prepared import PreparedMap
-from agent.geometry.transform import fit_on_points, move
+from agent.geometry.transform import apart, fit_on_points, move
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
 from protocol.geometry import wrapped
@@ -86,6 +86,18 @@ def refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool = True)
     order = order[inliers[order] >= 2]
     order = order[_distinct(transforms[order], theirs.centre)]
     return Refined(transforms[order], inliers[order], residuals[order])
+
+
+def refine_near(transform: Floats, mine: Corners, theirs: Corners, least: int, turn_rad: float) -> Floats | None:
+    """One transform (3,) fitted to the corners that it matches, or None.
+
+    None where these are fewer than `least`, or the fit is more than COARSE_M or turn_rad off.
+    """
+    found = refine(transform[None], mine, theirs)
+    if not len(found.transforms) or found.inliers[0] < least:
+        return None
+    fit: Floats = found.transforms[0]
+    return None if apart(fit, transform, theirs.centre, COARSE_M, turn_rad) else fit
 
 
 @kernel

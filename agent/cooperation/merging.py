@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from agent.alignment.agreement import agreement, contradict
-from agent.alignment.candidates import COARSE_M, refine
+from agent.alignment.candidates import refine_near
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
@@ -122,11 +122,8 @@ def _fitted(peer: Merged, received: ReceivedMap, fit: WallFit) -> Merged:
 
 def _refined(transform: Floats, mine: PreparedMap, theirs: PreparedMap, min_inliers: int) -> Floats:
     """The transform put right on matched corners, unless that moves it too far."""
-    found = refine(transform[None], mine.corners, theirs.corners)
-    if not len(found.transforms) or found.inliers[0] < min_inliers:
-        return transform
-    new: Floats = found.transforms[0]
-    return transform if apart(new, transform, theirs.corners.centre, COARSE_M, math.radians(REFINED_DEG)) else new
+    new = refine_near(transform, mine.corners, theirs.corners, min_inliers, math.radians(REFINED_DEG))
+    return transform if new is None else new
 
 
 def _laid(received: ReceivedMap, transform: Floats, walls: WallEvidence) -> Laid:

@@ -8,7 +8,7 @@ import numpy as np
 from agent.alignment.agreement import BENT_M, EXACT_M, agreement, bear_out, beside, contradict
 from agent.alignment.align import LEAST_CORNERS, Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus, squared
-from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
+from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, refine_near
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import RANGE_SLACK_M
 from agent.alignment.prepared import PreparedMap, prepare
@@ -218,10 +218,7 @@ def is_known(fit: WallFit) -> bool:
 
 def corners_agree(mine: PreparedMap, theirs: PreparedMap, transform: Floats) -> bool:
     """Whether enough corners of both maps match near a transform (3,)."""
-    refined = refine(transform[None], mine.corners, theirs.corners)
-    if not len(refined.transforms) or refined.inliers[0] < LEAST_CORNERS:
-        return False
-    return not apart(refined.transforms[0], transform, theirs.corners.centre, COARSE_M, DISTINCT_RAD)
+    return refine_near(transform, mine.corners, theirs.corners, LEAST_CORNERS, DISTINCT_RAD) is not None
 
 
 def off_its_map(log: PeerLog) -> bool:
