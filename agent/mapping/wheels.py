@@ -168,27 +168,34 @@ def _carry(joint: Floats, by: tuple[float, float], rolled: tuple[float, float], 
     by: metres in the map's frame. rolled: the metres that the wheels drove `ahead`, in that frame. turn: radians that
     tell of the axle.
     """
-    (dx, dy), (x, y), size = by, rolled, len(joint)
-    for k in range(size):  # the begin's error in terms of the stamp's frame (`pose_correction.pose_at`)
-        joint[BEGIN, k] = joint[0, k] - dy * joint[2, k]
-        joint[BEGIN + 1, k] = joint[1, k] + dx * joint[2, k]
-        joint[BEGIN + 2, k] = joint[2, k]
-    for k in range(size):
-        joint[k, BEGIN] = joint[k, 0] - dy * joint[k, 2]
-        joint[k, BEGIN + 1] = joint[k, 1] + dx * joint[k, 2]
-        joint[k, BEGIN + 2] = joint[k, 2]
-    for k in range(size):  # the heading's error swings the step, and the constants' errors bend it
-        heading, wheel, bend, axle = joint[2, k], joint[3, k], joint[4, k], joint[5, k]
-        joint[0, k] += -dy * heading - x * wheel + 0.5 * ahead * y * bend - 0.5 * turn * y * axle
-        joint[1, k] += dx * heading - y * wheel - 0.5 * ahead * x * bend + 0.5 * turn * x * axle
-        joint[2, k] += turn * (axle - wheel) - ahead * bend
-    for k in range(6):
-        heading, wheel, bend, axle = joint[k, 2], joint[k, 3], joint[k, 4], joint[k, 5]
-        joint[k, 0] += -dy * heading - x * wheel + 0.5 * ahead * y * bend - 0.5 * turn * y * axle
-        joint[k, 1] += dx * heading - y * wheel - 0.5 * ahead * x * bend + 0.5 * turn * x * axle
-        joint[k, 2] += turn * (axle - wheel) - ahead * bend
+    size = len(joint)
+    _begin_at(joint, by)
+    _begin_at(joint.T, by)
+    _swing(joint, by, rolled, ahead, turn)
+    _swing(joint[:6].T, by, rolled, ahead, turn)  # of further rows, columns are copies, below
     for i in range(3):
         for k in range(i + 1, size):
             if k < 6:
                 joint[i, k] = 0.5 * (joint[i, k] + joint[k, i])
             joint[k, i] = joint[i, k]
+
+
+@kernel
+def _begin_at(rows: Floats, by: tuple[float, float]) -> None:
+    """Set rows of the begin to those of the old pose, in terms of the stamp's frame (`pose_correction.pose_at`)."""
+    dx, dy = by
+    for k in range(rows.shape[1]):
+        rows[BEGIN, k] = rows[0, k] - dy * rows[2, k]
+        rows[BEGIN + 1, k] = rows[1, k] + dx * rows[2, k]
+        rows[BEGIN + 2, k] = rows[2, k]
+
+
+@kernel
+def _swing(rows: Floats, by: tuple[float, float], rolled: tuple[float, float], ahead: float, turn: float) -> None:
+    """Move rows of the pose on: the heading's error swings the step, and the constants' errors bend it."""
+    (dx, dy), (x, y) = by, rolled
+    for k in range(rows.shape[1]):
+        heading, wheel, bend, axle = rows[2, k], rows[3, k], rows[4, k], rows[5, k]
+        rows[0, k] += -dy * heading - x * wheel + 0.5 * ahead * y * bend - 0.5 * turn * y * axle
+        rows[1, k] += dx * heading - y * wheel - 0.5 * ahead * x * bend + 0.5 * turn * x * axle
+        rows[2, k] += turn * (axle - wheel) - ahead * bend
