@@ -21,7 +21,7 @@ class KalmanUpdate(NamedTuple):
 
     joint: Floats  # (m or more, m or more)
     shift: Floats  # (m,) what the estimates are to move by so far
-    gains: Floats  # (TOGETHER, m) of numbers taken in since the covariance was settled; zeros where there are less
+    gains: Floats  # (TOGETHER, m) of numbers taken in since the covariance was settled, zeros for more; (1, m) for one
     number: Ints  # (1,) of those
 
 
@@ -36,7 +36,7 @@ def observe(
     joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float
 ) -> float:
     """Take in one number at once: `take` and `settle`."""
-    update = update_of(joint, shift)
+    update = KalmanUpdate(joint, shift, np.zeros((1, len(shift))), np.zeros(1, np.int64))
     deviations = take(update, rows, slopes, off, variance, sigmas)
     settle(update)
     return deviations
