@@ -46,6 +46,8 @@ TOLD_IN_TURN = 3
 robots in a maze of 40 m eight go about together once the map is whole, and have the same news from each other."""
 MOST_TRIES = 10
 """A newer map waits until an older one in several parts is acknowledged, or was sent this often: else none arrives."""
+KINDS = frozenset((BEACON, MAP, DELTA, RESEND, ACK, VIEWS, FRAMES))
+"""What is read. Robots with other programs may say other things on the same air, to each other."""
 
 
 @dataclass(slots=True)
@@ -184,6 +186,7 @@ class Exchange:
         """Take a tick's messages: news, one of each peer that said something, in the order of `contacts`.
 
         Events are `contact`, `lost`, `refused` and the last talk's `untold`. A bad message makes no contact.
+        One of a kind that is not ours is passed over.
         """
         events, self._events = self._events, []
         refused: dict[str, str] = {}
@@ -191,6 +194,8 @@ class Exchange:
         count: Counter[str] = Counter()
         for message in heard:
             peer = message.sender
+            if message.kind not in KINDS:
+                continue
             if peer in refused:
                 continue  # nor is the rest read of what it says in this tick
             count[peer] += 1
@@ -236,7 +241,7 @@ class Exchange:
     def _take(
         self, tick: int, peer: str, message: Heard
     ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | None:
-        """What a message tells that is new; raises ProtocolError for a bad one."""
+        """What a message of one of our KINDS tells that is new; raises ProtocolError for a bad one."""
         if message.kind == BEACON:
             return Beacon.decode(message.payload)
         if message.kind in (MAP, DELTA, RESEND):
@@ -258,9 +263,8 @@ class Exchange:
                 return self._known[peer].take_views(views)
             self._asked_since[peer] = views.since
             return views
-        if message.kind == FRAMES:
-            return ToldFrames.decode(message.payload)
-        raise ProtocolError(f"a message of kind {message.kind}, which is unknown")
+        assert message.kind == FRAMES, message.kind
+        return ToldFrames.decode(message.payload)
 
     def talk(
         self,

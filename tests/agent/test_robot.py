@@ -151,7 +151,6 @@ def test_a_peer_is_met_once_and_lost_after_silence() -> None:
         Heard(tick=1, sender="r2", kind="map", payload=b"\xff\x00"),
         Heard(tick=1, sender="r2", kind="beacon", payload=b""),
         Heard(tick=1, sender="r2", kind="ack", payload=b"\x13\x01"),
-        Heard(tick=1, sender="r2", kind="gossip", payload=b"\x10"),
         map_of(1, body=b"no map"),
     ],
 )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from agent.communication import exchange, receiving
 from agent.communication.config import TalkConfig
-from agent.communication.exchange import MOST_ANSWERS, Exchange
+from agent.communication.exchange import MOST_ANSWERS, MOST_HEARD, Exchange
 from agent.communication.receiving import ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
@@ -306,6 +306,18 @@ def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
     hear = Pair().robots["b"]
     news, events = hear.hear(1, [Heard(tick=1, sender="a", kind="map", payload=bytes([k])) for k in range(200)])
     assert not news and [event.event for event in events] == ["refused"]
+
+
+def test_what_another_program_says_is_passed_over_and_the_rest_is_read() -> None:
+    foreign = [
+        Heard(tick=1, sender=who, kind="gossip", payload=bytes([k])) for k in range(MOST_HEARD + 1) for who in "ac"
+    ]
+    beacon = Heard(tick=1, sender="a", kind="beacon", payload=Beacon(1, (0.5, 0.0, 0.0)).encode())
+    hear = Pair().robots["b"]
+    news, events = hear.hear(1, [*foreign, beacon, foreign[0]])
+    assert [(one.peer, one.beacon is not None) for one in news] == [("a", True)]
+    assert [(event.event, event.data) for event in events] == [("contact", {"peer": "a"})]
+    assert list(hear.contacts) == ["a"]
 
 
 def test_a_flood_of_changes_is_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
