@@ -210,7 +210,7 @@ class Robot:
         merged, new, merged_anew = self.team.merged, self.own, False
         if merged:
             rests = self.explorer.complete
-            if not self._laying.due(tick, len(merged), own_changed, self.team.changed, rests):
+            if not self._laying.take_due(tick, len(merged), own_changed, self.team.changed, rests):
                 return False
             new = self.filter.wireframe_with([peer.laid.layer for peer in merged], SAME_WALL_M)
             merged_anew = self._laying.merged_anew

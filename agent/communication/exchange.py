@@ -106,8 +106,11 @@ class Told:
     frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
     """Of each peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
 
-    def due_frames(self, names: Iterable[str], frames: Mapping[str, Pose]) -> list[str]:
-        """Of whom the frame, or that there is none any more, is to be told: at once, and 1, 3, 7, ... periods later."""
+    def take_due_frames(self, names: Iterable[str], frames: Mapping[str, Pose]) -> list[str]:
+        """Of whom the frame, or that there is none any more, is to be told: at once, and 1, 3, 7, ... periods later.
+
+        Counts a period.
+        """
         due = []
         for name in sorted(names):
             held, periods = self.frames.get(name, (False, 0))
@@ -320,7 +323,7 @@ class Exchange:
         known = self._known[peer]
         if not known.maps:
             return []
-        frame = frames.get(peer) if self._told[peer].due_frames([peer], frames) else None
+        frame = frames.get(peer) if self._told[peer].take_due_frames([peer], frames) else None
         known.views_asked = True
         return [Send(tick=tick, to=peer, kind=VIEWS, payload=AskViews(known.views_until, frame).encode())]
 
@@ -329,7 +332,7 @@ class Exchange:
         if peer not in frames:
             return []
         told = self._told[peer]
-        names = told.due_frames((frames.keys() | told.frames.keys()) - {peer}, frames)
+        names = told.take_due_frames((frames.keys() | told.frames.keys()) - {peer}, frames)
         some = in_messages({name: frames.get(name) for name in names}, self.mtu_bytes)
         return [Send(tick=tick, to=peer, kind=FRAMES, payload=one.encode()) for one in some]
 

@@ -71,8 +71,8 @@ class Aligner:
             self._own = own, prepare(own, self.config)
         return self._own[1]
 
-    def due(self, log: PeerLog, own: Wireframe, growth: float) -> bool:
-        """Whether one of two maps has gained this share of its walls since both were aligned; if so, notes them."""
+    def take_growth(self, log: PeerLog, own: Wireframe, growth: float) -> bool:
+        """Whether one of two maps has gained this share of its walls since both were aligned, and note that."""
         assert log.map is not None
         counts = int(own.own.sum()), int(log.map.wireframe.own.sum())
         grown = any(

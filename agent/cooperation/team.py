@@ -209,7 +209,7 @@ class Team:
         if isinstance(peer, Unaligned) and log.first_encounter is not None and self._align_by_word(peer, own):
             return True
         growth = log.growth if isinstance(peer, Unaligned) else GROWTH_ON_TRIAL
-        if not self.aligner.due(log, own, growth):
+        if not self.aligner.take_growth(log, own, growth):
             return isinstance(peer, Unaligned) and self._align_by_sight(peer, own)
         if log.first_encounter is None:
             return False
@@ -239,7 +239,7 @@ class Team:
         Transforms of merged peers are fitted anew: the own map may have closed a loop since the last map was heard.
         """
         for peer in self.proposed:
-            if self.aligner.due(peer.log, own, 0.0) and not off_its_map(peer.log):
+            if self.aligner.take_growth(peer.log, own, 0.0) and not off_its_map(peer.log):
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:

@@ -22,7 +22,7 @@ class Laying:
         self.merged_anew = False
         """Whether merged maps had changed before the last laying, or which of them there are."""
 
-    def due(self, tick: int, maps: int, own_changed: bool, merged_changed: bool, rests: bool) -> bool:
+    def take_due(self, tick: int, maps: int, own_changed: bool, merged_changed: bool, rests: bool) -> bool:
         """Whether so many merged maps are to be laid in this tick, and count that as done.
 
         own_changed, merged_changed: of what there is something new in this tick. rests: whether the robot is complete.
