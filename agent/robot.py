@@ -134,7 +134,7 @@ class Robot:
         viewpoints, ends = explorer.viewpoints, explorer.goals.in_vain
         looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
         places, contacts = self.team.places, self.exchange.contacts
-        in_sight = len(scan.discs) > 0 and (places.unknown_to(contacts) or not places.known(tick, contacts))
+        in_sight = len(scan.discs) > 0 and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
         frames, asks = self.team.frames, self.team.asks_for_views
         sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
         if changed:
@@ -166,7 +166,7 @@ class Robot:
         heard: who was heard in this tick.
         """
         tick, poses, way = observation.tick, observation.poses(), self.filter.way(observation.poses())
-        places, strangers = self.team.places.lately(tick), not self.team.places.known(tick, heard)
+        places, strangers = self.team.places.lately(tick), self.team.places.strangers_among(tick, heard)
         pose, known = self.filter.pose, self.wireframe
         scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
         if tick % self._update_ticks == 0:
@@ -195,7 +195,7 @@ class Robot:
             viewpoints=self.team.views.places,
             in_vain=self.team.views.ends,
             glimpses=self.filter.glimpses,
-            unknown=self.team.places.unknown_to(self.exchange.contacts),
+            is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,
             map_sd_m=self.filter.map_sd_m,
         )

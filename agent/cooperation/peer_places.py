@@ -74,14 +74,14 @@ class PeerPlaces:
         in_touch = np.array([log.heard_within(tick, IN_TOUCH_S * self._rate_hz) for log, *_ in heard], np.bool_)
         return rows[in_touch], rows[~in_touch]
 
-    def unknown_to(self, contacts: Iterable[str]) -> bool:
+    def is_stranger_to(self, contacts: Iterable[str]) -> bool:
         """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
         return self._sharing and any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
 
-    def known(self, tick: int, heard: Iterable[str]) -> bool:
-        """Whether the places of all who are heard are known, and have been for a while."""
+    def strangers_among(self, tick: int, heard: Iterable[str]) -> bool:
+        """Whether the robot has not merged the map of one of those that are heard, or only lately."""
         lately, peers = tick - STRANGER_S * self._rate_hz, map(self._peers.get, heard)
-        return all(isinstance(peer, Merged) and peer.since < lately for peer in peers)
+        return any(not isinstance(peer, Merged) or peer.since >= lately for peer in peers)
 
     def _heard(self, tick: int, within_s: float) -> Iterator[tuple[PeerLog, Pose, float]]:
         """Merged peers that were heard so lately, and what `_last_pose` says of each."""

@@ -180,7 +180,7 @@ class Explorer:
 
         A robot that has parked steps aside where it is seen by somebody who does not know its frame.
         """
-        if self.complete and scene.unknown and len(scene.discs) and (aside := self._step_aside(scene)):
+        if self.complete and scene.is_stranger and len(scene.discs) and (aside := self._step_aside(scene)):
             return aside
         return self.target or self._choose_default(scene, self._put_back)
 

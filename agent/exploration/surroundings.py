@@ -43,7 +43,7 @@ class Situation:
     """(v, 4) open ends that teammates with merged maps looked at in vain, and unit: where their walls go on."""
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(g, 2) middles of what this scan hit and is no wall yet."""
-    unknown: bool = False  # whether somebody in contact does not know where the robot's frame lies
+    is_stranger: bool = False  # whether somebody in contact does not know where the robot's frame lies
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
     map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked
 

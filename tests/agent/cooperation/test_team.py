@@ -80,7 +80,7 @@ def test_without_sharing_nothing_is_aligned() -> None:
     run = explore({**MEET, "max_time_s": 40.0}, {"cooperation": {"sharing": False}})
     for mind in run.robots.values():
         assert mind.exchange.contacts and not mind.team.peers
-        assert not mind.team.places.unknown_to(mind.exchange.contacts)  # nor does it drive to be seen
+        assert not mind.team.places.is_stranger_to(mind.exchange.contacts)  # nor does it drive to be seen
 
 
 def test_forced_wrong_proposals_are_not_accepted() -> None:

@@ -67,20 +67,20 @@ def met(team: Team) -> Unaligned:
     return met
 
 
-def test_who_is_merged_is_known_after_a_while_and_nobody_else() -> None:
+def test_who_is_merged_is_no_stranger_after_a_while_and_all_others_are() -> None:
     team, lately = team_of({"a": PEER}), round(STRANGER_S * SPEC.lidar.rate_hz)
-    assert not team.places.known(lately, ["a"])
-    assert team.places.known(lately + 1, ["a"])
-    assert not team.places.known(lately + 1, ["a", "never heard of"])
+    assert team.places.strangers_among(lately, ["a"])
+    assert not team.places.strangers_among(lately + 1, ["a"])
+    assert team.places.strangers_among(lately + 1, ["a", "never heard of"])
     met(team)
-    assert not team.places.known(lately + 1, ["a", "p"])
+    assert team.places.strangers_among(lately + 1, ["a", "p"])
 
 
 def test_who_has_merged_the_robots_map_says_so() -> None:
     team = team_of({"a": PEER})
-    assert team.places.unknown_to(["a"]) and not team.places.unknown_to([])
+    assert team.places.is_stranger_to(["a"]) and not team.places.is_stranger_to([])
     team.peers["a"].log.take_frame((1.0, 2.0, 0.3))
-    assert not team.places.unknown_to(["a"]) and team.places.unknown_to(["a", "never heard of"])
+    assert not team.places.is_stranger_to(["a"]) and team.places.is_stranger_to(["a", "never heard of"])
 
 
 def test_the_word_of_most_is_taken() -> None:

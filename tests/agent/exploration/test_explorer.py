@@ -560,14 +560,14 @@ def test_where_another_one_has_parked_a_robot_parks_elsewhere():
     assert not any(moved[300:])
 
 
-@pytest.mark.parametrize(("unknown", "seen"), [(True, True), (False, True), (True, False)])
-def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_its_frame(unknown, seen):
+@pytest.mark.parametrize(("stranger", "seen"), [(True, True), (False, True), (True, False)])
+def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_its_frame(stranger, seen):
     """In `made.traced` (1, seed 0) a robot saw another one parked for a minute, and could not be sure of it."""
     room, stands, pose = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), [], np.array([0.5, 0.0, 0.0])
     robot, disc = explorer(default_state="least-likely", pockets=False), np.array([[2.0, 0.0]]) if seen else NOBODY
     robot.complete = True
     for tick in range(600):
-        command = step(robot, Situation(tick, room, 1, tuple(pose), Wireframe(), disc, unknown=unknown))
+        command = step(robot, Situation(tick, room, 1, tuple(pose), Wireframe(), disc, is_stranger=stranger))
         pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
         pose[2] += 0.2 * command.turn_rps
         assert command.complete
@@ -576,7 +576,7 @@ def test_a_parked_robot_shows_itself_in_a_few_places_to_one_that_does_not_know_i
         if not command.speed_mps and not command.turn_rps and tick > 300:
             break
     assert tick < 599
-    assert len(stands) == (9 if unknown and seen else 1)
+    assert len(stands) == (9 if stranger and seen else 1)
     apart = np.hypot(*(np.array(stands)[:, None] - np.array(stands)).transpose(2, 0, 1))
     assert (apart[np.triu_indices(len(stands), 1)] > 0.3).all()
 
