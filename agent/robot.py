@@ -112,7 +112,7 @@ class Robot:
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
             self.team.hear(tick, news, pose, scan, self.own)
-            self.team.judge(tick, self.own, pose, self._arrived)  # of Z and T: what is new in Z has a drive before it
+            self.team.judge(tick, self.own, pose, self._arrived)  # accept = judge(proposal), of the last tick's Z
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._draw_map(tick, own_changed)
         explorer = self.explorer

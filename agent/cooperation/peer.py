@@ -164,7 +164,7 @@ class PeerLog:
         self.waiting, self.waiting_weight = received, weigh(received.wireframe)
 
     def take_map(self, tick: int, known: Iterable[Weight]) -> bool:
-        """Take the map that waits, if one of the known maps bears it; whether none does now and one did before.
+        """Take the map that waits, unless it is too large beside all known maps; True when it begins to wait for that.
 
         known: of the own map and those that other peers have merged into it. Nobody's map is of the future.
         """

@@ -30,7 +30,7 @@ from agent.cooperation.peer_places import PeerPlaces
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial, nats_of_thirds
-from agent.cooperation.weight import weigh
+from agent.cooperation.weight import NO_WEIGHT, weigh
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
@@ -135,17 +135,18 @@ class Team:
             if news.views is not None:
                 log.views, self._views_changed = news.views, True
         waiting = [peer for peer in self.peers.values() if peer.log.waiting is not None]
-        mine = [weigh(own) for _ in waiting[:1]]
+        mine = weigh(own) if waiting else NO_WEIGHT
         for peer in waiting:
             others = (other.log.weight for other in self.merged if other is not peer)
-            if peer.log.take_map(tick, [*mine, *others]):
+            if peer.log.take_map(tick, [mine, *others]):
                 self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
         if tick % self._ticks(LOOK_S) == 0:
             for proposed in self.proposed:
                 self._ask_thirds(proposed)
-            view = view_of(scan, here, WALL_MARGIN_M)
-            for peer in self.peers.values() if self.config.verification.ground else ():
-                self._look(peer, view)
+            if self.config.verification.ground:
+                view = view_of(scan, here, WALL_MARGIN_M)
+                for peer in self.peers.values():
+                    self._look(peer, view)
 
     def _hears_one(self, tick: int, told: Sequence[News]) -> bool:
         """Whether one peer alone was heard for a while, by a radio that reaches as far as the lidar."""

@@ -36,7 +36,7 @@ IN_WALL = 0.8
 one that merely fits a disc, the point lies half a radius behind; from a teammate's, any wall in view is a radius away.
 In 8 runs of 3 robots 24 of 24,370 discs on teammates were lost so, and of 219,500 on anything else 10,700 left."""
 NOT_BEYOND_M = 1.5  # walls beyond the lidar's range by more than this are on no disc that it shows
-NOTHING, NOBODY = np.zeros((0, 4)), np.zeros((0, 2))
+NO_WALLS, NO_PLACES, NO_DISCS = np.zeros((0, 4)), np.zeros((0, 3)), np.zeros((0, 2))
 
 
 class Perception:
@@ -50,10 +50,10 @@ class Perception:
         self._seen_discs, self._posts = SeenDiscs(spec), Posts(spec)
         self._median_scan = MedianScan(spec.lidar)
         self._tick = -1  # of the last observation
-        self._discs = NOBODY  # (d, 2) discs of the last scan, whether they are teammates or not
-        self._places = NOTHING[:, :3]  # (t, 3) where merged teammates said that they were, as of `see`
+        self._discs = NO_DISCS  # (d, 2) discs of the last scan, whether they are teammates or not
+        self._places = NO_PLACES  # (t, 3) where merged teammates said that they were, as of `see`
         self._map = Wireframe()
-        self._walls = np.zeros((0, 4))  # (m, 4) walls of that map in which no teammate stands, metres
+        self._walls = NO_WALLS  # (m, 4) walls of that map in which no teammate stands, metres
 
     def see(
         self,
@@ -62,7 +62,7 @@ class Perception:
         start: Pose,
         known: Wireframe,
         heard: bool = False,
-        places: Floats = NOTHING[:, :3],
+        places: Floats = NO_PLACES,
         *,
         strangers: bool = True,
     ) -> CornerScan:
@@ -103,7 +103,7 @@ class Perception:
         )
         self._seen_discs.add(observation.odometry, scan.discs)
         self._discs, self._places = scan.discs, places
-        return scan if company else replace(scan, discs=NOBODY)
+        return scan if company else replace(scan, discs=NO_DISCS)
 
     def remember(self, tick: int, pose: Pose) -> None:
         """Note where the last scan's discs are, once the pose is corrected."""
@@ -116,10 +116,10 @@ def perceive(
     method: Segmentation = "piecewise",
     *,
     way: Floats | None = None,
-    expected: Floats = NOTHING[:, :3],
-    known: Floats = NOTHING,
-    posts: Floats = NOBODY,
-    places: Floats = NOTHING[:, :3],
+    expected: Floats = NO_PLACES,
+    known: Floats = NO_WALLS,
+    posts: Floats = NO_DISCS,
+    places: Floats = NO_PLACES,
     alone: bool = False,
     company: bool = True,
     median_of: int = 0,
