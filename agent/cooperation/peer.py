@@ -2,9 +2,8 @@
 
 import math
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -243,28 +242,59 @@ class Merged:
 Peer = Unaligned | Proposed | Merged
 
 
-class Peers(dict[str, Peer]):
+class _AllMerged(NamedTuple):
+    """What each tick asks of the peers that are merged."""
+
+    peers: list[Merged]
+    ticks: dict[str, int]
+    frames: dict[str, Pose]
+
+
+class Peers(MutableMapping[str, Peer]):
     """All peers by name. What each tick asks of those that are merged is worked out once, until one is another."""
 
-    def __setitem__(self, name: str, peer: Peer) -> None:
-        """Put a peer in place of what it was."""
-        super().__setitem__(name, peer)
-        self.__dict__.clear()
+    def __init__(self) -> None:
+        self._by_name: dict[str, Peer] = {}
+        self._merged: _AllMerged | None = None
 
-    @cached_property
+    def __getitem__(self, name: str) -> Peer:
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    def __setitem__(self, name: str, peer: Peer) -> None:
+        self._by_name[name] = peer
+        self._merged = None
+
+    def __delitem__(self, name: str) -> None:
+        del self._by_name[name]
+        self._merged = None
+
+    @property
     def merged(self) -> list[Merged]:
         """Those whose maps are part of the robot's, by name."""
-        return [peer for _, peer in sorted(self.items()) if isinstance(peer, Merged)]
+        return self._all_merged().peers
 
-    @cached_property
+    @property
     def merged_ticks(self) -> dict[str, int]:
         """When their maps were so."""
-        return {peer.log.name: peer.map.tick for peer in self.merged}
+        return self._all_merged().ticks
 
-    @cached_property
+    @property
     def frames(self) -> dict[str, Pose]:
         """Their frames in the robot's own."""
-        return {peer.log.name: pose_of(peer.transform) for peer in self.merged}
+        return self._all_merged().frames
+
+    def _all_merged(self) -> _AllMerged:
+        if self._merged is None:
+            peers = [peer for _, peer in sorted(self._by_name.items()) if isinstance(peer, Merged)]
+            ticks = {peer.log.name: peer.map.tick for peer in peers}
+            self._merged = _AllMerged(peers, ticks, {peer.log.name: pose_of(peer.transform) for peer in peers})
+        return self._merged
 
 
 Figures = Mapping[str, object]
