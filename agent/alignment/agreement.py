@@ -125,7 +125,7 @@ def _verdicts(samples: Floats, t: Floats, walls: Walls, agree_m: float) -> Label
     segments, origin, free, ways = walls.segments, walls.origin, walls.free, walls.ways
     columns, rows = walls.shape
     c, s = math.cos(t[2]), math.sin(t[2])
-    out = np.zeros(samples.shape[0], np.uint8)
+    out = np.full(samples.shape[0], NEITHER, np.uint8)
     for k in range(samples.shape[0]):
         x, y = t[0] + c * samples[k, 0] - s * samples[k, 1], t[1] + s * samples[k, 0] + c * samples[k, 1]
         i, j = math.floor((x - origin[0]) / origin[2]), math.floor((y - origin[1]) / origin[2])

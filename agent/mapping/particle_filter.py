@@ -96,7 +96,7 @@ def update_particles(
         predicted, exact = (poses[p, 0], poses[p, 1], poses[p, 2]), joint[p, 0, 0] == 0.0
         shift, axis = np.zeros(WALLS), Axis(0.0, math.inf)
         if not exact:
-            shift, axis = _rows(counts[p], joint[p]), axis_of(edges[p], counts[p], noise)
+            shift, axis = _no_shift(counts[p], joint[p]), axis_of(edges[p], counts[p], noise)
             relate(edges[p], counts[p], joint[p], predicted)
             pieces = _placed(raw, predicted, shift, grown[p], noise)
             walls = associate(edges[p], counts[p], pieces, gates, dice[p, 0])
@@ -118,12 +118,12 @@ def update_particles(
         counts[p] = merge_scan(edges[p], counts[p], view.pieces, walls, dice[p, 1], gates, patience[p], True)
         counts[p] = contradict(edges[p], counts[p], view, walls, bodies, patience[p])
         if not exact:
-            shift = _rows(counts[p], joint[p])
+            shift = _no_shift(counts[p], joint[p])
             if hold_joined(edges[p], before, joint[p], shift):
                 _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
                 pose = (poses[p, 0], poses[p, 1], poses[p, 2])
             fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
-            shift = _rows(counts[p], joint[p])
+            shift = _no_shift(counts[p], joint[p])
             hold_corners(edges[p], before, joint[p], shift, noise)
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
             _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
@@ -131,8 +131,8 @@ def update_particles(
 
 
 @kernel
-def _rows(count: int, joint: Floats) -> Floats:
-    """(m,) zeros for the rows that are in use."""
+def _no_shift(count: int, joint: Floats) -> Floats:
+    """(m,) a shift by nothing of the rows that are in use."""
     return np.zeros(row_of(min(count, has_rows(joint))))
 
 
