@@ -187,7 +187,7 @@ class Robot:
             wireframe=self.wireframe,
             version=self._map.version,
             pose=self.filter.pose,
-            scan=seen,
+            seen=seen,
             discs=scan.discs,
             errand=None if self.team.errand is None else self.team.errand.place,
             partners=partners,

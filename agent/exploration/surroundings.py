@@ -31,7 +31,7 @@ class Situation:
     wireframe: Wireframe  # the map
     version: int  # of the map, greater whenever it changed
     pose: Pose
-    scan: Wireframe  # corners and walls seen now, frame of the robot's pose
+    seen: Wireframe  # corners and walls seen now, frame of the robot's pose
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
     errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
     partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
@@ -106,11 +106,11 @@ class Surroundings:
 
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
-        tick, pose, scan = situation.tick, situation.pose, situation.scan
+        tick, pose = situation.tick, situation.pose
         here = np.array((float(pose[0]), float(pose[1])))
         if situation.wireframe is not self._map:
             self._map, self._known = situation.wireframe, situation.wireframe.segments()
-        seen = apply(pose, scan.points)[scan.edges].reshape(-1, 4)
+        seen = apply(pose, situation.seen.points)[situation.seen.edges].reshape(-1, 4)
         discs = apply(pose, situation.discs)
         self.teammates.update(tick, discs)
         self.touch.feel(here)
