@@ -30,7 +30,7 @@ from agent.cooperation.peer_places import PeerPlaces
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial, nats_of_thirds
-from agent.cooperation.weight import NO_WEIGHT, weigh
+from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
@@ -116,30 +116,11 @@ class Team:
         alone = self._hears_one(tick, told)
         for news in told:
             peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
-            log, beacon = peer.log, news.beacon
-            if beacon is not None and log.pose_tick < min(beacon.tick, tick):
-                pose_tick = min(beacon.tick, tick)  # nobody is ahead of time
+            if (beacon := news.beacon) is not None:
                 sighting = Sighting(here, beacon.pose, discs, scan, alone)
-                log.take_beacon(news.since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
-                if tick - pose_tick <= self._ticks(LATE_S):
-                    log.take_sighting(sighting)
-                    if isinstance(peer, Proposed):
-                        self._weigh(peer.trial, sighting)
-                    elif isinstance(peer, Merged) and self.config.verification.discs:
-                        self._watch(peer, sighting)
-            if news.frame is not None:
-                log.take_frame(news.frame)
-            log.take_frames(news.others)
-            if news.map is not None:
-                log.offer_map(news.map)
-            if news.views is not None:
-                log.views, self._views_changed = news.views, True
-        waiting = [peer for peer in self.peers.values() if peer.log.waiting is not None]
-        mine = weigh(own) if waiting else NO_WEIGHT
-        for peer in waiting:
-            others = (other.log.weight for other in self.merged if other is not peer)
-            if peer.log.take_map(tick, [mine, *others]):
-                self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
+                self._take_beacon(tick, peer, news.since, min(beacon.tick, tick), sighting)  # nobody is ahead of time
+            self._take_word(peer.log, news)
+        self._take_maps(tick, own)
         if tick % self._ticks(LOOK_S) == 0:
             for proposed in self.proposed:
                 self._ask_thirds(proposed)
@@ -147,6 +128,41 @@ class Team:
                 view = view_of(scan, here, WALL_MARGIN_M)
                 for peer in self.peers.values():
                     self._look(peer, view)
+
+    def _take_beacon(self, tick: int, peer: Peer, since: int, pose_tick: int, sighting: Sighting) -> None:
+        """Keep where a peer says that it was at pose_tick, if that is new; if it is not late, its sighting counts."""
+        log = peer.log
+        if pose_tick <= log.pose_tick:
+            return
+        log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
+        if tick - pose_tick > self._ticks(LATE_S):
+            return
+        log.take_sighting(sighting)
+        if isinstance(peer, Proposed):
+            self._weigh(peer.trial, sighting)
+        elif isinstance(peer, Merged) and self.config.verification.discs:
+            self._watch(peer, sighting)
+
+    def _take_word(self, log: PeerLog, news: News) -> None:
+        """Keep what a peer says of frames, its map, which then waits, and its viewpoints."""
+        if news.frame is not None:
+            log.take_frame(news.frame)
+        log.take_frames(news.others)
+        if news.map is not None:
+            log.offer_map(news.map)
+        if news.views is not None:
+            log.views, self._views_changed = news.views, True
+
+    def _take_maps(self, tick: int, own: Wireframe) -> None:
+        """Take those of the maps that wait which are not too large."""
+        waiting = [peer for peer in self.peers.values() if peer.log.waiting is not None]
+        if not waiting:
+            return
+        mine = weigh(own)
+        for peer in waiting:
+            others = (other.log.weight for other in self.merged if other is not peer)
+            if peer.log.take_map(tick, [mine, *others]):
+                self._say("attempt", peer.log, "a map that is too large for what was seen waits", None, {})
 
     def _hears_one(self, tick: int, told: Sequence[News]) -> bool:
         """Whether one peer alone was heard for a while, by a radio that reaches as far as the lidar."""
