@@ -39,6 +39,18 @@ def test_an_own_wall_beside_the_heard_one_that_took_it_in_is_no_second_wall() ->
     assert whole(row((2.0, 4.02, F, OC, True), (0.0, 4.0, N, N, False), off=0.006)) == [(0.0, 4.0)]
 
 
+def test_of_two_starts_in_one_place_the_corner_is_taken_too() -> None:
+    assert whole(row((0.0, 4.0, N, N, False), (0.0, 2.0, OC, F, True), off=0.006)) == [(0.0, 4.0)]
+    assert whole(row((-0.02, 2.0, OC, F, True), (0.0, 4.0, N, N, False), off=0.006)) == [(0.0, 4.0)]
+    assert whole(row((0.0, 2.0, N, F, True), (-0.02, 4.0, OC, N, False), off=0.006)) == [(0.0, 4.0)]
+
+
+@pytest.mark.parametrize(("gap_m", "parts"), [(0.045, 1), (0.055, 2)])
+def test_parts_end_within_5_cm_of_each_other(gap_m: float, parts: int) -> None:
+    assert len(whole(row((0.0, 2.0, N, F, False), (2.0 + gap_m, 3.0, F, N, True)))) == parts
+    assert len(whole(row((0.0, 1.0, N, F, True), (1.0 + gap_m, 3.0, F, N, False)))) == parts
+
+
 def test_a_heard_wall_joins_the_own_ones_on_both_of_its_sides() -> None:
     assert whole(row((0.0, 1.0, N, F, True), (1.0, 2.0, F, F, False), (2.0, 3.0, F, N, True))) == [(0.0, 3.0)]
 
