@@ -55,12 +55,14 @@ def test_the_cost_of_a_tour_is_its_length_or_twice_the_mean_way_to_what_waits() 
 
 
 def test_what_is_begun_is_left_only_for_a_tour_that_is_better_by_the_gain() -> None:
-    def goes_on(behind_m: float) -> bool:
-        return first([end(3.0, 0, begun=True), end(-behind_m, 0)]) == (3.0, 0)
+    def goes_on(behind_m: float, haste: float = HASTE) -> bool:
+        return first([end(3.0, 0, begun=True), end(-behind_m, 0)], haste) == (3.0, 0)
 
     assert first([end(3.0, 0), end(-2.9, 0)]) == (-2.9, 0)
     assert goes_on(2.9)
     assert not goes_on(0.5)
+    assert goes_on(1.55, haste=0.0)  # turning first would save 1.45 m
+    assert not goes_on(1.45, haste=0.0)  # and here 1.55 m
     crowd = [end(-0.02 * k, 2.0) for k in range(TOUR_TASKS + 1)]
     assert first([end(2.2, 0), *crowd]) != (2.2, 0)
     assert first([end(2.2, 0, begun=True), *crowd]) == (2.2, 0)  # though so many are nearer

@@ -128,8 +128,13 @@ def test_paths_are_the_shortest_there_are():
 
 
 def test_a_start_too_near_to_a_wall_gets_away_from_it():
-    found = go(Roads(chain(room(4, 4)), np.array((0.11, 2.0)), ROOMY_M), 3.0, 2.0)
-    assert found is not None
+    start, pillar = np.array((0.11, 2.0)), [(0.6, 1.5), (0.6, 2.9), (2.0, 2.9), (2.0, 1.5), (0.6, 1.5)]
+    wireframe = chain(room(4, 4), pillar)
+    _, path = go(Roads(wireframe, start, ROOMY_M), 3.0, 2.0)
+    walls = shapely.multilinestrings(list(shapely.linestrings(wireframe.segments().reshape(-1, 2, 2))))
+    assert (path[0] == start).all() and len(path) > 2
+    assert shapely.distance(shapely.linestrings(path[:2]), walls) >= 0.98 * 0.11 - 1e-9
+    assert shapely.distance(shapely.linestrings(path[1:]), walls) >= ROOMY_M - 1e-9
 
 
 def test_beyond_a_frontier_end_the_way_costs_a_toll():
