@@ -173,7 +173,9 @@ class Robot:
             self.filter.update(scan, poses, places)
         else:
             self.filter.move(poses, slips=scan.touching)
-        if self.loops and self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):
+        if self.loops and self.loops.take(
+            scan, pose_of(way[-1]), self.filter.length_scale, self.filter.pose, self.filter.covariance
+        ):
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)
         self.perception.remember(tick, self.filter.pose)

@@ -368,6 +368,11 @@ class WireframeFilter:
         return np.asarray(self.joint[self.best, :3, :3])
 
     @property
+    def length_scale(self) -> float:
+        """Metres of way for a metre that the wheels tell, by that particle."""
+        return 1.0 / float(self.wheels.constants[self.best, 0])
+
+    @property
     def place_sd_m(self) -> float:
         """Standard deviation of the place of that pose, metres, beside what is due to how the walls' axis is turned.
 

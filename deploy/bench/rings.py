@@ -94,7 +94,8 @@ class Mapper:
         way = self.filter.way(observation.poses())
         scan = self._perception.see(observation, way, self.filter.pose, self.wireframe())
         self.filter.update(scan, observation.poses())
-        if self.loops.take(scan, pose_of(way[-1]), self.filter.pose, self.filter.covariance):
+        mind = self.filter
+        if self.loops.take(scan, pose_of(way[-1]), mind.length_scale, mind.pose, mind.covariance):
             walls, pose = self.loops.settled()
             self.filter.replace(records_of(walls), pose)
             self.settled += 1

@@ -54,7 +54,7 @@ class Submaps:
 
     def __init__(self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0) -> None:
         """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres."""
-        self._config, self._half_view, self._scale = config, half_view, LengthScale(scale_sd)
+        self._config, self._half_view, self._learned = config, half_view, LengthScale(scale_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
         """(n, 3) poses of the submaps, the present one's last."""
@@ -64,6 +64,9 @@ class Submaps:
         self._measured: list[Floats] = []
         self._information: list[Floats] = []
         self._is_loop: list[bool] = []
+        self._scales: list[float] = []  # as of `take`, with which each edge was measured
+        self._by_wheels: list[float] = []  # share of each edge's length that wheels told, and not walls
+        self._scale_now = 1.0
         self._candidates: list[tuple[int, Floats, Floats]] = []  # as in `_look_for_loops`
         self._loops_relaxed = 0
         self._path: list[tuple[int, Floats]] = []  # of each scan: its submap, and the pose in that
@@ -79,6 +82,7 @@ class Submaps:
         are the same, a sample would be held by the one to which the odometry has put it."""
         self._local = np.zeros(3)  # the robot's pose in the present submap
         self._views, self._since_view, self._way = [np.zeros(3)], 0.0, 0.0
+        self._told_way = 0.0  # metres of the way that wheels told, and not walls
         self._since_merged = math.inf
         self._unsure = np.zeros((3, 3))  # covariance of the robot's pose in the present submap, by all scans in it
 
@@ -91,15 +95,19 @@ class Submaps:
     def nbytes(self) -> int:
         """Bytes of the submaps and the graph."""
         kept = sum(place.walls.nbytes + place.samples.nbytes + place.views.nbytes for place in self.finished)
-        return kept + self._own.walls.nbytes + self._near.walls.nbytes + self.poses.nbytes + len(self._ends) * 120
+        return kept + self._own.walls.nbytes + self._near.walls.nbytes + self.poses.nbytes + len(self._ends) * 136
 
     def path(self) -> Floats:
         """(scans, 3) pose of each scan, by what is known now."""
         return np.array([compose(pose_of(self.poses[k]), pose_of(local)) for k, local in self._path]).reshape(-1, 3)
 
-    def take(self, scan: CornerScan, by: Pose) -> None:
-        """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then."""
-        by = (self._scale.mean * by[0], self._scale.mean * by[1], by[2])
+    def take(self, scan: CornerScan, by: Pose, scale: float = 1.0) -> None:
+        """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then.
+
+        scale: metres of it for a metre that the wheels told, as far as who calls has learned that.
+        """
+        by = (self._learned.mean * by[0], self._learned.mean * by[1], by[2])
+        self._scale_now = self._learned.mean * scale
         before = self._local
         guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]
         self._local, self._overruled = guesses[0], []
@@ -111,9 +119,9 @@ class Submaps:
             self._local, known, held, overruled = track(samples, last_view, guesses, prior)
             self._overruled = guesses[:1] if overruled else []
         if held:
-            self._scale.learn(by, before, self._local, prior, known)
+            self._learned.learn(by, before, self._local, prior, known)
         else:
-            self._scale.lose()
+            self._learned.lose()
         self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
         travel = travelled(by)
         self._since_merged += travel
@@ -123,7 +131,9 @@ class Submaps:
                 gathered.add(here)
             self._since_merged = 0.0
         self._path.append((len(self.poses) - 1, self._local))
-        self._way += math.hypot(by[0], by[1])
+        metres = math.hypot(by[0], by[1])
+        self._way += metres
+        self._told_way += metres * _share_of(prior, known, self._local - before)
         self._since_view += travel
         if self._since_view > VIEW_M:
             self._views.append(self._local)
@@ -159,7 +169,7 @@ class Submaps:
         self.poses = np.vstack((self.poses, compose(pose_of(self.poses[-1]), pose_of(self._local))))
         sd = np.array((self._config.way_sd_m, self._config.way_sd_m, math.radians(self._config.way_sd_deg)))
         known = np.asarray(np.linalg.inv(self._unsure + np.diag(sd**2)), np.float64)
-        self._add_edge(new, new + 1, self._local, known, False)
+        self._add_edge(new, new + 1, self._local, known, False, self._told_way / max(self._way, 1e-9))
         behind = moved(walls, np.array(inverted(pose_of(self._local))))
         self._overruled = [np.array(relative(pose_of(self._local), pose_of(pose))) for pose in self._overruled]
         self._begin(behind)
@@ -245,17 +255,28 @@ class Submaps:
         floor = np.diag((place, place, heading)) ** 2
         return np.asarray(np.linalg.inv(np.linalg.inv(TRUST * matched + 1e-3 * np.eye(3)) + floor), np.float64)
 
-    def _add_edge(self, a: int, b: int, measured: Floats, information: Floats, loop: bool) -> None:
+    def _add_edge(
+        self, a: int, b: int, measured: Floats, information: Floats, loop: bool, by_wheels: float = 0.0
+    ) -> None:
         self._ends.append((a, b))
         self._measured.append(measured)
         self._information.append(information)
         self._is_loop.append(loop)
+        self._scales.append(self._scale_now)
+        self._by_wheels.append(by_wheels)
 
     def graph(self) -> Edges:
-        """What was measured between submaps."""
-        return Edges(
-            np.array(self._ends), np.array(self._measured), np.array(self._information), np.array(self._is_loop)
-        )
+        """What was measured between submaps. What wheels told of the way is as long as the present scale has it.
+
+        In a long corridor the wheels' size is learned late, and no loop tells how large a ring is. Of 17 rings of 60 m
+        a side the path came out 0.11 m off (rms; 0.18 at most), with the scale as it was when each part was driven;
+        with that of the end 0.09 m (0.15). Walls need no scale: with all lengths changed, a log whose scans walls hold
+        (csail-drift) was 0.097 m off instead of 0.079.
+        """
+        measured = np.array(self._measured).reshape(-1, 3)
+        longer = self._scale_now / np.array(self._scales) - 1.0
+        measured[:, :2] *= 1.0 + (np.array(self._by_wheels) * longer)[:, None]
+        return Edges(np.array(self._ends), measured, np.array(self._information), np.array(self._is_loop))
 
     def _relative(self, a: int, b: int) -> Floats:
         """Pose (3,) of submap b in the frame of submap a."""
@@ -276,6 +297,15 @@ class Submaps:
         for layer in layers:
             walls = np.concatenate((walls, _new_to(walls, segments_in(layer))))
         return walls
+
+
+@kernel
+def _share_of(prior: Floats, known: Floats, step: Floats) -> float:
+    """Share of odometry, prior (3, 3), in what is known, (3, 3), of the length of a step (3,)."""
+    x, y = step[0], step[1]
+    told = prior[0, 0] * x * x + 2.0 * prior[0, 1] * x * y + prior[1, 1] * y * y
+    both = known[0, 0] * x * x + 2.0 * known[0, 1] * x * y + known[1, 1] * y * y
+    return told / both if both > 0.0 else 1.0
 
 
 @kernel

@@ -46,11 +46,11 @@ class LoopClosing:
         self._judged = 0  # loops of the submaps
         self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
 
-    def take(self, scan: CornerScan, by: Pose, pose: Pose, covariance: Floats) -> bool:
+    def take(self, scan: CornerScan, by: Pose, scale: float, pose: Pose, covariance: Floats) -> bool:
         """Take a scan; whether a loop shows that the filter's map is torn.
 
-        by: the motion since the last one by odometry, in the robot's frame then. pose: the filter's after the scan,
-        with its covariance (3, 3).
+        by: the motion since the last one by odometry, in the robot's frame then. scale: metres of it for a metre that
+        the wheels told. pose: the filter's after the scan, with its covariance (3, 3).
         """
         if not self._frames:
             self._begin(pose, covariance)
@@ -58,7 +58,7 @@ class LoopClosing:
         if travelled(self._by) < MERGE_AFTER_M:
             return False
         submaps = len(self.submaps.poses)
-        self.submaps.take(scan, self._by)
+        self.submaps.take(scan, self._by, scale)
         self._by = (0.0, 0.0, 0.0)
         if len(self.submaps.poses) > submaps:
             self._begin(pose, covariance)

@@ -38,7 +38,6 @@ def test_one_who_is_carried_sees_the_walls_and_is_told_its_way() -> None:
 
 def test_a_loop_to_another_place_is_false_and_one_that_errs_a_little_is_not() -> None:
     begun: list[Pose] = [(0.0, 0.0, 0.0), (5.0, 0.0, 0.0), (5.0, 0.2, 0.1)]
-    submaps = Submaps(SubmapConfig())
     sure, along = np.eye(3) * 0.1**-2, np.diag((0.1**-2, 30.0**-2, 0.1**-2))
     for measured, information, loop, wrong in (
         ((5.0, 0.2 + 0.9 * FALSE_M, 0.1), sure, True, 0),
@@ -47,6 +46,6 @@ def test_a_loop_to_another_place_is_false_and_one_that_errs_a_little_is_not() ->
         ((5.0, 0.2, 0.1 + math.pi / 2), along, True, 1),
         ((9.0, 0.2, 0.1), sure, False, 0),  # what the way measured is no loop
     ):
-        submaps._ends, submaps._measured = [(0, 2)], [np.array(measured)]
-        submaps._information, submaps._is_loop = [information], [loop]
+        submaps = Submaps(SubmapConfig())
+        submaps._add_edge(0, 2, np.array(measured), information, loop)
         assert false_loops(submaps, begun) == wrong

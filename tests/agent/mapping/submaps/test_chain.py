@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from agent.config import AgentConfig
+from agent.corner_scan import PIECE, CornerScan, Sight
 from agent.mapping.submaps import chain, tracking
 from agent.mapping.submaps.loops import Found, Submap, find
 from agent.mapping.submaps.merging import united
@@ -100,6 +101,21 @@ def test_no_scan_waits_for_more_than_one_comparison_of_submaps(monkeypatch: pyte
 def test_without_a_second_lap_there_is_no_loop_to_find() -> None:
     mind, _, _ = carried(0, 0.75)
     assert mind.submaps.loops == 0
+
+
+def test_the_way_is_as_long_as_the_scale_that_was_learned_later_tells() -> None:
+    """Where nothing is to be seen the wheels' metres count; that they tell too many shows only later."""
+    submaps = chain.Submaps(AgentConfig().filter.submaps)
+    nothing = CornerScan(
+        np.zeros(0, PIECE), Sight(np.zeros((0, 3)), np.zeros((0, 3)), 3.5, 0.01, 0.0), np.zeros((0, 2))
+    )
+    for scale, steps in ((1.0, 60), (0.98, 10)):
+        for _ in range(steps):
+            submaps.take(nothing, (0.25 * scale, 0.0, 0.0), scale)
+    graph = submaps.graph()
+    assert graph.measured[:2, 0] == pytest.approx(0.98 * submaps.poses[1:3, 0] / (1, 2))
+    submaps._add_edge(0, 2, np.array((10.0, 0.0, 0.0)), np.eye(3), True)
+    assert submaps.graph().measured[-1, 0] == 10.0  # where a loop leads is told by walls
 
 
 HALL = outline((0, 0), (10, 0), (10, 10), (0, 10))

@@ -39,7 +39,7 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
         if seen.tick == lost_at:
             torn = compose(mind.pose, (0.8, 0.0, 0.0))
             mind.edges["kind"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
-        if loops.take(scan, pose_of(told[-1]), mind.pose, mind.covariance):
+        if loops.take(scan, pose_of(told[-1]), mind.length_scale, mind.pose, mind.covariance):
             segments, pose = loops.settled()
             mind.replace(records_of(segments), pose)
             closed.append(seen.tick)
@@ -80,7 +80,8 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     for seen in observations(WALLS, way, SPEC.lidar, EXACT, 1):
         by = relative(before or seen.odometry, seen.odometry)
         before = seen.odometry
-        loops.take(perceive(seen.scan(), SPEC, alone=True), by, compose(start, seen.odometry), np.zeros((3, 3)))
+        scan = perceive(seen.scan(), SPEC, alone=True)
+        loops.take(scan, by, 1.0, compose(start, seen.odometry), np.zeros((3, 3)))
     segments, pose = loops.settled()
     records = records_of(segments)
     check_records(records)
