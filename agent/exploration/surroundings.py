@@ -115,6 +115,7 @@ class Surroundings:
         self.teammates.update(tick, discs)
         self.touch.feel(here)
         walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
+        discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
         near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 

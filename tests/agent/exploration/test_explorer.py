@@ -15,9 +15,10 @@ from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
-from agent.exploration.surroundings import Situation
+from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
 from agent.geometry.visibility import all_seen
+from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
@@ -521,6 +522,26 @@ def test_a_teammate_that_stands_is_in_the_way_until_it_was_not_seen_for_long():
     assert len(mates.walls(10)) == 8
     mates.update(60, NOBODY)
     assert not mates.in_the_way(60)
+
+
+def test_a_teammate_that_is_too_near_to_be_measured_is_not_driven_into():
+    """It comes up to the robot, stops 0.25 m before it, and is in no scan from 0.27 m on."""
+    room, robot = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), explorer(default_state="perimeter")
+    x, mate, least = 0.5, 0.8, math.inf
+    for tick in range(15):
+        off = mate - x
+        disc = np.array([[off, 0.0]]) if off > 0.27 else NOBODY
+        motion = robot.driver.safely(0.22, 0.0, (x, 0.0, 0.0), scene_of(robot, tick, x, room, disc).near)
+        x += 0.2 * motion.speed_mps
+        mate = 0.76
+        least = min(least, mate - x)
+    assert least > 2 * SPEC.radius_m
+    later = tick + 4 * round(SPEC.lidar.rate_hz)
+    assert not len(scene_of(robot, later, x, room, NOBODY).near.discs)  # it has gone on, out of sight
+
+
+def scene_of(robot: Explorer, tick: int, x: float, walls: Wireframe, discs: Floats) -> Scene:
+    return robot.surroundings.look(Situation(tick, walls, 1, (x, 0.0, 0.0), Wireframe(), discs))
 
 
 def test_a_post_taken_for_a_teammate_in_a_wall_is_not_driven_into():
