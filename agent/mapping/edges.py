@@ -51,7 +51,7 @@ EDGE = np.dtype(
         ("through", "f4"),  # scans in a row that saw through the wall
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
-        ("strain", "f8"),  # mean of how far pieces lie beside its line, in deviations (`strain`)
+        ("strain", "f4", (2,)),  # means of how far pieces lie beside its line, and are turned, in deviations (`strain`)
         ("held", "i8", (2,)),  # 1: the joint covariance tells how well the end is known
         ("twin", "i8"),  # of what a scan has cut off another wall, or joined into it: that one's number and 1
     ],
@@ -88,8 +88,19 @@ def tip_at(e: Record, side: int) -> float:
 
 @kernel
 def has_slot(edges: Records, e: int, f: int) -> bool:
-    """Whether a slot is beside the corner that the head of e seems to share with the tail of f."""
-    return may_hide_slot(edges[e], edges[f]) and (slot_before(edges[e], 1) > 0.0 or slot_before(edges[f], 0) > 0.0)
+    """Whether a slot is beside the corner that the head of e seems to share with the tail of f.
+
+    Where the pose errs, a slot counts only before the corner that it was seen at. Views of a wall that was mapped too
+    long show its true end, which seems to be the mouth of a slot, and most are from too far off to take that back.
+    """
+    if not may_hide_slot(edges[e], edges[f]):
+        return False
+    slot_e, slot_f = slot_before(edges[e], 1), slot_before(edges[f], 0)
+    if edges[e].link[1] != f and related(edges[e]) and related(edges[f]):
+        beyond_e = meet(edges[e], edges[f])[1] - tip_at(edges[e], 1)
+        beyond_f = tip_at(edges[f], 0) - meet(edges[f], edges[e])[1]
+        return (slot_e > 0.0 and beyond_e > 0.5 * slot_e) or (slot_f > 0.0 and beyond_f > 0.5 * slot_f)
+    return slot_e > 0.0 or slot_f > 0.0
 
 
 @kernel

@@ -32,7 +32,7 @@ from agent.mapping.joint import (
 )
 from agent.mapping.kalman import KalmanUpdate, observe, settle, take, update_of, variance_of
 from agent.mapping.scan_merge import same_line
-from agent.mapping.strain import strain
+from agent.mapping.strain import strain, strain_direction
 from agent.mapping.tentative import main_axis, tentative_of
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
@@ -247,7 +247,8 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: KalmanU
         strain(w, row, update.joint, t, off, deviations)
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
-        _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
+        deviations = _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
+        strain_direction(w, row, update.joint, off, turn, deviations)
     for side in range(2):
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue

@@ -107,7 +107,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         n.bend[0], n.bend[1] = p.bend[0], p.bend[1]
         n.seen, n.due, n.misses, n.through, n.twin = 0.0, 0.0, 0.0, 0.0, 0
         n.relative[0], n.relative[1], n.relative[2] = 0.0, 0.0, 0.0
-        n.held[0], n.held[1], n.strain = 0, 0, 0.0
+        n.held[0], n.held[1], n.strain[0], n.strain[1] = 0, 0, 0.0, 0.0
         for side in range(2):
             set_end(n, side, OCCLUSION, 0.0, 0.0)
             n.link[side] = -1
