@@ -61,6 +61,20 @@ def test_a_corner_is_not_closed_again_where_views_passed_behind_the_end_of_a_wal
     assert edges["link"][0, 1] == 1
 
 
+@pytest.mark.parametrize(("relative_m2", "slot_m", "linked"), [(1e-6, 0.3, 1), (1e-6, 0.06, -1), (0.0, 0.3, -1)])
+def test_where_the_pose_errs_a_slot_counts_only_before_the_corner_that_it_was_seen_at(
+    relative_m2: float, slot_m: float, linked: int
+) -> None:
+    """A wall that was mapped 0.5 m too long never shared its true corner: what it had lost was taken for a slot."""
+    edges = corner(1.0)
+    edges["relative"][:, 0], edges["link"], edges["label"] = relative_m2, -1, OCCLUSION
+    set_tip(edges[0], 1, 0.21)  # 4 cm before the corner
+    show_slot(edges[0], 1, slot_m, 0.0)
+    edges["slack"][0, 1] = 0.04
+    close_open_corners(edges, 2)
+    assert edges["link"][0, 1] == linked
+
+
 @pytest.mark.parametrize(("turn_deg", "linked"), [(90.0, -1), (50.0, -1), (23.0, 1), (-90.0, 1)])
 def test_slots_are_beside_corners_that_stand_back_and_are_not_blunt(turn_deg: float, linked: int) -> None:
     """What spoke for a slot before another wall held two apart that share a corner: they crossed, and stayed open."""
