@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from agent.corner_scan import BRIDGE_M, FRONTIER
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import OF_TWO_WALLS
@@ -21,6 +22,7 @@ from agent.mapping.edges import (
     new_slot,
     open_end,
     part,
+    related,
     remove,
     tip_at,
 )
@@ -115,11 +117,22 @@ def _usurped(edges: Records, count: int, e: int, hit: Bools, margin: float) -> b
                 continue
             t, low, high = along(v, x, y), tip_at(v, 0), tip_at(v, 1)
             beside = high - t if side == 0 else t - low
-            if abs(above(v, x, y)) > 2 * margin or not low - 2 * margin < t < high + 2 * margin or beside < BESIDE_M:
+            if not low - _unseen(v, 0, margin) < t < high + _unseen(v, 1, margin):
+                continue
+            if abs(above(v, x, y)) > 2 * margin or beside < BESIDE_M:
                 continue
             if abs(above(v, w.tip[1 - side, 0], w.tip[1 - side, 1])) > 2 * margin:
                 return True
     return False
+
+
+@kernel
+def _unseen(wall: Record, side: int, margin: float) -> float:
+    """Metres beyond an end up to which a wall may go on: where the pose errs, past a frontier as far as is bridged.
+
+    The far end of a wall is seen last. Until then the false wall that began there stayed behind it.
+    """
+    return max(2 * margin, BRIDGE_M if wall.label[side] == FRONTIER and related(wall) else 0.0)
 
 
 @kernel

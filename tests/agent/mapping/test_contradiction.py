@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from agent.corner_scan import FRONTIER, PIECE, Sight
+from agent.corner_scan import FRONTIER, OCCLUSION, PIECE, Sight
 from agent.mapping.bodies import NO_TEAMMATES, Bodies
-from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, contradict
+from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, _usurped, contradict
 from agent.mapping.edges import EDGE, WALL, doubt, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
 from protocol.messages import LidarSpec
@@ -71,3 +71,21 @@ def test_a_stump_that_is_cut_once_more_keeps_its_misses() -> None:
     wall["misses"] = DROP_AFTER - 1.0
     doubt(wall)
     assert wall["misses"] == DROP_AFTER - 1.0
+
+
+@pytest.mark.parametrize(
+    ("label", "related_m2", "is_usurped"), [(FRONTIER, 1e-6, True), (OCCLUSION, 1e-6, False), (FRONTIER, 0.0, False)]
+)
+def test_a_wall_may_be_false_that_begins_where_the_true_one_before_it_is_unseen_yet(
+    label: int, related_m2: float, is_usurped: bool
+) -> None:
+    """It lies in solid, where no view speaks against it, and stayed until the last of the true wall was seen."""
+    edges = np.zeros(2, EDGE)
+    edges["kind"], edges["link"], edges["label"], edges["seen"] = WALL, -1, label, 9.0
+    edges["relative"][:, 0] = related_m2
+    turn = math.radians(-14.0)
+    edges["ux"], edges["uy"] = (1.0, math.cos(turn)), (0.0, math.sin(turn))
+    for wall, begins in zip(edges, (0.15, 0.0), strict=True):
+        set_tip(wall, 0, begins)
+        set_tip(wall, 1, 2.0)
+    assert _usurped(edges, 2, 1, np.array([True, False]), MARGIN_M) == is_usurped
