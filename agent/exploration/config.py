@@ -40,15 +40,19 @@ class ExplorationConfig(Config):
     """A goal is given up after twice the time that its path takes at full speed, and so many seconds more."""
 
 
+Air = Annotated[float, Field(ge=1e-3, le=1)]
+"""Metres between bodies; with more than 1 m no door of a building is passed."""
+
+
 class DrivingConfig(Config):
     """How much air the body keeps."""
 
-    path_air_m: Positive = 0.075
+    path_air_m: Air = 0.075
     """Air in metres between the body and the walls beside a path, where there is room; doorways of 0.5 m are passed
     with 7 cm to spare."""
-    tight_path_air_m: Positive = 0.025
+    tight_path_air_m: Air = 0.025
     """The same where there is less room: five times the error of a wall in the map."""
-    wall_air_m: Positive = 0.015
+    wall_air_m: Air = 0.015
     """Air in metres left to walls by every command: 1.5 standard deviations of a range, three of a fitted wall."""
-    teammate_air_m: Positive = 0.06
+    teammate_air_m: Air = 0.06
     """Air in metres left to a teammate by every command: it may come 0.044 m nearer in the same tick."""

@@ -25,6 +25,7 @@ HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and 
 _ARC_STEPS = 4  # places on that motion that are checked
 MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
+_ASIDE_TRIES = 100  # places beside a teammate that are tried at most; for a robot as large as ours 40 suffice
 CLEAR_SIDE_M = 0.15  # a teammate so far to the right of the way is passed on the left, as it has the robot on its right
 
 
@@ -167,11 +168,12 @@ class Driver:
         side = -1.0 if left_of_way > -CLEAR_SIDE_M else 1.0
         forward = min(max(nearest - need, 0.0), LOOKAHEAD_M)
         shift = need + side * left_of_way
+        step = max(self.config.wall_air_m, shift / _ASIDE_TRIES)
         while shift > 0.0:
             qx, qy = x + forward * ux - side * shift * uy, y + forward * uy + side * shift * ux
             if keeps_clear(x, y, qx, qy, obstacles.walls, self.limits.wall):
                 return qx, qy
-            shift -= self.config.wall_air_m
+            shift -= step
         return point
 
     def towards(self, point: tuple[float, float], pose: Pose, obstacles: Obstacles, left_m: float) -> Motion:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from agent.exploration import driving
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Driver, Obstacles
 from agent.exploration.path import GIVE_M
@@ -86,3 +87,19 @@ def test_a_standing_teammate_is_passed_at_a_distance():
     assert np.hypot(*(poses[:, :2] - disc).T).min() >= 2 * SPEC.radius_m + CONFIG.teammate_air_m - 1e-3
     beside = poses[np.abs(poses[:, 0] - 2.0).argmin()]
     assert beside[1] < 1.0  # on the right
+
+
+@pytest.mark.parametrize("air", [{"wall_air_m": 1e-3, "teammate_air_m": 1.0}, {"wall_air_m": 1.0}])
+def test_room_beside_a_teammate_is_looked_for_in_bounded_steps(air, monkeypatch):
+    tries = []
+    monkeypatch.setattr(driving, "keeps_clear", lambda *_: tries.append(1))  # there is no room at all
+    spec = RobotSpec(radius_m=5.0)
+    obstacles = Obstacles(np.zeros((0, 4)), np.array([[1.0, 0.0]]))
+    assert Driver(DrivingConfig(**air), spec)._aside((0.5, 0.0), 0.0, 0.0, obstacles) == (0.5, 0.0)
+    assert 0 < len(tries) <= 101
+
+
+@pytest.mark.parametrize("name", DrivingConfig.model_fields)
+def test_air_that_lets_through_no_door_is_refused(name):
+    with pytest.raises(ValueError, match="less than or equal to 1"):
+        DrivingConfig(**{name: 1e9})
