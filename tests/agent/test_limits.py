@@ -7,7 +7,15 @@ from protocol.messages import LidarSpec, RobotSpec
 
 
 @pytest.mark.parametrize(
-    "lidar", [{}, {"turning": True}, {"beams": 180}, {"beams": 90, "field_of_view_deg": 180.0}, {"range_max_m": 25.0}]
+    "lidar",
+    [
+        {},
+        {"turning": True},
+        {"beams": 180},
+        {"beams": 90, "field_of_view_deg": 180.0},
+        {"range_max_m": 25.0},
+        {"dropout": 0.9},
+    ],
 )
 def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
     assert doubts(RobotSpec(lidar=LidarSpec(**lidar))) == []
@@ -19,6 +27,14 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
         (RobotSpec(lidar=LidarSpec(field_of_view_deg=90.0, beams=90)), "looks at 90 degrees"),
         (RobotSpec(lidar=LidarSpec(beams=90)), "90 beams a revolution"),
         (RobotSpec(lidar=LidarSpec(range_min_m=4.0)), "measures nothing"),
+        (
+            RobotSpec(lidar=LidarSpec(range_max_m=0.15, range_min_m=0.0)),
+            "sees 0.15 m around the robot, which reaches 0.19",
+        ),
+        (RobotSpec(radius_m=4.0), "sees 3.50 m"),
+        (RobotSpec(max_speed_mps=10.0), "lower spec.max_speed_mps"),
+        (RobotSpec(lidar=LidarSpec(mount_x_m=-4.0)), "sees 0.00 m"),
+        (RobotSpec(lidar=LidarSpec(dropout=1.0)), "loses 100 % of its beams"),
         (RobotSpec(max_turn_rps=15.0, lidar=LidarSpec(turning=True)), "172 degrees during one scan"),
     ],
 )
