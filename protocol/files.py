@@ -3,11 +3,14 @@
 import errno
 import os
 import secrets
+import stat
 from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
 
 PIECE_CHARS = 1 << 16
 """A LineFile keeps at most about so much before it hands it to the system."""
+_NO_FILE = "this is no file"
 
 
 class UnwritableError(OSError):
@@ -32,7 +35,7 @@ def write_whole(file: Path, content: str | bytes, *, private: bool = False, dura
     where a device or a pipe has the name: the file would take its place, and root may do that to /dev/null.
     """
     if file.exists() and not file.is_file():
-        raise UnwritableError((file, os.strerror(errno.EISDIR) if file.is_dir() else "this is no file"))
+        raise UnwritableError((file, os.strerror(errno.EISDIR) if file.is_dir() else _NO_FILE))
     part = file.with_name(f".{file.name}.{os.getpid()}-{secrets.token_hex(4)}")
     opened = os.O_WRONLY | os.O_CREAT | os.O_EXCL
     try:
@@ -74,7 +77,10 @@ class LineFile:
     """
 
     def __init__(self, file: Path, size: int = 0) -> None:
-        """Open the file, and keep its first `size` bytes. Raises UnwritableError."""
+        """Open the file, and keep its first `size` bytes.
+
+        Raises UnwritableError, also where a link or a pipe has the name: what a link points to is none of ours.
+        """
         self._error: UnwritableError | None = None
         self.size = size
         """Bytes of the file."""
@@ -82,7 +88,7 @@ class LineFile:
         self._lines: list[str] = []
         self._waiting = 0
         try:
-            self._stream = file.open("ab", buffering=0)
+            self._stream = _to_append(file)
             self._stream.truncate(size)
         except OSError as error:
             raise UnwritableError((file, error.strerror or str(error))) from error
@@ -119,3 +125,19 @@ class LineFile:
         self.flush()
         self._stream.close()
         self.check()
+
+
+def _to_append(file: Path) -> FileIO:
+    """The file, opened without waiting for a reader. Raises OSError, also for what is no regular file."""
+
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
+
+    try:
+        stream = FileIO(file, "ab", opener=opener)
+    except OSError as error:
+        raise OSError(error.errno, _NO_FILE if error.errno in (errno.ELOOP, errno.ENXIO) else error.strerror) from None
+    if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+        stream.close()
+        raise OSError(errno.ENXIO, _NO_FILE)
+    return stream

@@ -107,3 +107,19 @@ def test_no_file_takes_the_place_of_a_pipe_or_a_device(tmp_path: Path) -> None:
     assert pipe.is_fifo()
     with pytest.raises(UnwritableError, match="/dev/null: this is no file"):
         write_whole(Path("/dev/null"), "x")
+
+
+def test_lines_go_to_no_link_pipe_or_device(tmp_path: Path) -> None:
+    """A pipe was waited for, and of what a link points to all beyond the first lines was cut away."""
+    (theirs := tmp_path / "theirs").write_text("all of it")
+    (link := tmp_path / "link").symlink_to(theirs)
+    os.mkfifo(pipe := tmp_path / "pipe")
+    reader = None
+    for file in (link, pipe, Path("/dev/null"), pipe):
+        with pytest.raises(UnwritableError, match=rf"^cannot write {file}: this is no file$"):
+            LineFile(file)
+        reader = reader or os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)  # the second time, one is there
+    os.close(reader)
+    with pytest.raises(UnwritableError, match="Is a directory"):
+        LineFile(tmp_path)
+    assert theirs.read_text() == "all of it"
