@@ -100,7 +100,7 @@ class Episode:
     def resume(cls, config: WorldConfig, out: Path) -> Self:
         """The episode that a killed process left in a run directory, at the tick at which it was left.
 
-        Raises CheckpointError where there is none, or it is damaged; OSError where `out` cannot be written.
+        Raises CheckpointError where there is none, or a file is damaged; OSError where `out` cannot be written.
         """
         checkpoint = Checkpoint(out)
         state, log = checkpoint.read()
@@ -112,6 +112,8 @@ class Episode:
             episode = cls(config, out, state)
             for name, looked, arguments in log:
                 episode._tell(name, looked, arguments)
+        except CheckpointError:
+            raise
         except UNREADABLE as error:
             raise checkpoint.broken(error) from error
         checkpoint.go_on()

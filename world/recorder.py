@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from protocol.arrays import Floats, Ints
 from protocol.files import LineFile, UnwritableError, write_all, write_whole
 from protocol.wireframe import Label, Wireframe
+from world.checkpoint import CheckpointError
 from world.radio.gate import Passage
 from world.worldfile import World, to_yaml
 
@@ -59,7 +60,7 @@ class Recorder:
     ) -> None:
         """Makes the directory; raises OSError where that cannot be done. `starts` is (k, 3), world frame.
 
-        kept: how many bytes of each file that grows stay, where a run goes on; ValueError where they are not there.
+        kept: how many bytes of each file that grows stay, where a run goes on; CheckpointError where it has fewer.
         scans: whether scans are kept, too.
         """
         self._out, self._kept = out, kept
@@ -163,7 +164,7 @@ class Recorder:
     def _open(self, name: str) -> LineFile:
         file, size = self._out / name, self._kept.get(name, 0)
         if size and not (file.is_file() and 0 <= size <= file.stat().st_size):
-            raise ValueError(f"{name} has less than {size} bytes")
+            raise CheckpointError(f"{file} is missing, or has less than the {size} bytes that its run had written")
         self._files[name] = LineFile(file, size)
         return self._files[name]
 

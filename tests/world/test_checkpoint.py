@@ -146,9 +146,12 @@ def test_a_checkpoint_of_another_run_is_not_taken(tmp_path: Path) -> None:
 def test_what_a_half_copied_run_lacks_is_one_sentence(tmp_path: Path) -> None:
     run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
     run.until(30)
-    (run.out / "metrics.csv").unlink()
-    with pytest.raises(CheckpointError, match="is damaged"):
-        run.kill_and_resume()
+    metrics = run.out / "metrics.csv"
+    whole = metrics.read_bytes()
+    for spoil in (metrics.unlink, lambda: metrics.write_bytes(whole[:50])):
+        spoil()
+        with pytest.raises(CheckpointError, match=r"run/metrics.csv is missing, or has less than the \d+ bytes"):
+            run.kill_and_resume()
     (run.out / CHECKPOINT_FILE).unlink()
     os.mkfifo(run.out / CHECKPOINT_FILE)
     with pytest.raises(CheckpointError, match="is damaged"):
