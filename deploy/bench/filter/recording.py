@@ -77,17 +77,10 @@ def record(
     settings = {"world": world, "robots": 1, "seed": seed, "spec": spec, "max_time_s": limit_s}
     run = explore(settings, {}, watch)
     body, frame = run.episode.config.spec, run.frame()
-    scans = [_alone(row, body, turn) for row, turn in zip(ranges, turns, strict=True)]
+    # the robot heard nobody, so no disc was a teammate to it and hid the wall behind
+    scans = [perceive(row, body, way=turn, alone=True, company=False) for row, turn in zip(ranges, turns, strict=True)]
     poses = [relative(frame, pose_of(true[0])) for true in run.tracks.true[: len(scans)]]
     return ScanRecording(body, seed, np.stack(ranges), poses, ways, scans, _moved(run.truth(), frame))
-
-
-def _alone(ranges: Floats, spec: RobotSpec, way: Floats) -> CornerScan:
-    """A scan (beams,), metres, as a robot perceives it that has heard nobody: no disc is a teammate.
-
-    With real sensing 97 scans in 100 have a disc, most on far walls, behind which a filter was shown nothing.
-    """
-    return perceive(ranges, spec, way=way, alone=True, company=False)
 
 
 def _moved(truth: Truth, frame: Pose) -> Truth:
