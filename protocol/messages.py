@@ -33,6 +33,8 @@ MAX_WAY = 1000
 """Poses of the odometry in one observation (ours)."""
 MAX_BEAMS = 4096
 """Beams of a scan (ours): a tenth of a degree apart."""
+MOST_LINKS = 12_000
+"""Links in one table (ours): a row takes 80 bytes at most, a message 1 MiB. 110 robots that all hear each other."""
 
 ID = r"^[a-z][a-z0-9_-]{0,15}$"
 """Pattern of a robot's name, which becomes part of keys and file names."""
@@ -426,7 +428,9 @@ class LinkTable(Message):
     """World to anybody, with the clock: who hears whom. No positions are in it."""
 
     tick: Tick
-    links: Annotated[list[LinkReport], Field(max_length=250_000)]
+    links: Annotated[list[LinkReport], Field(max_length=MOST_LINKS)]
+    left_out: Count = 0
+    """Links beside these, which carried fewer bytes: MOST_LINKS are told."""
 
 
 class Progress(Message):

@@ -10,7 +10,7 @@ import numpy as np
 
 from protocol.arrays import Floats
 from protocol.checksum import UNREADABLE
-from protocol.messages import PROTOCOL_VERSION, LinkReport, Observation, Welcome
+from protocol.messages import PROTOCOL_VERSION, LinkTable, Observation, Welcome
 from protocol.wireframe import Wireframe
 from world.checkpoint import CHECKPOINT_FILE, Checkpoint, CheckpointError, State, restore_rng, rng_state
 from world.config import WorldConfig
@@ -206,8 +206,8 @@ class Episode:
         return self._ledger.coverage.team
 
     @property
-    def links(self) -> list[LinkReport]:
-        """Who hears whom, as the public link table says it."""
+    def links(self) -> LinkTable:
+        """Who hears whom, for anybody."""
         return self._radio.table(self.tick)
 
     def welcome(self, robot: str, *, lockstep: bool = True) -> Welcome:

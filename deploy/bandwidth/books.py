@@ -10,6 +10,9 @@ from typing import Any
 from protocol.document import check_is_file, read_text
 from protocol.errors import InputError
 
+MAX_BOOKS_BYTES = 1 << 30
+"""Of bandwidth.json: 500 robots that all hear each other, and say all kinds of messages, fill 500 MB (ours)."""
+
 Sums = Counter[tuple[str, ...]]
 
 
@@ -20,7 +23,7 @@ class NoRunError(InputError):
 def read_books(run: Path) -> dict[str, Any]:
     """bandwidth.json of a run. Raises NoRunError where there is none, or where it and radio.csv do not agree."""
     try:
-        books: dict[str, Any] = json.loads(read_text(run / "bandwidth.json"))
+        books: dict[str, Any] = json.loads(read_text(run / "bandwidth.json", MAX_BOOKS_BYTES))
         check_is_file(run / "radio.csv")
         with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
             listed = _of_lines(csv.DictReader(file))

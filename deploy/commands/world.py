@@ -128,7 +128,7 @@ def world_(
                 manifest.withdraw(directory)
             raise
         except Exception as error:
-            manifest.finish(directory, ended="failed", exit_status=Status.FAILURE, errors=[str(error)])
+            manifest.finish(directory, ended="interrupted", exit_status=Status.FAILURE, errors=[str(error)])
             raise
         status = of_run(ended, settings.until, standing.values())
         manifest.finish(directory, ended=ended, exit_status=status)

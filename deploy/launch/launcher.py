@@ -185,7 +185,7 @@ class Children:
 
     def result(self) -> Result:
         """How the run went, once it has ended."""
-        return Result(self._status(), self._ended or ("interrupted" if self._interrupted else "failed"), self._errors)
+        return Result(self._status(), self._ended or "interrupted", self._errors)
 
     def interrupt(self) -> None:
         """End the run: in order where it has begun, else at once, as a second call does."""

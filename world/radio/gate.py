@@ -4,13 +4,14 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from heapq import nlargest
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from protocol.arrays import Floats
 from protocol.errors import ProtocolError
-from protocol.messages import EVERYONE, Heard, LinkReport, Send
+from protocol.messages import EVERYONE, MOST_LINKS, Heard, LinkReport, LinkTable, Send
 from protocol.talk import MAX_SENDS
 from world.checkpoint import State
 from world.radio.air import Budget, Hop, delays, losses
@@ -258,13 +259,17 @@ class Radio:
             heard = max((tick for tick, (_, got) in seen.items() if got), default=-1)
             self._receptions[sender, receiver] = Reception(seen, size, heard)
 
-    def table(self, tick: int) -> list[LinkReport]:
-        """Links with a delivery in the last TABLE_S: the share lost in that time, and bytes delivered so far."""
+    def table(self, tick: int) -> LinkTable:
+        """Links with a delivery in the last TABLE_S: the share lost in that time, and bytes delivered so far.
+
+        Where they are more than a message has room for, those with most bytes.
+        """
         rows, since = [], tick - self._table_ticks
-        for sender, receiver in sorted(pair for pair, link in self._receptions.items() if link.heard > since):
-            link = self._receptions[sender, receiver]
+        heard = [(pair, link) for pair, link in self._receptions.items() if link.heard > since]
+        busiest = nlargest(MOST_LINKS, heard, key=lambda row: row[1].bytes)
+        for (sender, receiver), link in sorted(busiest, key=lambda row: row[0]):
             link.forget(since)
             judged, got = map(sum, zip(*link.recent.values(), strict=True))
             names = {"sender": self._robots[sender], "receiver": self._robots[receiver]}
             rows.append(LinkReport(**names, loss=round(1 - got / judged, 4), bytes=link.bytes))
-        return rows
+        return LinkTable(tick=tick, links=rows, left_out=len(heard) - len(rows))

@@ -14,7 +14,7 @@ from protocol.access import WORLD, Credentials
 from protocol.codec import encode
 from protocol.errors import InputError, Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
-from protocol.messages import Clock, End, LinkTable, Progress, Refused
+from protocol.messages import Clock, End, Progress, Refused
 from protocol.session import at_once, open_client, open_router, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
@@ -251,7 +251,7 @@ class Shell:
         coverage, team = episode.coverage, episode.team_coverage
         progress = Progress(clock=clock, coverage=coverage, team=team, late_ticks=episode.late_ticks)
         self._clock.put(encode(clock))
-        self._links.put(encode(LinkTable(tick=episode.tick, links=episode.links)))
+        self._links.put(encode(episode.links))
         self._progress.put(encode(progress))
         self.progress(progress)
 

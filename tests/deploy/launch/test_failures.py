@@ -135,9 +135,11 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     result = run.result()
     assert result["status"] == 1
     assert result["errors"] == ["world: its process died (signal 9)"]
-    assert json.loads((run.out / "manifest.json").read_text())["exit_status"] == 1
+    told = json.loads((run.out / "manifest.json").read_text())
+    assert (told["exit_status"], told["ended"], told["errors"]) == (1, "interrupted", result["errors"])
     assert run.gone_within(5)
-    assert len(json.loads((run.out / "summary.json").read_text())["robots"]) == len(agents)
+    robots = json.loads((run.out / "summary.json").read_text())["robots"]
+    assert [robot["ended"] for robot in robots.values()] == ["interrupted"] * len(agents)
     read_books(run.out)  # raises where they do not balance
 
 

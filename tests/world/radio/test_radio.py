@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from protocol.codec import decode, encode
 from protocol.errors import ProtocolError
-from protocol.messages import Send
+from protocol.messages import MAX_TICK, MOST_LINKS, LinkReport, LinkTable, Send
 from world.radio.config import RadioConfig
 from world.radio.gate import Passage, Radio
 
@@ -114,6 +115,22 @@ def test_a_second_of_capacity_is_a_second_at_any_rate(period_s: float) -> None:
         radio.deliver(tick, NAMES)
         radio.offer(tick, {"r1": [send(tick, bytes(30), "r2")] * 5}, LINE)
     radio.deliver(300, NAMES)
-    passed = sum(row.bytes for row in radio.table(300))
+    passed = sum(row.bytes for row in radio.table(300).links)
     seconds = 300 * min(period_s, 1.0)  # of which a slower tick has one to count in
     assert passed == 90 * seconds
+
+
+def test_the_link_table_of_a_large_team_is_a_message_of_the_busiest_links() -> None:
+    names = [f"r{number + 1}" for number in range(160)]
+    radio = Radio(names, RadioConfig(range_m=None))
+    radio.offer(0, {name: [send(0, bytes(row), kind="beacon")] for row, name in enumerate(names)}, np.zeros((160, 2)))
+    radio.deliver(1, names)
+    table = radio.table(1)
+    assert (len(table.links), table.left_out) == (MOST_LINKS, 160 * 159 - MOST_LINKS)
+    assert min(link.bytes for link in table.links) == 160 - 1 - MOST_LINKS // 159  # who said less is left out
+    assert decode(LinkTable, encode(table)) == table
+
+
+def test_any_link_table_is_a_message() -> None:
+    link = LinkReport(sender="s" * 16, receiver="r" * 16, loss=1 / 3, bytes=2**40)
+    encode(LinkTable(tick=MAX_TICK, links=[link] * MOST_LINKS, left_out=500 * 499))
