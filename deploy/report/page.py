@@ -142,7 +142,7 @@ def _robots(run: Run) -> str:
         rows.append([robot, str(figures.get("ended", NONE)), *(show(figures.get(key)) for _, key, show in columns)])
     if team := mapping(run.summary.get("team")):
         rows.append(["team", "", *(show(team[key]) if key in team else "" for _, key, show in columns)])
-    about = "Overlap, the sum of the robots' own coverages minus 1"
+    about = "Overlap, what the robots' own beams saw more than once, as a share of the visible wall"
     overlap = f"<p>{about}: {number(team['overlap'], 2)}.</p>" if "overlap" in team else ""
     head = ["robot", "ended", *(title for title, _, _ in columns)]
     return f"<h2>Robots</h2>\n{table(head, rows, words=2, last='team' if team else '')}\n{overlap}"

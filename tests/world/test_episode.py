@@ -365,6 +365,18 @@ def test_a_merge_in_the_last_tick_counts() -> None:
     assert episode.summary()["robots"]["r1"]["coverage"] > before + 0.02
 
 
+@pytest.mark.parametrize("robots", [1, 3])
+def test_overlap_is_what_own_beams_saw_more_than_once(robots: int) -> None:
+    episode = Episode(QUICK.model_copy(update={"robots": robots}), None)
+    episode.advance({robot: answer(0) for robot in episode.robots})
+    episode.inputs()
+    summary = episode.summary()  # nobody has merged anything: what a robot has covered, its own beams have hit
+    sums = sum(figures["coverage"] for figures in summary["robots"].values())
+    assert summary["team"]["coverage"] < 0.9
+    assert summary["team"]["overlap"] == pytest.approx(sums - summary["team"]["coverage"], abs=1e-5)
+    assert summary["team"]["overlap"] == 0 or robots > 1
+
+
 def test_a_mind_that_breaks_leaves_a_run_directory(tmp_path: Path) -> None:
     class Broken(Wanderer):
         def step(self, observation, heard):  # type: ignore[no-untyped-def]
