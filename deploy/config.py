@@ -2,11 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
+
+from pydantic import model_validator
 
 from agent.config import ProcessConfig
 from agent.shell.ros2.config import Ros2Config
 from protocol import configuration
+from protocol.messages import EVERYONE
 from world.config import ServerConfig, WorldConfig
 
 
@@ -19,6 +22,13 @@ class RunConfig(WorldConfig, ProcessConfig):
     """How the world meets its robots."""
     ros2: Ros2Config = Ros2Config()
     """How robots of ROS 2 are reached."""
+
+    @model_validator(mode="after")
+    def _minds_of_robots(self) -> Self:
+        for robot in self.mind:
+            if robot not in (EVERYONE, *self.robot_ids):
+                raise ValueError(f"mind: {robot:.60} is no robot that takes part")
+        return self
 
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:

@@ -63,6 +63,8 @@ def _sentence(error: ValidationError) -> str:
     same = [one for one in found if _key(one["loc"]) == key]
     if same[0]["type"] == "extra_forbidden":
         return f"{key:.200}: there is no such setting"
+    if not key:  # of settings that do not go together, which the sentence names
+        return same[0]["msg"].removeprefix("Value error, ")
     wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
     return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {reprlib.repr(same[0]['input'])}"
 

@@ -109,6 +109,8 @@ finally:
         (["run", "--set", "starts=anywhere"], "starts: input should be 'file' or 'random', not 'anywhere'"),
         (["run", "--set", "agent.wings=2"], "agent.wings: there is no such setting"),
         (["run", "--set", "robots.x=2"], "robots"),
+        (["run", "--robots", "2", "--mind", "r9=a:B"], "wireswarm: mind: r9 is no robot that takes part\n"),
+        (["run", "--set", "faults=[r9@3]"], "wireswarm: faults: r9@3 is of no robot that takes part\n"),
         (["run", "--set", "seed"], "KEY=VALUE"),
         (["run", "--set", "seed=[1"], "is no value"),
         (["run", "--config", "absent.yaml"], "absent.yaml: there is no such file"),
