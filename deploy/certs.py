@@ -73,6 +73,7 @@ def issue(folder: Path, robots: Sequence[str], hosts: Sequence[str]) -> list[str
     """Make identities of these robots, and the authority, the world's and a viewer's where there are none.
 
     hosts: further addresses of the world, or of the router before it. Returns the names of the identities.
+    A folder that was empty gets a .gitignore, so that no key comes into a repository.
     Raises InputError where one is there already.
     """
     addresses = _addresses(hosts)
@@ -97,6 +98,8 @@ def issue(folder: Path, robots: Sequence[str], hosts: Sequence[str]) -> list[str
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"{folder}: no folder can be made there: {error.strerror}") from None
+        if not any(folder.iterdir()):  # else it may be the folder of a project, whose files are to be kept
+            write_whole(folder / ".gitignore", "*\n", private=True)
         authority = _authority()
         authority.write(folder, AUTHORITY)
     for name in names:

@@ -59,6 +59,14 @@ def test_identities_are_their_owners_alone_and_none_is_overwritten(certs: Path) 
     assert issue(certs, ["r3"], []) == ["r3"] and list(read_roster(certs))[-1] == "r3"
 
 
+def test_no_key_comes_into_a_repository_nor_is_a_project_ignored(certs: Path, tmp_path: Path) -> None:
+    assert (certs / ".gitignore").read_text() == "*\n"
+    (tmp_path / "project").mkdir()
+    (tmp_path / "project" / "README").touch()
+    issue(tmp_path / "project", ["r1"], [])
+    assert not (tmp_path / "project" / ".gitignore").exists()
+
+
 def test_no_keys_are_written_to_where_a_link_leads(tmp_path: Path) -> None:
     (tmp_path / "theirs").mkdir()
     (tmp_path / "certs").symlink_to("theirs")
