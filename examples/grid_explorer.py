@@ -96,7 +96,7 @@ class GridExplorer(OwnMind):
     def talk(self, tick: int, heard: Sequence[Heard]) -> None:
         """Say who is there once a second, and send the grid to whom was heard."""
         if tick % round(self.spec.lidar.rate_hz) == 0:
-            self.send("beacon", self.robot.encode())
+            self.send("hello", self.robot.encode())
         for message in heard:
             last = self.told.get(message.sender)
             if last is None or tick - last >= GRID_S * self.spec.lidar.rate_hz:

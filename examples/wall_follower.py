@@ -22,7 +22,7 @@ class WallFollower(OwnMind):
     def drive(self, observation: Observation, heard: Sequence[Heard]) -> tuple[float, float]:
         """One tick: see how far it is to the sides, say where it is, drive."""
         if observation.tick % round(self.spec.lidar.rate_hz) == 0:
-            self.send("beacon", struct.pack("<3d", *observation.odometry))
+            self.send("hello", struct.pack("<3d", *observation.odometry))
         ranges = np.nan_to_num(observation.scan(), nan=np.inf)
         ahead = self.nearest(ranges, 0, 25)
         right, behind = self.nearest(ranges, -70, 20), self.nearest(ranges, -110, 20)

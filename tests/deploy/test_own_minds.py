@@ -26,7 +26,7 @@ def test_examples_run_in_processes_and_in_one_with_the_same_bytes(tmp_path: Path
     run = wireswarm.run(config.world, 3, until=10.0, settings=settings, out=tmp_path / "one")
     assert digests(tmp_path / "many") == digests(tmp_path / "one")
     kinds = {robot: set(books["offered"]) for robot, books in run.bandwidth["robots"].items()}
-    assert kinds == {"r1": {"beacon", "grid"}, "r2": {"beacon"}, "r3": {"beacon", "grid"}}
+    assert kinds == {"r1": {"hello", "grid"}, "r2": {"hello"}, "r3": {"hello", "grid"}}
     assert all(fields["coverage"] > 0.2 and fields["path_m"] > 0.3 for fields in run.summary["robots"].values())
 
 
