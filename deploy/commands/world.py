@@ -121,6 +121,7 @@ def world_(
                 settle_s=settle_s,
                 counted=begin,
                 listening=listening,
+                awaited=lambda awaited: print(awaited, flush=True),
                 progress=progress,
             )
         except InputError:

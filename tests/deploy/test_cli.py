@@ -203,7 +203,8 @@ def test_world_and_agents_in_terminals_of_their_own(tmp_path: Path) -> None:
     finally:
         world.terminate()
     assert world.wait(10) == 130
-    assert world.stdout.read() == "ended: interrupted; out\n"
+    *waits, ended = world.stdout.read().splitlines()
+    assert ended == "ended: interrupted; out" and set(waits) <= {"nobody is here yet, waiting for r1"}
     world.stdout.close()
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["robots"]["r1"]["ended"] == "interrupted"
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())

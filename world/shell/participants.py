@@ -1,11 +1,48 @@
 """Which robots take part in a run, and who is let in."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ProtocolError
 from protocol.messages import PROTOCOL_VERSION, Join
+
+MOST_NAMES = 8
+"""Of robots in a sentence."""
+
+
+class Awaited(NamedTuple):
+    """Who is there before a run begins; as a text, a sentence on it."""
+
+    ready: list[str]
+    """Robots that are there."""
+    preparing: list[str]
+    """Those that were let in, and compile their kernels."""
+    missing: list[str]
+    """Those that have not asked to be let in."""
+    more: int
+    """How many must still become ready."""
+
+    def __str__(self) -> str:
+        is_, prepare = ("is" if len(self.ready) == 1 else "are"), ("s" if len(self.preparing) == 1 else "")
+        parts = [f"{_some(self.ready)} {is_} here" if self.ready else "nobody is here yet"]
+        parts += [f"{_some(self.preparing)} prepare{prepare}"] if self.preparing else []
+        others = len(self.preparing) + len(self.missing)
+        if self.more < 1:
+            parts.append("the run begins")
+        elif self.missing:
+            number = "" if self.more == others else f"{self.more} more, of "
+            parts.append(f"waiting for {number}{_some(self.missing)}")
+        return ", ".join(parts)
+
+
+def _some(robots: Sequence[str]) -> str:
+    """Their names, as far as a line holds them."""
+    *names, last = robots
+    if len(names) >= MOST_NAMES:
+        names, last = names[:MOST_NAMES], f"{len(robots) - MOST_NAMES} more"
+    return f"{', '.join(names)} and {last}" if names else last
 
 
 class Participants:

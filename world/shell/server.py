@@ -20,7 +20,7 @@ from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
 from world.shell.answers import LockstepAnswers, RealTimeAnswers
 from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
-from world.shell.participants import Participants
+from world.shell.participants import Awaited, Participants
 from world.shell.roll_call import count
 from world.shell.showing import Showing
 from world.shell.wire import Wire
@@ -39,9 +39,11 @@ SAY_AGAIN_S = 2.0
 """In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
 PROGRESS_S = 0.2
 """Time between two publications of clock and progress, so that a viewer looks alive."""
-
+AWAITED_S = 5.0
+"""Time between two tellings of who is awaited, where nobody comes."""
 
 OnProgress = Callable[[Progress], None]
+OnAwaited = Callable[[Awaited], None]
 
 
 def serve(
@@ -56,6 +58,7 @@ def serve(
     counted: Callable[[WorldConfig], None] = lambda config: None,
     opened: Callable[[str], None] = lambda endpoint: None,
     listening: Callable[[str], None] = lambda endpoint: None,
+    awaited: OnAwaited = lambda awaited: None,
     progress: OnProgress = lambda progress: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
@@ -64,8 +67,9 @@ def serve(
     resume: go on with the run that a killed world left in `out`. settle_s: the run is for as many robots, config.robots
     at most, as have come when no further one has for so many seconds; `counted` is told the settings with their number.
     `opened` is told the endpoint once robots may connect, `listening` once the world is built and they may join;
-    `progress` is called some times a second. Raises InputError where the world cannot listen or cannot be run, before
-    anything is written; LinkError where robots do not join, CheckpointError where no run can go on.
+    `awaited` whom the run waits for, when one has come and every AWAITED_S; `progress` is called some times a second.
+    Raises InputError where the world cannot listen or cannot be run, before anything is written; LinkError where robots
+    do not join, CheckpointError where no run can go on.
     """
     inbox = inbox or WorldInbox()
     with suppress(Interrupted), _opened(server, credentials, inbox) as (session, endpoint):
@@ -79,7 +83,7 @@ def serve(
             config = config.model_copy(update={"robots": robots})
             counted(config)
         episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
-        with Shell(episode, server, session, inbox, progress, known) as shell:
+        with Shell(episode, server, session, inbox, progress, known, awaited) as shell:
             if settle_s is None:
                 listening(endpoint)
             ended = "interrupted"
@@ -124,8 +128,10 @@ class Shell:
         inbox: WorldInbox,
         progress: OnProgress,
         known: Callable[[str], str | None] | None = None,
+        awaited: OnAwaited = lambda awaited: None,
     ) -> None:
-        """known: the Zenoh ID that a robot must have, as in `Participants`."""
+        """known: the Zenoh ID that a robot must have, as in `Participants`. awaited: as in `serve`."""
+        self._awaited = awaited
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
         self._session, self._declared = session, ExitStack()
@@ -148,6 +154,9 @@ class Shell:
         self._began: float | None = None
         """time.monotonic() at the first tick; None before it and after the last one."""
         self._told = 0.0
+        self._came: tuple[list[str], list[str]] = [], []
+        """Robots that were ready, and those that were preparing, when `awaited` was told."""
+        self._awaited_told = time.monotonic()
 
     def __enter__(self) -> Self:
         """Declare everything, the world's token last."""
@@ -184,7 +193,7 @@ class Shell:
         first = self.config.begin_with or len(self.episode.robots)
         while not self._here and len(self._participants.ready) < first:
             missing = self._participants.missing
-            if not self._take(deadline):
+            if not self._take_awaited(deadline, first):
                 coming = len(self._participants.ready) + len(self._participants.preparing)
                 if coming >= first and time.monotonic() - begin < self.config.silence_s:
                     deadline = time.monotonic() + SAY_AGAIN_S
@@ -203,6 +212,22 @@ class Shell:
         self._away = {robot: self._began for robot in self.episode.live if robot in self._here and robot not in ready}
         for robot in ready:
             self._arrive(robot)
+
+    def _take_awaited(self, deadline: float, first: int) -> bool:
+        """As `_take`, and tell who is there of the robots with which the run begins, `first` of them."""
+        while not self._take(min(deadline, self._awaited_told + AWAITED_S)):
+            if time.monotonic() >= deadline:
+                return False
+            self._tell_awaited(first)
+        if (self._participants.ready, self._participants.preparing) != self._came:
+            self._tell_awaited(first)
+        return True
+
+    def _tell_awaited(self, first: int) -> None:
+        self._awaited_told, there = time.monotonic(), self._participants
+        ready, preparing = self._came = there.ready, there.preparing
+        missing = [robot for robot in there.missing if robot not in preparing]
+        self._awaited(Awaited(ready, preparing, missing, first - len(ready)))
 
     @property
     def _here(self) -> Collection[str]:
