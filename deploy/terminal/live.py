@@ -24,7 +24,7 @@ from protocol.text import printable
 
 LINE_S = 10.0  # time between two lines of progress where the output is no terminal, such as a log file
 MAX_ROBOTS = 6  # of a run whose pairs are listed unasked
-CONTACTS = ("wall_contacts", "robot_contacts")
+TOUCHED = ("wall_contacts", "robot_contacts")
 
 
 class _Terminal(Console):
@@ -101,11 +101,11 @@ def print_summary(out: Path, pairs: bool = False) -> None:
     robots = mapping(summary.get("robots"))
     console = Console()
     console.print(Text(printable(_result(summary)), style="bold"), soft_wrap=True)
-    table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "contacts", "sent B"])
+    table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "touched", "sent B"])
     for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):
         path = _number(row.get("path_m"), ".1f")
-        contacts = _number(sum(count for key in CONTACTS if isinstance(count := row.get(key), int)))
-        add_row(table, robot, str(row.get("ended")), *_times(row), path, contacts, _number(row.get("bytes_sent")))
+        touched = _number(sum(count for key in TOUCHED if isinstance(count := row.get(key), int)))
+        add_row(table, robot, str(row.get("ended")), *_times(row), path, touched, _number(row.get("bytes_sent")))
     add_row(table, "team", "", *_times(mapping(summary.get("team"))))
     console.print(table)
     print_pairs(out, console, robots, pairs or len(robots) <= MAX_ROBOTS)
@@ -137,7 +137,7 @@ def print_pairs(out: Path, console: Console, robots: Container[str], listed: boo
         line = f"{len(pairs)} pairs met, {merged} are merged: wireswarm report {out} --pairs"
         console.print(Text(printable(line)), soft_wrap=True)
         return
-    table = _table(["robot", "peer"], ["met", "tried", "proposed", "merged s"])
+    table = _table(["robot", "peer"], ["met", "failed", "proposed", "merged s"])
     table.add_column("peer's frame", no_wrap=True)
     table.add_column("last", no_wrap=True, overflow="ellipsis", ratio=1)  # shortened to what is left of the line
     table.expand = True

@@ -8,6 +8,8 @@ import pytest
 from deploy.terminal.live import print_summary
 from deploy.terminal.pairs import fates
 
+DOCS = Path(__file__).parents[3] / "docs"
+
 
 def test_the_fate_of_each_pair_is_its_last_word(tmp_path: Path) -> None:
     said = [
@@ -54,6 +56,9 @@ def test_the_result_comes_first_and_each_pair_is_a_line_of_80_columns(
     first, *rest = capsys.readouterr().out.splitlines()
     assert first == "6 complete; 100.0% of the wall seen; 99 % after 9 s; 18.3 times real time"
     assert len(rest) == 1 + 6 + 1 + 1 + 5 and all(len(line) <= 80 for line in rest)
+    heads = (DOCS / "formats.md").read_text().partition("**The tables on the terminal**")[2].partition("\n\n")[0]
+    robots, pairs = rest[0].split(), rest[1 + 6 + 1].split()
+    assert all(f"`{head}" in heads for head in {*robots, *pairs} - {"robot", "peer", "s", "m", "B", "frame"})
     assert rest[-1].split()[:8] == ["r6", "r5", "1", "0", "0", "1234.5", "-10.64", "-11.99"]
     assert "accepted: " in rest[-1]
 
