@@ -6,6 +6,7 @@ import shutil
 import sys
 from contextlib import nullcontext
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from typer import Context, Exit, Option, Typer
@@ -99,9 +100,15 @@ def run(
             raise Exit(result.status)
         write_results(directory, pairs)
         if not (quiet or view):
-            name = "wireswarm" if shutil.which("wireswarm") else sys.argv[0]
-            say(f"`{name} view {directory}` shows it as a moving picture")
+            say(f"`{_as_called()} view {directory}` shows it as a moving picture")
         raise Exit(result.status)
+
+
+def _as_called() -> str:
+    """How the user calls `wireswarm` here."""
+    if shutil.which("wireswarm"):
+        return "wireswarm"
+    return "python -m wireswarm" if Path(sys.argv[0]).name == "__main__.py" else sys.argv[0]
 
 
 def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:

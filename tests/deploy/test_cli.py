@@ -14,6 +14,7 @@ import yaml
 from typer.main import get_command
 
 from deploy import cli
+from deploy.commands.run import _as_called
 from deploy.config import RunConfig, load
 from deploy.launch.launcher import run_directory
 from protocol.configuration import ConfigError
@@ -72,6 +73,16 @@ def test_the_help_of_each_command_ends_with_an_example_that_it_takes(words: str,
     while hasattr(command, "commands"):
         command, rest = command.commands[rest[0]], rest[1:]
     command.make_context(words, rest)  # parses the options, and raises where one is wrong
+
+
+@pytest.mark.parametrize(
+    ("called", "named"),
+    [("/x/wireswarm/__main__.py", "python -m wireswarm"), (".venv/bin/wireswarm", ".venv/bin/wireswarm")],
+)
+def test_a_hint_names_the_command_as_it_was_called(called: str, named: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", [called])
+    monkeypatch.setenv("PATH", "")
+    assert _as_called() == named
 
 
 def test_shells_complete_commands() -> None:
