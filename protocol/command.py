@@ -1,6 +1,7 @@
 """What the command lines of all programs have in common: signals, and errors as a sentence and an exit status."""
 
 import os
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
 from protocol.status import Status
-from protocol.text import printable
+from protocol.text import in_own_words, printable
 
 if TYPE_CHECKING:
     from protocol.inbox import Inbox
@@ -70,5 +71,12 @@ def run(app: Callable[..., Any]) -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):  # Typer has Click's errors, but no public name for all of them
             raise
-        say(error.format_message() or "which command? `--help` lists them")
+        say(_sentence(error) or "which command? `--help` lists them")
         sys.exit(Status.USAGE)
+
+
+def _sentence(error: Any) -> str:
+    """What Typer says of a command line, in our words: of a wrong value, its option and what it takes."""
+    text: str = error.format_message()
+    wrong = re.fullmatch(r"Invalid value for '(?P<option>[^']+)': (?P<wish>.*?)\.?", text, re.DOTALL)
+    return f"{wrong['option']}: {in_own_words(wrong['wish'])}" if wrong else text

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from protocol.document import parse_document, read_document
 from protocol.errors import InputError
+from protocol.text import in_own_words
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -64,9 +65,9 @@ def _sentence(error: ValidationError) -> str:
     if same[0]["type"] == "extra_forbidden":
         return f"{key:.200}: there is no such setting"
     if not key:  # of settings that do not go together, which the sentence names
-        return same[0]["msg"].removeprefix("Value error, ")
-    wishes = " or ".join(dict.fromkeys(one["msg"].removeprefix("Value error, ") for one in same))
-    return f"{key}: {wishes[:1].lower()}{wishes[1:]}, not {reprlib.repr(same[0]['input'])}"
+        return in_own_words(same[0]["msg"])
+    wishes = " or ".join(dict.fromkeys(in_own_words(one["msg"]) for one in same))
+    return f"{key}: {wishes}, not {reprlib.repr(same[0]['input'])}"
 
 
 def _key(where: tuple[int | str, ...]) -> str:
@@ -83,7 +84,14 @@ def _read(file: Path) -> dict[str, Any]:
         return {}
     if not isinstance(tree, dict):
         raise ConfigError(f"--config {file}: settings are KEY: VALUE, not {type(tree).__name__}")
+    if is_world(tree):
+        raise ConfigError(f"--config {file}: this is a world: run it by --world {file}")
     return tree
+
+
+def is_world(fields: Mapping[str, Any]) -> bool:
+    """Whether a file that should hold settings is a world file."""
+    return not fields.keys().isdisjoint({"boxes", "walls", "polygons"})
 
 
 def put(tree: dict[str, Any], key: str, value: object) -> None:

@@ -66,6 +66,7 @@ def write_results(run: Path, pairs: bool = False) -> None:
     """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
     from deploy.report import write_report
     from deploy.terminal.live import print_summary
+    from protocol.errors import InputError
     from protocol.files import UnwritableError
 
     made = {}
@@ -77,8 +78,10 @@ def write_results(run: Path, pairs: bool = False) -> None:
             made[what] = make(run)
         except UnwritableError as error:
             say(str(error))
+        except InputError as error:
+            say(f"no {what}: {error}")
         except Exception as error:  # the run itself is written and must not be lost with its picture
-            say(f"no {what}: {type(error).__name__}: {error}")
+            say(f"no {what}: stopped by a mistake in its program: {type(error).__name__}: {error}")
     print_summary(run, pairs)
     print(printable(str(made.get("report", run))), flush=True)
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from deploy.config import RunConfig
-from protocol.configuration import ConfigError, put, validated
+from protocol.configuration import ConfigError, is_world, put, validated
 from protocol.document import read_document
 from protocol.errors import InputError
 from protocol.settings import MAX_NUMBER, Config
@@ -87,6 +87,8 @@ def read_jobs(file: Path) -> list[Job]:
         fields = read_document(file)
         if not isinstance(fields, dict):
             raise ConfigError(f"a sweep is KEY: VALUE, not {type(fields).__name__}")
+        if is_world(fields):
+            raise ConfigError(f"this is a world: a sweep's file names it, as `worlds: [{file.name}]`")
         plan = validated(SweepFile, fields)
         seeds = range(plan.seeds) if isinstance(plan.seeds, int) else plan.seeds
         drawn = 1 if plan.drawn is None else plan.drawn.count
