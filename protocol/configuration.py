@@ -2,7 +2,8 @@
 
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -11,6 +12,11 @@ from pydantic import BaseModel, ValidationError
 from protocol.document import parse_document, read_document
 from protocol.errors import InputError
 from protocol.text import in_own_words
+
+NEAR = 0.8
+"""How alike a key and the one that may be meant are, as difflib counts it (ours)."""
+MAX_KEY = 100
+"""Characters of a key that are compared."""
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -54,20 +60,40 @@ def validated(model: type[Model], tree: Mapping[str, Any]) -> Model:
     try:
         return model.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(_sentence(error)) from None
+        raise ConfigError(_sentence(error, model)) from None
 
 
-def _sentence(error: ValidationError) -> str:
+def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
     """One sentence on the first wrong key of a configuration."""
     found = error.errors(include_url=False)
     key = _key(found[0]["loc"])
     same = [one for one in found if _key(one["loc"]) == key]
     if same[0]["type"] == "extra_forbidden":
-        return f"{key:.200}: there is no such setting"
+        near = " or ".join(_near(key, list(_keys(model))))
+        return f"{key:.200}: there is no such setting{f'; did you mean {near}?' if near else ''}"
     if not key:  # of settings that do not go together, which the sentence names
         return in_own_words(same[0]["msg"])
     wishes = " or ".join(dict.fromkeys(in_own_words(one["msg"]) for one in same))
     return f"{key}: {wishes}, not {reprlib.repr(same[0]['input'])}"
+
+
+def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Dotted keys of all settings."""
+    for name, field in model.model_fields.items():
+        if isinstance(field.default, BaseModel):
+            yield from _keys(type(field.default), f"{prefix}{name}.")
+        else:
+            yield prefix + name
+
+
+def _near(key: str, keys: Sequence[str]) -> list[str]:
+    """Settings that may be meant: those written nearly so, or else those of nearly that name in any group."""
+    by_name: dict[str, list[str]] = {}
+    for one in keys:
+        by_name.setdefault(one.rpartition(".")[2], []).append(one)
+    name = key.rpartition(".")[2]
+    names = get_close_matches(name[:MAX_KEY], by_name, 1, NEAR)
+    return get_close_matches(key[:MAX_KEY], keys, 1, NEAR) or [one for near in names for one in by_name[near]][:3]
 
 
 def _key(where: tuple[int | str, ...]) -> str:
