@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import re
 import shutil
 import textwrap
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import yaml
 from pydantic import BaseModel
 
 from deploy.config import RunConfig
+from protocol.errors import InputError
 
 UNITS = {
     "bytes_per_s": "B/s", "mps": "m/s", "rps": "rad/s", "bytes": "B", "deg": "degrees", "hz": "Hz", "db": "dB",
@@ -68,6 +70,17 @@ def settings(model: BaseModel | None = None, prefix: str = "") -> Iterator[Setti
                     yield from _settings_of_element(element, key)
 
 
+def listed(of: str = "") -> list[Setting]:
+    """The settings of which the key, or a group that it is in, is `of`, such as radio or radio.models; all for none.
+
+    Raises InputError where there are none.
+    """
+    found = [one for one in settings() if not of or re.match(rf"{re.escape(of)}($|[.\[])", one.key)]
+    if not found:
+        raise InputError(f"{of:.200}: no such setting nor group of settings; `wireswarm config` lists all")
+    return found
+
+
 def _settings_of_element(element: type[BaseModel], key: str) -> Iterator[Setting]:
     """The kind of an element of the list `key` with what it is about, and the element's other settings."""
     (kind,) = get_args(element.model_fields["kind"].annotation)
@@ -77,21 +90,21 @@ def _settings_of_element(element: type[BaseModel], key: str) -> Iterator[Setting
     yield from (one for one in below if not one.key.endswith("].kind"))
 
 
-def to_text() -> str:
+def to_text(of: str = "") -> str:
     """The settings for people: key and default on a line, reason and choices below it."""
     width = min(shutil.get_terminal_size().columns, 120)
     lines = []
-    for one in settings():
+    for one in listed(of):
         lines.append(f"{one.key} = {one.value} {one.unit}".rstrip())
         lines += textwrap.wrap(one.about, width, initial_indent="    ", subsequent_indent="    ")
     return "\n".join(lines)
 
 
-def to_yaml() -> str:
+def to_yaml(of: str = "") -> str:
     """A file for `--config` that holds every default; elements of lists stand in comments."""
     lines = ["# The settings of wireswarm with their defaults. A file needs to hold only what it changes."]
     above: list[str] = []
-    for one in settings():
+    for one in listed(of):
         path, element, below = one.key.partition("[")
         *groups, name = path.split(".")
         for depth, group in enumerate(groups):
@@ -107,9 +120,9 @@ def to_yaml() -> str:
     return "\n".join(lines)
 
 
-def to_json() -> str:
+def to_json(of: str = "") -> str:
     """The settings as a list of objects."""
-    return json.dumps([asdict(one) for one in settings()], indent=1)
+    return json.dumps([asdict(one) for one in listed(of)], indent=1)
 
 
 def _choices(parts: list[Any]) -> str:

@@ -10,8 +10,9 @@ import pytest
 from pydantic import BaseModel
 
 from deploy.config import RunConfig, load
-from deploy.terminal.settings import DERIVED, settings, to_json, to_text, to_yaml
+from deploy.terminal.settings import DERIVED, listed, settings, to_json, to_text, to_yaml
 from protocol.configuration import ConfigError
+from protocol.errors import InputError
 from world.radio.config import Bernoulli
 
 
@@ -59,3 +60,11 @@ def test_the_file_loads_to_the_defaults_and_a_changed_line_changes_one_setting(t
     changed = load(file)
     assert changed.radio.range_m == 6.5
     assert changed.model_copy(update={"radio": RunConfig().radio}) == RunConfig()
+
+
+def test_the_settings_of_a_group_alone_are_listed() -> None:
+    assert {one.key for one in listed("radio")} == {one.key for one in settings() if one.key.startswith("radio.")}
+    assert [one.key for one in listed("agent.filter.particles")] == ["agent.filter.particles"]
+    assert to_yaml("radio").splitlines()[1] == "radio:"
+    with pytest.raises(InputError, match=r"^radi: no such setting nor group"):
+        listed("radi")
