@@ -72,14 +72,14 @@ class Benchmark:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
         Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
-        that do not set it themselves.
+        that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
         """
         stem = folder / self.stem(quick, ideal)
         for part in self.parts:
             getattr(part, "beforehand", bool)(quick)
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
-        sections = self.sections(outcome.figures)
+        sections = [replace(section, quick=quick) for section in self.sections(outcome.figures)]
         report(stem.name, sensing, sections, outcome.failed, self.file(folder, quick, ideal))
         if outcome.failed:
             return Status.FAILURE

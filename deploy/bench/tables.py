@@ -152,10 +152,11 @@ class Section:
     note: str
     rows: Sequence[Row]
     judged: Sequence[bool]  # which rows have bars
+    quick: bool = False  # of too few cases for the bars, so that no row is judged
 
     def missed(self, number: int) -> list[str] | None:
         """Keys of the bars that a row misses; None where it has none."""
-        if not self.judged[number] or not any(column.bar for column in self.table.columns):
+        if self.quick or not self.judged[number] or not any(column.bar for column in self.table.columns):
             return None
         return [column.key for column in self.table.columns if column.misses(self.rows[number].get(column.key))]
 
@@ -170,7 +171,9 @@ class Section:
 
         Where it is wider than the console, its columns are printed in several tables, each with the rows' labels.
         """
-        title = self.title if self.met is None else f"{self.title}: {VERDICTS[self.met]}"
+        unjudged = self.quick and any(self.judged) and any(column.bar for column in self.table.columns)
+        verdict = "not judged (quick)" if unjudged else VERDICTS[self.met]
+        title = f"{self.title}: {verdict}" if verdict else self.title
         texts = [self._texts(column) for column in self.table.columns]
         missed = [self.missed(number) for number in range(len(self.rows))]
         verdicts = [Text(VERDICTS[None if keys is None else not keys]) for keys in missed]

@@ -13,7 +13,7 @@ from protocol.text import printable
 
 commands = Typer()
 bench = Typer(
-    help="Repeatable measurements, as tables and JSON; status 4 where a bar is not met.",
+    help="Repeatable measurements, as tables and JSON; status 4 where a bar is not met (--quick: not judged).",
     no_args_is_help=True,
     epilog="Example: wireswarm bench lidar --quick",
 )

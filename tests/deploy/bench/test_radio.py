@@ -67,7 +67,7 @@ def test_the_median_of_the_seeds_is_judged() -> None:
 
 @pytest.mark.slow
 def test_a_quick_run_has_all_tables(tmp_path: Path) -> None:
-    assert Benchmark("radio").run(True, tmp_path, 1) in (Status.OK, Status.NOT_MET)
+    assert Benchmark("radio").run(True, tmp_path, 1) == Status.OK  # a quick one is not judged
     document = json.loads((tmp_path / "radio-quick.json").read_text())
     assert set(document["sections"]) == {"codec", "traffic", "bad", "range", "cost", "wire"}
     assert document["met"]["codec"] and document["met"]["range"] and document["met"]["wire"]
