@@ -25,6 +25,13 @@ def test_the_robot_has_nothing_of_ours() -> None:
     assert names - sys.stdlib_module_names == {"msgpack", "numpy", "zenoh"}
 
 
+def test_the_robot_says_how_it_is_called() -> None:
+    done = subprocess.run([sys.executable, str(ROBOT), "-h"], capture_output=True, text=True, timeout=60, check=True)
+    assert "robot endpoint" in done.stdout
+    done = subprocess.run([sys.executable, str(ROBOT)], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+
+
 def test_the_robot_maps_a_flat(tmp_path: Path) -> None:
     config = WorldConfig.model_validate({"world": "apartment", "robots": 1, "max_time_s": 300, "spec": IDEAL})
     endpoints: SimpleQueue[str] = SimpleQueue()
