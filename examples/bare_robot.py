@@ -7,9 +7,9 @@
 It drives to the nearest frontier of a grid, by odometry. Its map is of lines through the straight parts of scans.
 """
 
-import argparse
 import json
 import struct
+import sys
 import time
 from queue import SimpleQueue
 
@@ -146,7 +146,4 @@ def main(robot: str, endpoint: str) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("robot", help="its ID, such as r1")
-    parser.add_argument("endpoint", help="the world's, such as tcp/127.0.0.1:7447")
-    main(**vars(parser.parse_args()))
+    main(*sys.argv[1:]) if len(sys.argv) == 3 else sys.exit(__doc__)
