@@ -6,7 +6,6 @@ import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
@@ -55,8 +54,6 @@ MAX_SPAWNS = 1000
 """Twice as many as a run may have robots."""
 MAX_NAME = 100
 """Characters of a world's name."""
-NEAR = 0.85
-"""How alike an unknown key and a field that is not there are, where that is meant, as difflib counts it (ours)."""
 
 
 Lines = NDArray[np.object_]
@@ -254,10 +251,6 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     name = document.get("name", Path(source).stem)
     if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME:
         raise WorldFileError(f"{source}: name: must be a text of 1 to {MAX_NAME} characters")
-    for key in document:
-        absent = [field for field in ("name", "units", *LISTS) if field not in document]
-        if near := get_close_matches(str(key)[:MAX_NAME], absent, 1, NEAR):
-            raise WorldFileError(f"{source}: {key!s:.{MAX_NAME}}: a world file has {near[0]}; is it meant?")
     given = {key: document[key] for key in LISTS if document.get(key) is not None}
     lists: dict[str, Any] = {key: _numbers(rows, f"{source}: {key}", LISTS[key]) for key, rows in given.items()}
     boxes, walls, polygons, spawns = (lists.get(key, []) for key in LISTS)

@@ -119,7 +119,6 @@ finally:
         (["run", "--set", "radio.rnge_m=2"], "radio.rnge_m: there is no such setting; did you mean radio.range_m?\n"),
         (["run", "--set", "range_m=2"], "range_m: there is no such setting; did you mean radio.range_m or ros2."),
         (["run", "--set", "silence_s=2"], "did you mean agent.radio.silence_s or server.silence_s or ros2."),
-        (["run", "--world", "spawn.yaml"], "spawn.yaml: spawn: a world file has spawns"),
         (["run", "--robots", "many"], "wireswarm: --robots: a whole number\n"),
         (["run", "--set", "restart=flase"], "wireswarm: restart: true or false, not 'flase'\n"),
         (
@@ -155,7 +154,6 @@ def test_what_a_user_can_act_on_is_one_sentence(
     (tmp_path / "broken.yaml").write_text("a: [1")
     (tmp_path / "list.yaml").write_text("- 1")
     (tmp_path / "tiny.yaml").write_text(ROOM)
-    (tmp_path / "spawn.yaml").write_text(ROOM.replace("spawns", "spawn"))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
     status, out, err = wireswarm(*arguments)
