@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from agent.kernels import kernel
 from protocol.arrays import Floats, Ints
+from protocol.errors import InputError
 
 HIT, MISS = 0.85, -0.4  # log-odds of one scan: OctoMap's defaults, probabilities 0.7 and 0.4
 LOW, HIGH = -2.0, 3.5  # clamp: OctoMap's defaults, probabilities 0.12 and 0.97
+MAX_CELLS = 64_000_000  # 1 GB: 400 m x 400 m of cells of 5 cm, four times the largest world
 CELLS_PER_BYTE = 4  # two bits hold a cell's state
 Point = tuple[float, float]
 States = NDArray[np.uint8]  # of cells: 0 unknown, 1 free, 2 occupied
@@ -31,10 +33,16 @@ class OccupancyGrid:
     """Log-odds of being occupied over a box, from scans as they come; 0 is unknown."""
 
     def __init__(self, box: tuple[float, float, float, float], cell_m: float, range_max_m: float) -> None:
-        """box: x0, y0, x1, y1 in metres; what is seen beyond is not kept."""
+        """box: x0, y0, x1, y1 in metres; what is seen beyond is not kept.
+
+        Raises InputError for one of too many cells.
+        """
         x0, y0, x1, y1 = box
         self.corner, self.cell_m = (x0, y0), cell_m
-        self.log_odds = np.zeros((max(1, math.ceil((x1 - x0) / cell_m)), max(1, math.ceil((y1 - y0) / cell_m))))
+        nx, ny = (max(1, math.ceil(side_m / cell_m)) for side_m in (x1 - x0, y1 - y0))
+        if nx * ny > MAX_CELLS:
+            raise InputError(f"a grid of {x1 - x0:,.0f} m x {y1 - y0:,.0f} m has more than {MAX_CELLS:,} cells")
+        self.log_odds = np.zeros((nx, ny))
         self._range_max_m = range_max_m
         self._marks = np.zeros(self.log_odds.shape, np.int64)
         self._scans = 0

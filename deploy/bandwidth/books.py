@@ -2,13 +2,18 @@
 
 import csv
 import json
+import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from deploy.report.rundir import BROKEN, MAX_TIME_S
 from protocol.document import check_is_file, read_text
 from protocol.errors import InputError
+from world.radio.gate import Passage
 
 MAX_BOOKS_BYTES = 1 << 30
 """Of bandwidth.json: 500 robots that all hear each other, and say all kinds of messages, fill 500 MB (ours)."""
@@ -20,16 +25,67 @@ class NoRunError(InputError):
     """A directory that is no finished run, or whose figures contradict each other; says what is wrong."""
 
 
+class _Part(BaseModel):
+    """A part of bandwidth.json as a run writes it: nothing is taken for something else, and more may be there."""
+
+    model_config = ConfigDict(strict=True)
+
+
+Count = Annotated[int, Field(ge=0, lt=2**53)]
+Share = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Tally(_Part):
+    messages: Count
+    bytes: Count
+
+
+class _OfRobot(_Part):
+    offered: dict[str, _Tally]
+    addressed: dict[str, _Tally]
+    delivered: dict[str, _Tally]
+    dropped: dict[str, dict[str, _Tally]]
+
+
+class _OfKind(_Part):
+    offered: _Tally
+    delivered: _Tally
+    dropped: dict[str, _Tally]
+
+
+class _OfLink(_Part):
+    sender: str
+    receiver: str
+    kinds: dict[str, _OfKind]
+
+
+class _Flow(_Part):
+    messages: Count
+    payload_bytes: Count
+    overhead_bytes: Count
+    wire_bytes: Count
+    unexplained_share: Share
+
+
+class _Books(_Part):
+    robots: dict[str, _OfRobot]
+    links: list[_OfLink]
+    wire: dict[str, dict[str, _Flow]] = {}
+
+
 def read_books(run: Path) -> dict[str, Any]:
     """bandwidth.json of a run. Raises NoRunError where there is none, or where it and radio.csv do not agree."""
     try:
-        books: dict[str, Any] = json.loads(read_text(run / "bandwidth.json", MAX_BOOKS_BYTES))
-        check_is_file(run / "radio.csv")
-        with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
-            listed = _of_lines(csv.DictReader(file))
-        summed = _of_books(books)
+        text = read_text(run / "bandwidth.json", MAX_BOOKS_BYTES)
+        books: dict[str, Any] = json.loads(text, parse_float=_finite, parse_constant=_finite)
+        _Books.model_validate(books)
+        listed, summed = _of_lines(passages(run)), _of_books(books)
         off = (summed - listed) + (listed - summed)
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError, csv.Error) as error:
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        where = ".".join(["bandwidth.json", *map(str, wrong["loc"])])
+        raise NoRunError(f"{run} is no finished run: {where}: {wrong['msg']}") from None
+    except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     if off:
         first = min(off, key=lambda key: (-len(key), str(key)))
@@ -40,12 +96,30 @@ def read_books(run: Path) -> dict[str, Any]:
     return books
 
 
-def _of_lines(lines: Iterable[dict[str, str]]) -> Sums:
+def passages(run: Path) -> Iterator[Passage]:
+    """The lines of radio.csv. Raises one of BROKEN."""
+    check_is_file(run / "radio.csv")
+    with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
+        for line in csv.DictReader(file):
+            sender, receiver, kind, outcome = (line[key] for key in ("sender", "receiver", "kind", "outcome"))
+            tick, size = int(line["tick"]), int(line["bytes"])
+            if not (0 <= tick < MAX_TIME_S and 0 <= size < MAX_TIME_S):
+                raise ValueError(f"radio.csv: no message has tick {tick:.3g} and {size:.3g} bytes")
+            yield Passage(tick, sender, receiver, kind, size, outcome)
+
+
+def _finite(text: str) -> float:
+    """A number of JSON, which Python takes beyond all bounds. Raises ValueError."""
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"{text:.20} is no finite number")
+    return value
+
+
+def _of_lines(lines: Iterable[Passage]) -> Sums:
     """Sums by sender, receiver, kind, outcome and unit; by sender, receiver, kind and unit; by sender, kind, unit."""
     sums = Sums()
-    for line in lines:
-        sender, receiver, kind, outcome = (line[key] for key in ("sender", "receiver", "kind", "outcome"))
-        for unit, value in (("messages", 1), ("bytes", int(line["bytes"]))):
+    for _, sender, receiver, kind, size, outcome in lines:
+        for unit, value in (("messages", 1), ("bytes", size)):
             for key in ((sender, receiver, kind, outcome, unit), (sender, receiver, kind, unit), (sender, kind, unit)):
                 sums[key] += value
     return sums

@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.representations import NAMES, Measurement
 from deploy.png import write_figure
-from deploy.report.rundir import read_metrics
+from deploy.report.rundir import BROKEN, read_metrics
 from deploy.report.style import colour
 from protocol.arrays import Floats
 from world.recorder import TEAM
@@ -19,7 +20,7 @@ NAMED = 8
 
 
 def draw(run: Path, measurement: Measurement) -> Path:
-    """Write bandwidth.png into the run directory."""
+    """Write bandwidth.png into the run directory. Raises NoRunError where its metrics.csv is damaged."""
     figure = Figure(figsize=(15, 5))
     figure.subplots_adjust(left=0.05, right=0.99, bottom=0.11, top=0.92, wspace=0.3)  # fitting them takes half a second
     FigureCanvasAgg(figure)
@@ -77,7 +78,10 @@ def _sent(measurement: Measurement, name: str, only: str | None = None) -> Float
 
 def _coverage(file: Path) -> tuple[Floats, Floats]:
     """Simulated seconds, and the mean of the robots' coverages."""
-    robots = [series for name, series in read_metrics(file).items() if name != TEAM]
-    times, row = np.unique(np.concatenate([series.t for series in robots]), return_inverse=True)
-    shares = np.concatenate([series.columns["coverage"] for series in robots])
+    try:
+        robots = [series for name, series in read_metrics(file).items() if name != TEAM]
+        times, row = np.unique(np.concatenate([series.t for series in robots]), return_inverse=True)
+        shares = np.concatenate([series.columns["coverage"] for series in robots])
+    except BROKEN as error:
+        raise NoRunError(f"{file} cannot be drawn: {error}") from None
     return times, np.bincount(row, shares) / np.bincount(row)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from deploy import manifest
 from deploy.bandwidth.books import NoRunError
 from deploy.config import RunConfig
+from deploy.report.rundir import BROKEN, read_trajectory, read_truth
 from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
 from protocol.geometry import relative
@@ -51,10 +52,12 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     """What each robot of a run directory saw. Raises NoRunError."""
     try:
         world = load(str(run / "world.yaml"))
-        frames = json.loads(read_text(run / "truth.json"))["frames"]
+        frames = {robot: frame.tolist() for robot, frame in read_truth(run / "truth.json")[0].items()}
+        if not frames or not frames.keys() <= set(config.robot_ids):
+            raise ValueError("truth.json names other robots than manifest.json")
         tracks = {robot: _track(run / "trajectories" / f"{robot}.tum") for robot in frames}
         ends = _deaths(run / "events.jsonl")
-    except (OSError, ValueError, LookupError) as error:
+    except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
     lidar = Lidar(world.segments, config.spec.lidar, one_sided=True)
     ticks = {robot: min(len(track), ends.get(robot, len(track))) for robot, track in tracks.items()}
@@ -85,15 +88,17 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
 
 
 def _track(file: Path) -> Floats:
-    """(t, 3) poses of a TUM file, world frame."""
-    lines = read_text(file, MAX_RESULT_BYTES).splitlines()
-    if not lines:
+    """(t, 3) poses of a TUM file, world frame. Raises one of BROKEN."""
+    poses = read_trajectory(file)
+    if poses is None:
         raise ValueError(f"{file.name} holds no pose")
-    rows = np.loadtxt(lines, ndmin=2)
-    return np.column_stack([rows[:, 1:3], np.unwrap(2 * np.arctan2(rows[:, 6], rows[:, 7]))])
+    return np.column_stack([poses[:, 1:3], np.unwrap(poses[:, 3])])
 
 
 def _deaths(file: Path) -> dict[str, int]:
-    """The tick at which each dead robot died."""
-    events = map(json.loads, read_text(file, MAX_RESULT_BYTES).splitlines())
-    return {event["robot"]: event["tick"] for event in events if event["event"] == "dead"}
+    """The tick at which each dead robot died. Raises one of BROKEN."""
+    events = [json.loads(line) for line in read_text(file, MAX_RESULT_BYTES).splitlines()]
+    ends = {str(event["robot"]): event["tick"] for event in events if event["event"] == "dead"}
+    if not all(type(tick) is int and tick >= 0 for tick in ends.values()):
+        raise ValueError(f"{file.name}: a robot died at no tick")
+    return ends

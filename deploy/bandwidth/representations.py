@@ -5,7 +5,6 @@ current map, `scans_*` the scans since the last update to that peer, `grid_delta
 Baselines pay for their bytes alone; only ours pays for headers, acknowledgements and what was sent again.
 """
 
-import csv
 import io
 import json
 import zlib
@@ -14,26 +13,29 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from PIL import Image
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rich.console import Console
 from rich.progress import track
 
 from agent.communication.config import TalkConfig
-from deploy.bandwidth.books import NoRunError, read_books
+from deploy.bandwidth.books import NoRunError, passages, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
-from protocol.document import MAX_RESULT_BYTES, check_is_file, read_text
+from deploy.report.rundir import BROKEN, MAX_TIME_S, as_map
+from protocol.document import MAX_RESULT_BYTES, read_text
+from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.frames import FRAMES
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
 from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
 from protocol.viewpoints import VIEWS
-from protocol.wireframe import LABELS, Wireframe
+from protocol.wireframe import Wireframe
 from world.config import WorldConfig
 
 CELL_M = 0.05  # of the grids, in the robot's own frame
@@ -61,6 +63,18 @@ class Update(NamedTuple):
     t: float
     robot: str
     bytes: dict[str, int]
+
+
+class _Line(BaseModel):
+    """A line of updates.jsonl."""
+
+    model_config = ConfigDict(strict=True)
+
+    t: Annotated[float, Field(ge=0, lt=MAX_TIME_S)]
+    tick: Annotated[int, Field(ge=0, lt=MAX_TIME_S)]
+    robot: str
+    told: list[str]
+    map: dict[str, Any]
 
 
 Charged = tuple[list[Update], float]
@@ -101,26 +115,29 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     pool: its robots are divided among these processes, and a terminal shows how many are done.
     """
     config = config or config_of(run)
-    seen = seen_again(run, config)
+    books, seen = read_books(run), seen_again(run, config)
     period_s = 1 / config.spec.lidar.rate_hz
     try:
-        lines = [json.loads(line) for line in read_text(run / "updates.jsonl", MAX_RESULT_BYTES).splitlines()]
-        check_is_file(run / "radio.csv")
-        with (run / "radio.csv").open(encoding="utf-8", newline="") as file:
-            passages = list(csv.DictReader(file))
-    except (OSError, ValueError) as error:
+        ours = [passage for passage in passages(run) if passage.kind in OURS]
+        lines = _lines(run / "updates.jsonl")
+        named = {name for line in lines for name in (line.robot, *line.told)}.union(row.sender for row in ours)
+        if unknown := named.difference(seen):
+            raise ValueError(f"its files name {min(unknown):.40}, and truth.json does not")
+    except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
-    ours = [row for row in passages if row["kind"] in OURS]
-    sent = [(int(row["tick"]) * period_s, row["sender"], int(row["bytes"])) for row in ours]
-    offered = [counts["offered"] for counts in read_books(run)["robots"].values()]
+    sent = [(passage.tick * period_s, passage.sender, passage.bytes) for passage in ours]
+    offered = [counts["offered"] for counts in books["robots"].values()]
     beacons, views, frames = (
         sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS, FRAMES)
     )
     live = {robot: what for robot, what in seen.items() if len(what.ranges)}  # else dead before it saw anything
 
-    own = [sorted((line for line in lines if line["robot"] == robot), key=lambda line: line["tick"]) for robot in live]
+    own = [sorted((line for line in lines if line.robot == robot), key=lambda line: line.tick) for robot in live]
     charged = (pool.map if pool else map)(partial(_charged, config), live.values(), own)
-    found = dict(zip(live, _watched(charged, len(live)) if pool else charged, strict=True))
+    try:
+        found = dict(zip(live, _watched(charged, len(live)) if pool else charged, strict=True))
+    except InputError as error:
+        raise NoRunError(f"{run} is no finished run: {error}") from None
     updates = [update for mine, _ in found.values() for update in mine]
     explored = {robot: found[robot][1] if robot in found else 0.0 for robot in seen}
     updates.sort(key=lambda update: update.t)
@@ -140,8 +157,20 @@ def _watched(done: Iterable[Charged], total: int) -> Iterable[Charged]:
     return track(done, "bandwidth", total, console=console, transient=True, disable=not console.is_terminal)
 
 
-def _charged(config: WorldConfig, seen: Seen, lines: Iterable[Mapping[str, Any]]) -> Charged:
-    """A robot's updates by its lines of updates.jsonl, in order, and the free area that its grid has at its end."""
+def _lines(file: Path) -> list[_Line]:
+    """The lines of updates.jsonl. Raises one of BROKEN."""
+    try:
+        return [_Line.model_validate_json(line) for line in read_text(file, MAX_RESULT_BYTES).splitlines()]
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        raise ValueError(f"{file.name}: {'.'.join(map(str, wrong['loc']))}: {wrong['msg']}") from None
+
+
+def _charged(config: WorldConfig, seen: Seen, lines: Iterable[_Line]) -> Charged:
+    """A robot's updates by its lines of updates.jsonl, in order, and the free area that its grid has at its end.
+
+    Raises InputError for a map that no robot tells, and for poses too far apart.
+    """
     forms = _Forms(seen, config)
     updates = [update for line in lines for update in forms.charge(line)]
     return updates, float((forms.states(len(seen.ranges) - 1) == 1).sum() * CELL_M**2)
@@ -169,29 +198,29 @@ class _Forms:
         self._next = max(self._next, tick + 1)
         return self._grid.add(ranges, self._seen.rays(new)).states()
 
-    def charge(self, line: Mapping[str, Any]) -> list[Update]:
-        """Updates of one line of updates.jsonl, one for each peer."""
-        tick = int(line["tick"])
-        states = self.states(tick)
-        whole = _whole_map(line["map"], self._talk) | _whole_grid(states)
+    def charge(self, line: _Line) -> list[Update]:
+        """Updates of one line of updates.jsonl, one for each peer. Raises InputError."""
+        tick, states = line.tick, self.states(line.tick)
+        try:
+            whole = _whole_map(line.map, self._talk) | _whole_grid(states)
+        except BROKEN as error:
+            raise InputError(f"updates.jsonl: {line.robot} told no map at tick {tick} ({error})") from None
         updates = []
-        for peer in line["told"]:
+        for peer in line.told:
             since, before = self._told.get(peer, (0, np.zeros_like(states)))
             scans = self._seen.ranges[since : tick + 1]
             part = {"scans_raw": scans.nbytes, "scans_zlib": len(zlib.compress(scans.tobytes(), 6))}
             part["grid_delta_zlib"] = _changed_cells(before, states)
-            updates.append(Update(float(line["t"]), str(line["robot"]), whole | part))
+            updates.append(Update(line.t, line.robot, whole | part))
             self._told[peer] = tick + 1, states
         return updates
 
 
 def _whole_map(fields: Mapping[str, Any], talk: TalkConfig) -> dict[str, int]:
     """`full` on the grid and with the likelihoods that the robots sent, or the two would not be of one map."""
-    points = np.array(fields["vertices"], np.float64).reshape(-1, 2)
-    edges = np.array(fields["edges"], np.int32).reshape(-1, 2)
-    labels = np.array([LABELS[label] for label in fields["labels"]], np.uint8)
-    likelihood = np.array(fields["edge_likelihood"], np.float32)
-    wireframe = Wireframe(points, labels, edges, likelihood, np.ones(len(edges), np.bool_))
+    told, likelihood = as_map(fields), np.array(fields["edge_likelihood"], np.float32)
+    edges = told.edges.astype(np.int32)
+    wireframe = Wireframe(told.vertices, told.labels, edges, likelihood, np.ones(len(edges), np.bool_))
     full = encode_map(quantise(wireframe, talk.cell_mm, main_axis(wireframe)), likelihoods=talk.likelihoods).data
     return {"full": len(full), "json": len(json.dumps(fields, separators=(",", ":")))}
 

@@ -31,7 +31,7 @@ from world.worldfile import World, load
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
+BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
 """What parsing a file of any content may raise."""
 
 MAX_TIME_S = 1e9  # of a simulated time in a file
@@ -167,8 +167,8 @@ class Run:
 
 
 def parse_map(text: str) -> Map:
-    """The map that a file of a run directory holds. Raises what parsing any text may: see _BROKEN."""
-    return _map(_as_object(text))
+    """The map that a file of a run directory holds. Raises what parsing any text may: see BROKEN."""
+    return as_map(_as_object(text))
 
 
 def mapping(value: Any) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def read_run(directory: str | Path) -> Run:
             if (file := path / name).exists():
                 return read(file)
             run.notes.append(f"{name} is missing")
-        except _BROKEN as error:
+        except BROKEN as error:
             run.notes.append(f"{name} cannot be read: {(str(error) or repr(error)).splitlines()[0]}")
         return otherwise
 
@@ -206,18 +206,18 @@ def read_run(directory: str | Path) -> Run:
     run.summary = part("summary.json", _object, {})
     if run.of_logs:
         run.maps = each("maps", ".json", lambda file: parse_map(_text(file)))
-        run.poses = each("estimate", ".tum", _trajectory)
+        run.poses = each("estimate", ".tum", read_trajectory)
         run.frames = {robot: np.zeros(3) for robot in run.maps if len(run.maps) == 1}
         return run
     run.bandwidth = part("bandwidth.json", _object, {})
     run.world = part("world.yaml", load, None)
-    run.frames, run.radius = part("truth.json", _truth, (run.frames, run.radius))
+    run.frames, run.radius = part("truth.json", read_truth, (run.frames, run.radius))
     run.maps = each("maps", ".json", lambda file: parse_map(_text(file)))
     for robot, drawn in run.maps.items():
         if (path / (name := f"maps/{robot}.own.json")).exists():
             run.maps[robot] = part(name, partial(_compared, drawn), drawn)
     run.snapshots = each("snapshots", ".jsonl", lambda file: _snapshots(_lines(file, run)))
-    run.poses = each("trajectories", ".tum", _trajectory)
+    run.poses = each("trajectories", ".tum", read_trajectory)
     run.metrics = part("metrics.csv", read_metrics, {})
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
     run.notes = [printable(note) for note in run.notes]
@@ -261,13 +261,15 @@ def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
     return objects
 
 
-def _truth(file: Path) -> tuple[dict[str, Floats], float]:
+def read_truth(file: Path) -> tuple[dict[str, Floats], float]:
+    """By robot (3,) the pose of its own frame in the world, and the radius of all. Raises one of BROKEN."""
     truth = _object(file)
     frames = {robot: _array(pose, (3,)) for robot, pose in dict(truth["frames"]).items()}
     return frames, float(truth.get("robot_radius", 0.105))
 
 
-def _map(value: Mapping[str, Any]) -> Map:
+def as_map(value: Mapping[str, Any]) -> Map:
+    """The map that an object of JSON describes. Raises one of BROKEN."""
     points = _array(value["vertices"], (-1, 2))
     labels = np.array([LABELS[label] for label in value["labels"]], np.uint8)
     told = _array(value["edges"], (-1, 2))
@@ -291,7 +293,7 @@ def _compared(whole: Map, file: Path) -> Map:
 
 def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
     heard = (frozenset(map(int, line.get("heard", ()))) for line in lines)  # runs of older versions do not tell it
-    maps = (replace(_map(line["map"]), heard=rows) for line, rows in zip(lines, heard, strict=True))
+    maps = (replace(as_map(line["map"]), heard=rows) for line, rows in zip(lines, heard, strict=True))
     times = _array([float(line["t"]) for line in lines], (-1,)).tolist()
     return sorted(zip(times, maps, strict=True), key=lambda frame: frame[0]) or None
 
@@ -308,7 +310,8 @@ def _is_time(value: Any) -> bool:
     return isinstance(value, int | float) and 0 <= value < MAX_TIME_S
 
 
-def _trajectory(file: Path) -> Floats | None:
+def read_trajectory(file: Path) -> Floats | None:
+    """(n, 4) t, x, y, theta of a TUM file; None where it holds no pose. Raises one of BROKEN."""
     lines = _text(file).splitlines()
     rows = [words for line in lines if (words := line.split()) and line[0] != "#"]
     if not rows:

@@ -5,7 +5,7 @@ import ssl
 import tempfile
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from functools import cache
 from io import StringIO
 from pathlib import Path
@@ -19,6 +19,8 @@ from agent.config import AgentConfig
 from agent.robot import Robot
 from agent.shell.checkpoint import revived, save
 from deploy.bandwidth.books import NoRunError, read_books
+from deploy.bandwidth.representations import measure
+from deploy.bandwidth.tables import document, print_tables
 from deploy.config import load
 from deploy.report import page, plan
 from deploy.report.rundir import Run, read_run
@@ -302,13 +304,15 @@ def _folder() -> Path:
 _KEPT: list[tempfile.TemporaryDirectory[str]] = []
 
 _TALLY = '{"messages": 1, "bytes": 9}'
-_MAP = '{"robot": "r1", "vertices": [[0, 0], [1, 0]], "labels": ["nominal", "frontier"], "edges": [[0, 1]]}'
+_MAP = '{"robot": "r1", "vertices": [[0, 0], [1, 0]], "labels": ["nominal", "frontier"], "edges": [[0, 1]], '
+_MAP += '"edge_likelihood": [0.9]}'
+_TALLIES = f'{{"map": {_TALLY}}}'
 _KINDS = f'{{"map": {{"offered": {_TALLY}, "delivered": {_TALLY}, "dropped": {{}}}}}}'
 _TEXTS = {
     "manifest.json": '{"seed": 1, "ended": "complete", "config": {"radio": {}}}',
     "summary.json": '{"robots": {"r1": {"coverage": 0.5, "t_90": null, "ended": "time"}}, "team": {"coverage": 0.5}}',
     "bandwidth.json": f'{{"links": [{{"sender": "r1", "receiver": "r2", "kinds": {_KINDS}}}], '
-    f'"robots": {{"r1": {{"addressed": {{"map": {_TALLY}}}}}}}}}',
+    f'"robots": {{"r1": {{"offered": {_TALLIES}, "addressed": {_TALLIES}, "delivered": {{}}, "dropped": {{}}}}}}}}',
     "world.yaml": ROOM,
     "truth.json": '{"frames": {"r1": [0, 1, 2]}, "robot_radius": 0.1, "lidar_range": 3.5}',
     "maps/r1.json": _MAP,
@@ -318,6 +322,7 @@ _TEXTS = {
     "radio.csv": "tick,sender,receiver,kind,bytes,outcome\n3,r1,r2,map,9,delivered\n",
     "events.jsonl": '{"t": 1, "tick": 5, "robot": "r1", "event": "accepted", "peer": "r2", "reason": "x", '
     '"transform": [1, 2, 3]}\n',
+    "updates.jsonl": f'{{"t": 0.2, "tick": 1, "robot": "r1", "told": ["r1"], "map": {_MAP}}}\n',
 }
 FILES = {name: text.encode() for name, text in _TEXTS.items()}
 """A small run directory."""
@@ -338,6 +343,16 @@ def a_report(data: bytes) -> None:
         json.dumps(plan.slider(run), allow_nan=False)
         for section in (page._robots, page._radio, page._events, page._configuration):
             section(run).encode()
+
+
+def a_measurement(data: bytes) -> None:
+    """The bandwidth of such a run directory."""
+    for run in _changed(data):
+        with suppress(NoRunError):
+            figures = document(run.path, read_books(run.path), measure(run.path))
+            json.dumps(figures, allow_nan=False)
+            with redirect_stdout(StringIO()):
+                print_tables(figures)
 
 
 def _changed(data: bytes) -> Iterator[Run]:
@@ -456,6 +471,7 @@ TARGETS = {
     "imports": Target(foreign.an_import, foreign.imports),
     "runs": Target(a_run_directory, _files),
     "reports": Target(a_report, _files),
+    "measurements": Target(a_measurement, _files),
     "checkpoints": Target(a_checkpoint, _checkpoints),
     "minds": Target(a_mind, _minds),
     "ros2": Target(ros2.fuzz_one, ros2.seeds),
@@ -472,6 +488,15 @@ BROKE = {
     "runs": [
         *(bytes([k]) + b"[" * 100_000 for k in range(len(FILES))),
         b"\x09tick,sender,receiver,kind,bytes,,outcome\n3,r1,r2,map,9,delivered\n",  # a line without an outcome
+    ],
+    "measurements": [
+        *(bytes([k]) + b"[" * 100_000 for k in range(len(FILES))),
+        b"\x02" + FILES["bandwidth.json"].replace(b'"bytes": 9', b'"bytes": null'),
+        b"\x02" + FILES["bandwidth.json"].replace(b'"links"', b'"x": 1e999, "links"'),
+        b"\x07-1e5 0 0 0 0 0 0 1\n0.2 -1e5 0 0 0 0 0 1\n0.4 1 0 0 0 0 0 1\n",  # a grid of 5.67 TiB
+        b"\x0b" + FILES["updates.jsonl"].replace(b"[1, 0]", b"[1, 1e300]"),
+        b"\x0b" + FILES["updates.jsonl"].replace(b'["r1"]', b"7"),
+        b"\x0a" + FILES["events.jsonl"].replace(b"accepted", b"dead").replace(b"5", b"null"),
     ],
     "reports": [
         b"> ",  # a path without poses

@@ -14,5 +14,5 @@ def test_any_bytes_are_taken_or_refused_by_the_error_that_is_due(name: str) -> N
     seeds = target.seeds()
     for data in (b"", *seeds, *BROKE.get(name, ())):
         target.fuzz(data)
-    for _ in range(30 if name in ("runs", "reports", "conversations", "hearing", "minds") else 200):
+    for _ in range(30 if name in ("runs", "reports", "measurements", "conversations", "hearing", "minds") else 200):
         target.fuzz(mutant(rng, seeds))
