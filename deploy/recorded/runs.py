@@ -11,6 +11,7 @@ import numpy as np
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
 from deploy.recorded.lidar_log import Given, LidarLog, Scan
+from deploy.report.rundir import MAX_M, MAX_TIME_S
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.geometry import Pose, compose
@@ -34,9 +35,11 @@ def kept_scans(source: Path, beams: int) -> Iterator[dict[str, Any]]:
         with source.open(encoding="utf-8") as stream:
             while line := stream.readline(MAX_LINE):
                 scan = json.loads(line)
-                numbers = [scan["t"], scan["tick"], *scan["odometry"], *(reading or 0.0 for reading in scan["ranges"])]
-                if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not all(map(math.isfinite, numbers)):
-                    raise ValueError(f"a scan of {beams} finite readings and a pose is wanted at tick {scan['tick']}")
+                numbers = [*scan["odometry"], *(reading or 0.0 for reading in scan["ranges"])]
+                timed = all(0 <= scan[name] < MAX_TIME_S for name in ("t", "tick"))
+                bounded = all(abs(number) <= MAX_M for number in numbers)
+                if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not (timed and bounded):
+                    raise ValueError(f"a scan of {beams} readings, a pose and a time is wanted at tick {scan['tick']}")
                 yield scan
     except (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError) as error:
         raise NoRunError(f"{source}: no scans of a run, or damaged: {error}") from None

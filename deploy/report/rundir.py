@@ -294,7 +294,7 @@ def _compared(whole: Map, file: Path) -> Map:
 def _snapshots(lines: list[dict[str, Any]]) -> list[tuple[float, Map]] | None:
     heard = (frozenset(map(int, line.get("heard", ()))) for line in lines)  # runs of older versions do not tell it
     maps = (replace(as_map(line["map"]), heard=rows) for line, rows in zip(lines, heard, strict=True))
-    times = _array([float(line["t"]) for line in lines], (-1,)).tolist()
+    times = _times([line["t"] for line in lines]).tolist()
     return sorted(zip(times, maps, strict=True), key=lambda frame: frame[0]) or None
 
 
@@ -317,7 +317,7 @@ def read_trajectory(file: Path) -> Floats | None:
     if not rows:
         return None
     t, x, y, _, _, _, qz, qw = _array(rows, (-1, 8)).T
-    return np.column_stack((t, x, y, 2 * np.arctan2(qz, qw)))
+    return np.column_stack((_times(t), x, y, 2 * np.arctan2(qz, qw)))
 
 
 def read_metrics(file: Path) -> dict[str, Series]:
@@ -329,7 +329,7 @@ def read_metrics(file: Path) -> dict[str, Series]:
     for robot, own in by_robot.items():
         names = [name for name in own[0] if name not in ("t", "tick", "robot")]
         columns = {name: _column([row[name] for row in own]) for name in names}
-        made[robot] = Series(_array([float(row["t"]) for row in own], (-1,)), columns)
+        made[robot] = Series(_times([row["t"] for row in own]), columns)
     return made
 
 
@@ -339,6 +339,14 @@ def _column(texts: list[str]) -> Floats:
     if np.isinf(numbers).any():
         raise ValueError("a number in it is not finite")
     return numbers
+
+
+def _times(values: Any) -> Floats:
+    """(n,) simulated seconds."""
+    times = _array([float(value) for value in values], (-1,))
+    if (times < 0).any():
+        raise ValueError("a time in it is negative")
+    return times
 
 
 def _array(value: Any, shape: tuple[int, ...]) -> Floats:

@@ -88,7 +88,15 @@ def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["[" * 99_000, '{"t": 0, "tick": 0, "odometry": [0, 0, 0], "ranges": [1' + "0" * 400 + "]}"]
+    "line",
+    [
+        "[" * 99_000,
+        '{"t": 0, "tick": 0, "odometry": [0, 0, 0], "ranges": [1' + "0" * 400 + "]}",
+        '{"t": -1, "tick": 0, "odometry": [0, 0, 0], "ranges": [1]}',
+        '{"t": 1e300, "tick": 0, "odometry": [0, 0, 0], "ranges": [1]}',
+        '{"t": 0, "tick": NaN, "odometry": [0, 0, 0], "ranges": [1]}',
+        '{"t": 0, "tick": 0, "odometry": [0, 1e300, 0], "ranges": [1]}',
+    ],
 )
 def test_a_line_that_no_run_wrote_is_a_sentence(tmp_path: Path, line: str) -> None:
     (tmp_path / "r1.jsonl").write_text(line + "\n")
