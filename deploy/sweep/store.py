@@ -1,6 +1,7 @@
 """Results on the disk: one Parquet file a task, PLACE/KEY.parquet, of one row."""
 
 import fcntl
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,8 +10,12 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from deploy.sweep.work import OK, Row
+from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.files import remove_parts, write_whole
+
+TEXTS = ("key", "status", "reason", "settings", "revision")
+"""Columns that each result has; all others are figures, or missing."""
 
 
 class Store:
@@ -73,9 +78,12 @@ def read_rows(folder: Path) -> Iterator[Row]:
 def read_row(file: Path) -> Row:
     """The result in a file. Raises InputError where it is none."""
     try:
+        check_is_file(file)
         (row,) = parquet.ParquetFile(file).read().to_pylist()
-        if not row.keys() >= {"key", "status", "reason", "settings", "revision"}:
-            raise ValueError("columns are missing")
-    except (OSError, ValueError, pa.ArrowException) as error:
+        if not all(isinstance(row.get(name), str) for name in TEXTS):
+            raise ValueError(f"it needs texts as {', '.join(TEXTS)}")
+        if not isinstance(json.loads(row["settings"]), dict):
+            raise ValueError("its settings are no JSON object")
+    except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
         raise InputError(f"{file}: no result of a sweep: {error}") from None
     return dict(row)

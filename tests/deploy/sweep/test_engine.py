@@ -6,10 +6,13 @@ import socket
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import psutil
+import pyarrow as pa
 import pytest
 import yaml
+from pyarrow import parquet
 
 from deploy.certs import issue
 from deploy.revision import ROOT, revision
@@ -185,4 +188,24 @@ def test_a_scheduler_that_anybody_could_reach_is_refused(tmp_path: Path, address
 def test_a_file_that_is_no_result_is_named(tmp_path: Path) -> None:
     (tmp_path / "bad.parquet").write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"bad\.parquet: no result of a sweep"):
+        list(read_rows(tmp_path))
+
+
+RESULT = {"key": "a", "status": "ok", "reason": "", "settings": '{"seed": 1}', "revision": "abc"}
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"settings": 1.5}, {"settings": "[1]"}, {"settings": "{"}, {"revision": None}, {"status": ["ok"]}]
+)
+def test_a_result_whose_words_are_none_is_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
+    parquet.write_table(pa.Table.from_pylist([RESULT]), tmp_path / "a.parquet")
+    assert list(read_rows(tmp_path)) == [RESULT]
+    parquet.write_table(pa.Table.from_pylist([RESULT | wrong]), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet: no result of a sweep"):
+        list(read_rows(tmp_path))
+
+
+def test_a_pipe_among_the_results_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet: no result of a sweep: this is no file"):
         list(read_rows(tmp_path))
