@@ -94,14 +94,26 @@ def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
         with Image.open(file) as image:
             if image.width * image.height > MAX_CELLS:
                 raise InputError(f"{image.width} x {image.height} pixels are too many")
-            rgba = np.asarray(image.convert("RGBA"), np.float32) / 255
+            bright = _brightness(image)
     except InputError as error:
         raise InputError(f"{file.name}: {error}") from None
     except Exception as error:  # decoders raise what they like for damaged pictures
         cause = getattr(error, "strerror", None) or type(error).__name__
         raise InputError(f"{file.name}: no picture that can be read: {cause}") from None
-    bright = rgba[..., :3].mean(2) * rgba[..., 3] + 1 - rgba[..., 3]
     return np.asarray(bright if negate else 1 - bright, np.float32)[::-1]
+
+
+def _brightness(image: Image.Image) -> NDArray[np.float32]:
+    """(rows, columns) 0 to 1, row 0 the first. Raises InputError for pixels whose white is not known."""
+    if image.mode.startswith("I"):  # 16 bits; `convert` would take all from 255 on for white
+        grey = np.asarray(np.asarray(image, np.float32) / 65_535, np.float32)
+        if grey.min() < 0 or grey.max() > 1:
+            raise InputError("its pixels have more than 16 bits; save it with 8 or 16")
+        return grey
+    if image.mode == "F":
+        raise InputError("its pixels are fractions; save it with 8 or 16 bits")
+    rgba = np.asarray(image.convert("RGBA"), np.float32) / 255
+    return np.asarray(rgba[..., :3].mean(2) * rgba[..., 3] + 1 - rgba[..., 3])
 
 
 def solid_area(solid: Bools, sure: Bools, cell: float, straighten: bool, pad: int) -> BaseGeometry:

@@ -17,6 +17,7 @@ from PIL import Image, ImageDraw
 from deploy import cli
 from deploy.exchange import FORMS
 from deploy.exchange.maps import export_maps
+from deploy.exchange.raster import read_darkness
 from deploy.exchange.worlds import Options, import_world
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, write_run
@@ -107,6 +108,23 @@ def test_a_map_of_map_server_is_solid_where_it_is_not_free(tmp_path: Path) -> No
     free = shapely.affinity.translate(shapely.affinity.rotate(free, 0.3, origin=(0, 0), use_radians=True), -1, -2)
     assert room_of(world, *free.representative_point().coords[0]).symmetric_difference(free).area < 1e-3
     assert "39.0 m2 free" in told[0]
+
+
+@pytest.mark.parametrize("name", ["map.png", "map.pgm", "map.tiff"])
+def test_a_picture_of_16_bits_is_as_dark_as_that_of_8(tmp_path: Path, name: str) -> None:
+    """Walls that are not black were free, as all from 255 of 65,535 on was white."""
+    cells = np.array([[0, 40, 205], [254, 255, 130]], np.uint16)
+    Image.fromarray(cells * 257).save(tmp_path / name)
+    darkness = read_darkness(tmp_path / name, negate=False)
+    assert darkness[::-1] == pytest.approx(1 - cells / 255, abs=1e-6)
+    assert read_darkness(tmp_path / name, negate=True) == pytest.approx(1 - darkness, abs=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "said"), [(np.int32, "16 bits"), (np.float32, "fractions")])
+def test_a_picture_whose_white_is_not_known_is_refused(tmp_path: Path, kind: type, said: str) -> None:
+    Image.fromarray(np.array([[0, 70_000]], kind)).save(tmp_path / "map.tiff")
+    with pytest.raises(InputError, match=f"map.tiff: its pixels .*{said}"):
+        read_darkness(tmp_path / "map.tiff", negate=False)
 
 
 @pytest.mark.parametrize("degrees", [0, 3, 20, 45])
