@@ -279,9 +279,12 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
         raise WorldFileError(f"{source}: the shapes cannot be joined: {error}") from None
     if not solid.area > 0:
         raise WorldFileError(f"{source}: its boxes, walls and polygons have no area")
+    inside = solid.convex_hull if any(part.interiors for part in polygons_of(solid)) else None
     for i, (x, y, _) in enumerate(spawns):
         if solid.intersects(Point(x, y)):
             raise WorldFileError(f"{source}: spawns[{i}]: no free space, ({x:g}, {y:g}) lies in a wall")
+        if inside is not None and not inside.contains(Point(x, y)):  # where nothing is closed, robots drive around it
+            raise WorldFileError(f"{source}: spawns[{i}]: ({x:g}, {y:g}) lies outside of all walls")
     known = {"name": name, "units": "m", **{key: rows for key, rows in lists.items() if rows}}
     return World(name, source, solid, np.array(spawns, np.float64).reshape(-1, 3), {**document, **known})
 

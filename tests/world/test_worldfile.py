@@ -100,6 +100,24 @@ def test_a_bad_file_is_refused_with_file_and_field(change: dict[str, object], wo
     assert words in str(error.value)
 
 
+RING = [[[-3, -2], [3, -2], [3, 2], [-3, 2]], [[-2.9, -1.9], [2.9, -1.9], [2.9, 1.9], [-2.9, 1.9]]]
+
+
+@pytest.mark.parametrize("x", [-3.9, 3.5, 50.0])
+def test_a_spawn_outside_of_closed_walls_is_refused(x: float) -> None:
+    """Also within the metre of free space that is kept around a world."""
+    with pytest.raises(WorldFileError, match=r"^world: spawns\[1\]: \(.*, 0\) lies outside of all walls$"):
+        worldfile.from_document({"polygons": [RING], "spawns": [[0, 0, 0], [x, 0, 0]]})
+
+
+def test_around_walls_that_close_nothing_robots_start_where_they_are_put() -> None:
+    """Also in a house whose door is open, and before it where its walls end in a porch."""
+    wall = {"walls": [[0, 0, 0, 2]], "spawns": [[0.5, 1, 0], [-0.5, 1, 0]]}
+    porch = {"boxes": [[-2, 0, 0, 0.1, 4], [1, 2, 0, 6, 0.1], [1, -2, 0, 6, 0.1]], "spawns": [[0, 0, 0], [3.9, 0, 0]]}
+    for document in (wall, porch):
+        assert len(worldfile.from_document(document).starts(2, RADIUS, np.random.default_rng(0))) == 2
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
