@@ -3,11 +3,13 @@
 import gzip
 import math
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from io import BufferedReader
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from deploy.recorded.lidar_log import MAX_SCANS, OF_LOGS, Given, LidarLog, Scan
 from protocol.arrays import Floats
@@ -25,28 +27,36 @@ MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, 
 SICK_RANGE_M = 80.0  # FLASER lines tell no range: a SICK LMS gives 81.83 m where nothing came back
 NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
 
+CUT = "lines that are cut or hold no numbers"
+
+
+class _NoLidarError(ValueError):
+    """A line is of no lidar that there can be; the text is why it is skipped."""
+
 
 def read_carmen(file: Path, given: Given) -> LidarLog:
     """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file."""
     log: LidarLog | None = None
     mount: Pose | None = None
-    kind, index = "", -1
+    kind, index, skipped = "", -1, Counter[str]()
     for words, read in _lines(file):
         if log is None and read > MAX_HEAD:
             raise InputError(f"{file}: its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
-        if not words or words[0] not in (FLASER, ROBOTLASER) or (kind and words[0] != kind):
+        if not words or words[0] not in (FLASER, ROBOTLASER):
+            continue
+        if kind and words[0] != kind:
+            skipped[f"{words[0]} lines, as the first scan is a {kind} line"] += 1
             continue
         index += 1
         if index == MAX_SCANS:
             raise InputError(f"{file}: more than {MAX_SCANS} scans; split it")
         try:
             lidar, readings, seen_from, robot, time_s = _parsed(words, given)
-        except (ValueError, IndexError):
-            if log is not None:
-                log.skipped["lines that are cut or hold no numbers"] += 1
+        except (ValueError, IndexError) as error:
+            skipped[str(error) if isinstance(error, _NoLidarError) else CUT] += 1
             continue
         if log is None:
-            log, kind = LidarLog(lidar, str(file)), words[0]
+            log, kind = LidarLog(lidar, str(file), skipped=skipped), words[0]
         if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
             if mount is None:
                 mount = relative(robot, seen_from)
@@ -56,10 +66,10 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         else:
             robot = (math.nan, math.nan, math.nan)
         log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
-    if log is None:
+    if log is None and not skipped:
         raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
-    if not log.scans:
-        raise InputError(f"{file}: none of its scans can be used: {', '.join(log.skipped)}")
+    if log is None or not log.scans:
+        raise InputError(f"{file}: none of its scans can be used: {', '.join(skipped)}")
     log.note_gaps()
     return log
 
@@ -77,7 +87,7 @@ def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
                     read += len(line)
                     if read > MAX_BYTES:
                         raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
-                    yield line.decode("ascii", "replace").split(), read
+                    yield line.lstrip(b"\0").decode("ascii", "replace").split(), read  # a power cut leaves zeros
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except (OSError, EOFError, zlib.error) as error:
@@ -90,7 +100,7 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
     begin = 2 if flaser else 9
     count = int(words[begin - 1])
     if not 8 <= count <= MAX_BEAMS:
-        raise ValueError
+        raise _NoLidarError(f"scans of fewer than 8 or more than {MAX_BEAMS} beams")
     if flaser:
         view = 180.0 if given.field_of_view_deg is None else given.field_of_view_deg
         first, step, limit = -0.5 * view, view / (count - count % 2), SICK_RANGE_M
@@ -102,13 +112,19 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         raise ValueError
     readings = np.array(words[begin : begin + count], np.float64)
     values = [float(word) for word in words[after : after + 6]]
-    lidar = LidarSpec(
-        beams=count,
-        field_of_view_deg=min(step * count, 360.0),
-        first_beam_deg=first,
-        range_min_m=NEAR_M,
-        range_max_m=limit if given.range_max_m is None else given.range_max_m,
-        **OF_LOGS,
-    )
+    if step * (count - 1) > 360:  # the last beam may be the first one again
+        raise _NoLidarError("scans of no possible lidar: their beams are over more than 360 degrees")
+    try:
+        lidar = LidarSpec(
+            beams=count,
+            field_of_view_deg=min(step * count, 360.0),
+            first_beam_deg=first,
+            range_min_m=NEAR_M,
+            range_max_m=limit if given.range_max_m is None else given.range_max_m,
+            **OF_LOGS,
+        )
+    except ValidationError as error:
+        wrong = error.errors()[0]
+        raise _NoLidarError(f"scans of no possible lidar: {wrong['loc'][0]}: {wrong['msg'].lower()}") from None
     time_s = float(words[after + (6 if flaser else 11)])
     return lidar, readings, (values[0], values[1], values[2]), (values[3], values[4], values[5]), time_s

@@ -60,6 +60,40 @@ def test_readings_that_are_no_ranges_say_nothing_or_nothing_there(tmp_path: Path
     assert ranges[6] == 3.5
 
 
+def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0) -> str:
+    head = f"ROBOTLASER1 0 -1.57 3.14 {step} {limit} 0.01 0 180"
+    return f"{head} {'3 ' * 180}0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
+
+
+def test_what_is_not_used_is_counted_before_the_first_scan_and_of_another_kind(tmp_path: Path) -> None:
+    lines = [flaser(0)[:300], flaser(0, count=3), *(flaser(k) for k in range(4)), robotlaser(4), robotlaser(5)]
+    lines[4] = "\0" * 300_000 + lines[4]  # of which nothing is lost
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert [scan.number for scan in read.scans] == [2, 3, 4, 5]
+    assert read.skipped == {
+        "lines that are cut or hold no numbers": 1,
+        "scans of fewer than 8 or more than 4096 beams": 1,
+        "ROBOTLASER1 lines, as the first scan is a FLASER line": 2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (robotlaser(0, step=1e300), "over more than 360 degrees"),
+        (robotlaser(0, step="inf"), "over more than 360 degrees"),
+        (robotlaser(0, step=-0.01), "field_of_view_deg: input should be greater than or equal to 1"),
+        (robotlaser(0, limit=1000), "range_max_m: input should be less than or equal to 100"),
+        (robotlaser(0, limit="inf"), "range_max_m: input should be"),
+        (flaser(0, readings=["1"] * 4097), "fewer than 8 or more than 4096 beams"),
+        (flaser(0)[:300], "cut or hold no numbers"),
+    ],
+)
+def test_why_no_scan_can_be_used_is_said(tmp_path: Path, line: str, said: str) -> None:
+    with pytest.raises(InputError, match=f"none of its scans can be used: .*{said}"):
+        read_carmen(log(tmp_path, line, line), Given())
+
+
 def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     lines = [flaser(k) for k in range(10)]
     lines[2] = lines[2][:300]  # cut
@@ -72,7 +106,8 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     read = read_carmen(log(tmp_path, *lines), Given())
     assert [scan.number for scan in read.scans] == [0, 1, 9]
     assert read.skipped == {
-        "lines that are cut or hold no numbers": 3,
+        "lines that are cut or hold no numbers": 2,
+        "scans of fewer than 8 or more than 4096 beams": 1,
         "scans whose odometry is no number": 1,
         "scans whose odometry is farther than 10000 m from the first": 1,
         "scans whose time jumps back": 1,
