@@ -70,7 +70,7 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
         raise InputError(f"{file}: none of its scans can be used: {', '.join(skipped)}")
-    log.note_gaps()
+    log.note_odd()
     return log
 
 

@@ -18,6 +18,8 @@ GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES 
 GAP_TIMES = 2.2
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
+WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
+WILD = "scans whose time or place the next two contradict"
 MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
 OF_LOGS: dict[str, Any] = {"turning": False, "noise_m": 0.01, "noise_share": 0.0}
 """Settings of the lidar of a log that does not tell: the SICK of most public logs, which by its data sheet errs by the
@@ -43,6 +45,11 @@ class Scan(NamedTuple):
     odometry: Pose  # of the lidar, by the wheels
     way: Floats | None = None  # (k + 1, 3) the same at equal steps from the begin to the end of the revolution
 
+    @property
+    def poses(self) -> Floats:
+        """(3,) or (k + 1, 3) all that the wheels tell."""
+        return np.array(self.odometry) if self.way is None else self.way
+
 
 @dataclass
 class LidarLog:
@@ -54,6 +61,8 @@ class LidarLog:
     skipped: Counter[str] = field(default_factory=Counter)  # records that were not used, by reason
     notes: list[str] = field(default_factory=list)  # what else is odd
     reference: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, by scans' numbers: where it was
+    _added: int = 0
+    _doubt: tuple[Scan, str] | None = None  # the scan before, if it says that the last one used is wild, and its reason
 
     def part(self, begin: int, end: int, name: str) -> "LidarLog":
         """Scans from one to before another, as a log of its own. What was skipped and noted is told with the first."""
@@ -77,33 +86,66 @@ class LidarLog:
         return np.column_stack((np.interp(times, t, x), np.interp(times, t, y)))
 
     def add(self, scan: Scan) -> None:
-        """Take a scan, or count why it cannot be used."""
-        if reason := self._unusable(scan):
-            self.skipped[reason] += 1
-        else:
-            self.scans.append(scan)
+        """Take a scan, or count why it cannot be used.
 
-    def _unusable(self, scan: Scan) -> str | None:
+        Where the next two agree that the last one is wild, it is the one that is not used: else nothing would be that
+        follows one wrong stamp or a wrong first pose.
+        """
+        self._added += 1
+        doubt, self._doubt = self._doubt, None
+        reason = self._damaged(scan) or _contradicted(scan, *self._ends())
+        if reason is None:
+            self.scans.append(scan)
+        elif not self._makes_wild(scan):
+            self.skipped[reason] += 1
+        elif doubt is None or _contradicted(scan, self._ends(1)[0] or doubt[0], doubt[0]):
+            self.skipped[reason] += 1
+            self._doubt = scan, reason
+        else:
+            self.skipped -= Counter([doubt[1]])
+            self.skipped[WILD] += 1
+            self.scans[-1:] = doubt[0], scan
+
+    def _damaged(self, scan: Scan) -> str | None:
         if len(scan.ranges) != self.lidar.beams:
             return f"scans without {self.lidar.beams} readings, as the first had"
-        poses = np.array(scan.odometry) if scan.way is None else scan.way
-        if not (np.abs(poses) <= MAX_NUMBER).all():  # NaN is not
+        if not (np.abs(scan.poses) <= MAX_NUMBER).all():  # NaN is not
             return "scans whose odometry is no number"
-        if self.scans and (np.abs(poses[..., :2] - self.scans[0].odometry[:2]) > MAX_COORDINATE_M).any():
-            return f"scans whose odometry is farther than {MAX_COORDINATE_M:g} m from the first"
         if not abs(scan.time_s) <= MAX_STAMP_S:  # NaN is not
             return "scans whose time is none"
-        if self.scans and scan.time_s < self.scans[-1].time_s:
-            return "scans whose time jumps back"
-        if self.scans and scan.time_s - self.scans[0].time_s > MAX_DAYS * 86_400:
-            return f"scans more than {MAX_DAYS} days after the first"
         return None
 
-    def note_gaps(self) -> None:
-        """Say how often the log pauses."""
+    def _ends(self, less: int = 0) -> tuple[Scan | None, Scan | None]:
+        """The first and the last scan, or how these were so many scans ago."""
+        count = len(self.scans) - less
+        return (self.scans[0], self.scans[count - 1]) if count > 0 else (None, None)
+
+    def _makes_wild(self, scan: Scan) -> bool:
+        """Whether a sound scan contradicts the last one alone, and not by seconds that are soon over."""
+        if not self.scans or self._damaged(scan) or 0 < self.scans[-1].time_s - scan.time_s <= WILD_S:
+            return False
+        return _contradicted(scan, *self._ends(1)) is None
+
+    def note_odd(self) -> None:
+        """Say how often the log pauses, and whether most of its scans were skipped."""
+        if 2 * len(self.scans) < self._added:
+            self.notes.append(f"only {len(self.scans)} of {self._added} scans are used")
         times = [scan.time_s for scan in self.scans]
         steps = [b - a for a, b in pairwise(times)]
         usual = median(steps) if steps else 0.0
         gaps = [step for step in steps if step > max(GAP_S, GAP_TIMES * usual)]
         if gaps:
             self.notes.append(f"{len(gaps)} gaps of {min(gaps):.1f} to {max(gaps):.1f} s between scans")
+
+
+def _contradicted(scan: Scan, first: Scan | None, last: Scan | None) -> str | None:
+    """Why a scan cannot follow these; None where it can."""
+    if first is None or last is None:
+        return None
+    if (np.abs(scan.poses[..., :2] - first.odometry[:2]) > MAX_COORDINATE_M).any():
+        return f"scans whose odometry is farther than {MAX_COORDINATE_M:g} m from the first"
+    if scan.time_s < last.time_s:
+        return "scans whose time jumps back"
+    if scan.time_s - first.time_s > MAX_DAYS * 86_400:
+        return f"scans more than {MAX_DAYS} days after the first"
+    return None

@@ -66,6 +66,6 @@ def read_run(run: Path, given: Given) -> list[LidarLog]:
             before = kept["tick"], pose
         if not log.scans:
             raise NoRunError(f"{source}: it has no scan that can be used")
-        log.note_gaps()
+        log.note_odd()
         logs.append(log)
     return logs

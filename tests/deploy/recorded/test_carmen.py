@@ -2,6 +2,7 @@
 
 import gzip
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +121,28 @@ def test_scans_whose_stamps_jump_are_counted(tmp_path: Path) -> None:
     read = read_carmen(log(tmp_path, *(flaser(k, time=time) for k, time in enumerate(times))), Given())
     assert [scan.time_s for scan in read.scans] == [0.0, 0.2]
     assert read.skipped == {"scans whose time is none": 2, "scans more than 200 days after the first": 1}
+
+
+@pytest.mark.parametrize("at", [0, 5])
+@pytest.mark.parametrize("wild", [{"time": 9e9}, {"pose": "3e6 2 0.5"}], ids=["stamp", "pose"])
+def test_one_wild_scan_takes_no_other_along(tmp_path: Path, at: int, wild: dict[str, Any]) -> None:
+    lines = [flaser(k) for k in range(10)]
+    lines[at] = flaser(at, **wild)
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert [scan.number for scan in read.scans] == [k for k in range(10) if k != at]
+    assert sum(read.skipped.values()) == 1 and not any("used" in note for note in read.notes)
+
+
+def test_scans_that_come_late_or_once_more_move_no_other(tmp_path: Path) -> None:
+    times = [0, 1, 2, 1.5, 1.7, 3, *range(20, 40), *range(10, 42)]
+    read = read_carmen(log(tmp_path, *(flaser(k, time=time) for k, time in enumerate(times))), Given())
+    assert [scan.time_s for scan in read.scans] == [0, 1, 2, 3, *range(20, 40), 39, 40, 41]
+    assert read.skipped == {"scans whose time jumps back": 31}
+
+
+def test_a_log_of_which_most_is_skipped_says_so(tmp_path: Path) -> None:
+    read = read_carmen(log(tmp_path, *(flaser(k, time=-k) for k in range(10))), Given())
+    assert read.notes == ["only 1 of 10 scans are used"]
 
 
 def test_gaps_are_told(tmp_path: Path) -> None:
