@@ -30,6 +30,12 @@ class RunConfig(WorldConfig, ProcessConfig):
                 raise ValueError(f"mind: {robot:.60} is no robot that takes part")
         return self
 
+    @model_validator(mode="after")
+    def _enough_to_begin(self) -> Self:
+        if (first := self.server.begin_with) is not None and first > self.robots:
+            raise ValueError(f"server.begin_with: {first} robots are more than the {self.robots} that take part")
+        return self
+
 
 def load(file: Path | None = None, flags: Mapping[str, Any] | None = None, sets: Sequence[str] = ()) -> RunConfig:
     """Configuration of a run, as `protocol.configuration.load` reads it. Raises ConfigError."""

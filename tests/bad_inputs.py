@@ -118,6 +118,7 @@ SETTINGS = (
     "world=[/b].yaml",
     "world=..",
     "server.real_time=0",
+    "server.begin_with=4",
 )
 
 CONFIGS: tuple[str | bytes, ...] = (

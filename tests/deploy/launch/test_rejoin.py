@@ -14,7 +14,9 @@ from agent.robot import Robot
 from agent.shell.checkpoint import revived, save
 from agent.state import State
 from deploy import inprocess
+from deploy.config import load
 from deploy.launch.launcher import launch
+from protocol.configuration import ConfigError
 from protocol.messages import Heard, Observation
 from tests.agent.shell.test_process import World, agent, events
 from tests.deploy.launch.test_failures import Running, hold, running  # noqa: F401
@@ -159,3 +161,10 @@ def test_a_broken_checkpoint_is_told_and_the_robot_begins_anew(
         (tmp_path / "r1.before.msgpack").unlink(missing_ok=True)
         assert len(again(robot, tmp_path).own.edges) == 0, sorted(state.keys() - wrong.keys())
         assert "is no checkpoint" in capsys.readouterr().err
+
+
+def test_a_run_does_not_wait_for_more_robots_than_take_part() -> None:
+    """After a minute, the error that was to name who is missing had nobody to name."""
+    assert load(sets=["robots=2", "server.begin_with=2"]).server.begin_with == 2
+    with pytest.raises(ConfigError, match=r"server\.begin_with: 3 robots are more than the 2 that take part"):
+        load(sets=["robots=2", "server.begin_with=3"])
