@@ -24,6 +24,8 @@ MAX_INT = 2**63
 
 _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+")
 """Numbers such as 1e-5, which are texts in YAML 1.1, but numbers in JSON."""
+_PAIR = re.compile(r"(?<!\\)((?:\\\\)*)\\u(d[89ab][0-9a-f]{2})\\u(d[c-f][0-9a-f]{2})", re.IGNORECASE)
+"""A character beyond 16 bits as JSON escapes it, by two halves that YAML does not take."""
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CORE = "tag:yaml.org,2002:"
 _RESOLVER = yaml.resolver.Resolver()
@@ -81,7 +83,7 @@ def parse_document(text: str) -> Any:
         inside: list[tuple[Any, Any]] = [(top, None)]  # lists and maps that are open; of a map, the key that waits
         key: Any
         left = MAX_VALUES
-        for event in yaml.parse(text, _LOADER):
+        for event in yaml.parse(_PAIR.sub(_whole, text), _LOADER):
             line = event.start_mark.line if event.start_mark else line
             match event:
                 case yaml.AliasEvent():
@@ -111,7 +113,7 @@ def parse_document(text: str) -> Any:
                 if isinstance(value, list | dict) or value is None:
                     raise InputError("the name of a field must be a text")
                 if value in holder:
-                    raise InputError(f"the field {value!r:.60} stands there twice")
+                    raise InputError(_twice(next(name for name in holder if name == value), value))
                 inside[-1] = holder, (value,)
             else:
                 holder[key[0]] = value
@@ -131,6 +133,19 @@ def parse_document(text: str) -> Any:
         cause = f"no YAML: {error}"
     where = f"line {line + 1}: " if "\n" in text.strip() else ""
     raise InputError(f"{where}{cause:.200}")
+
+
+def _whole(pair: re.Match[str]) -> str:
+    """The same character as YAML escapes it."""
+    before, high, low = pair.groups()
+    return f"{before}\\U{0x10000 + (int(high, 16) - 0xD800) * 0x400 + int(low, 16) - 0xDC00:08x}"
+
+
+def _twice(first: object, second: object) -> str:
+    """What is wrong with two names of fields that are equal, as 1, 1.0 and true are."""
+    if type(first) is type(second):
+        return f"the field {second!r:.60} stands there twice"
+    return f"the fields {first!r:.60} and {second!r:.60} count as one: make texts of them"
 
 
 def _scalar(event: yaml.ScalarEvent) -> Any:
