@@ -60,7 +60,11 @@ def read_map_server(about: Mapping[Any, Any], folder: Path, straighten: bool) ->
     origin = about.get("origin", [0.0, 0.0, 0.0])
     if not isinstance(origin, list) or len(origin) != 3 or not all(_finite(value) for value in origin):
         raise InputError("origin: must be a list of 3 numbers")
-    darkness = read_darkness(folder / image, negate=about.get("negate") in (1, True))
+    if (negate := about.get("negate", 0)) not in (0, 1):
+        raise InputError("negate: must be 0 or 1")
+    if about.get("mode", "trinary") not in ("trinary", "scale"):
+        raise InputError("mode: must be trinary or scale; of other modes no threshold tells walls")
+    darkness = read_darkness(folder / image, negate=bool(negate))
     free, occupied = darkness < free_below, darkness > occupied_above
     x, y, yaw = map(float, origin)
     if not free.any():

@@ -110,6 +110,14 @@ def test_a_map_of_map_server_is_solid_where_it_is_not_free(tmp_path: Path) -> No
     assert "39.0 m2 free" in told[0]
 
 
+@pytest.mark.parametrize("line", ['negate: "1"', "negate: 2", "mode: raw", "mode: 7", "mode: []"])
+def test_what_a_map_of_map_server_wants_and_is_not_done_is_refused(tmp_path: Path, line: str) -> None:
+    picture(tmp_path / "map.png", lambda image: image.rectangle((20, 20, 179, 119), fill=254))
+    (tmp_path / "map.yaml").write_text(f"image: map.png\nresolution: 0.05\n{line}\n")
+    with pytest.raises(InputError, match=f"{line.partition(':')[0]}: must be "):
+        imported(tmp_path / "map.yaml")
+
+
 @pytest.mark.parametrize("name", ["map.png", "map.pgm", "map.tiff"])
 def test_a_picture_of_16_bits_is_as_dark_as_that_of_8(tmp_path: Path, name: str) -> None:
     """Walls that are not black were free, as all from 255 of 65,535 on was white."""
