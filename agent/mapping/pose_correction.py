@@ -248,7 +248,7 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: KalmanU
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
         deviations = _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
-        strain_direction(w, row, update.joint, off, turn, deviations)
+        strain_direction(w, row, update.joint, p.end[1] - p.end[0], off, turn, deviations)
     for side in range(2):
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue
