@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from agent.exploration.close_walls import CloseWalls
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Obstacles
 from agent.exploration.path import GIVE_M
@@ -101,7 +102,7 @@ class Surroundings:
     def __init__(self, driving: DrivingConfig, spec: RobotSpec) -> None:
         self.roomy_m = spec.radius_m + driving.path_air_m  # distance of paths from walls where there is room, metres
         self.tight_m = spec.radius_m + driving.tight_path_air_m  # the same where there is less
-        self.teammates, self.touch = Teammates(spec), Touch(spec, driving)
+        self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
 
     def look(self, situation: Situation) -> Scene:
@@ -116,7 +117,8 @@ class Surroundings:
         self.touch.feel(here)
         walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
         discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
-        near = Obstacles(walls_near(walls, here[0], here[1], NEAR_M), discs)
+        hidden = self._close.hidden(here[0], here[1], seen, walls)
+        near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], NEAR_M), hidden)), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agent.corner_scan import NOISE_SIGMAS, STILL_M, range_noise
+from agent.corner_scan import STILL_M
+from agent.exploration.close_walls import blind_m
 from agent.exploration.planning import NODE_SHARE, circle
 from protocol.arrays import Floats
 from protocol.messages import RobotSpec
@@ -39,8 +40,7 @@ class Teammates:
     def __init__(self, spec: RobotSpec) -> None:
         """spec: of the robot; teammates have the same body."""
         self.radius, self.rate_hz = spec.radius_m, spec.lidar.rate_hz
-        drive_m = spec.max_speed_mps / spec.lidar.rate_hz
-        self._blind_m = spec.lidar.range_min_m + self.radius + NOISE_SIGMAS * range_noise(spec.lidar) + drive_m
+        self._blind_m = self.radius + blind_m(spec)
         """Metres between centres within which the front of a teammate may be too near to be measured."""
         self.known: list[Teammate] = []
 

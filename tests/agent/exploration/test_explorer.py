@@ -540,8 +540,27 @@ def test_a_teammate_that_is_too_near_to_be_measured_is_not_driven_into():
     assert not len(scene_of(robot, later, x, room, NOBODY).near.discs)  # it has gone on, out of sight
 
 
-def scene_of(robot: Explorer, tick: int, x: float, walls: Wireframe, discs: Floats) -> Scene:
-    return robot.surroundings.look(Situation(tick, walls, 1, (x, 0.0, 0.0), Wireframe(), discs))
+def test_a_post_that_is_in_no_map_and_too_near_to_be_measured_is_not_driven_into():
+    """It seems a bit too far off, so that the robot comes near, and is in no scan from 0.12 m on."""
+    room, robot = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), explorer(default_state="perimeter")
+    x, least = 0.5, math.inf
+    for tick in range(40):
+        off = 0.75 - x
+        post = chain([(off + 0.02, 0.05), (off + 0.02, -0.05)]) if off > 0.12 else Wireframe()
+        motion = robot.driver.safely(0.22, 0.0, (x, 0.0, 0.0), scene_of(robot, tick, x, room, NOBODY, post).near)
+        x += 0.2 * motion.speed_mps
+        least = min(least, 0.75 - x)
+    assert 0.105 < least < 0.13
+    away = scene_of(robot, 40, x - 0.2, room, NOBODY)
+    assert (
+        len(away.near.walls) == len(scene_of(robot, 41, x, room, NOBODY).near.walls) == 0
+    )  # seen from there, it is not
+
+
+def scene_of(
+    robot: Explorer, tick: int, x: float, walls: Wireframe, discs: Floats, seen: Wireframe | None = None
+) -> Scene:
+    return robot.surroundings.look(Situation(tick, walls, 1, (x, 0.0, 0.0), seen or Wireframe(), discs))
 
 
 def test_a_post_taken_for_a_teammate_in_a_wall_is_not_driven_into():
