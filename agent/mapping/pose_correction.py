@@ -118,6 +118,16 @@ def _off_axis(wall: Record, angle: float) -> float:
 
 
 @kernel
+def _is_nearer(p: Record, wall: Record, angle: float) -> bool:
+    """Whether a piece is less turned against the axis than its wall: else it is the piece that errs.
+
+    In `uday_building` walls of 4 to 9 m on the axis let go for pieces that were turned by 2 degrees steadily. They lay
+    55 mm off in the end (precision 0.968 and 0.969 in two runs of five; now 1 and 0.987).
+    """
+    return abs(_off_axis(p, angle)) < abs(_off_axis(wall, angle))
+
+
+@kernel
 def pose_at(pose: Pose, shift: Floats, moment: float) -> Pose:
     """Where the robot was at a moment of the revolution (0 to 1, its stamp), in terms of the stamp's frame.
 
@@ -154,13 +164,13 @@ def correct_pose(
         if walls[k] >= 0:
             for e in range(count):
                 if e == walls[k] or _lies_on_too(edges, e, p, walls[k], gates):
-                    _observe_wall(edges, e, p, pose, update, gates.noise)
+                    _observe_wall(edges, e, p, pose, update, gates.noise, axis)
             continue
         if walls[k] == OF_TWO_WALLS:
             continue
         tentative = tentative_of(edges, count, p, gates)
         if tentative >= 0 and related(edges[tentative]):
-            _observe_wall(edges, tentative, p, pose, update, gates.noise)
+            _observe_wall(edges, tentative, p, pose, update, gates.noise, axis)
         elif math.isfinite(axis.sd):
             off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
             sd = gates.noise / math.sqrt(p.spread)
@@ -224,7 +234,9 @@ def _lies_on_too(edges: Records, e: int, p: Record, wall: int, gates: Gates) -> 
 
 
 @kernel
-def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: KalmanUpdate, noise: float) -> None:
+def _observe_wall(
+    edges: Records, e: int, p: Record, pose: Pose, update: KalmanUpdate, noise: float, axis: Axis
+) -> None:
     """Take in what a piece shows of its wall: distance, direction, and corners, which hold the robot in a corridor."""
     w, row = edges[e], row_of(e)
     if not related(w):
@@ -248,7 +260,8 @@ def _observe_wall(edges: Records, e: int, p: Record, pose: Pose, update: KalmanU
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
         deviations = _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
-        strain_direction(w, row, update.joint, p.end[1] - p.end[0], off, turn, deviations)
+        if not math.isfinite(axis.sd) or _is_nearer(p, w, axis.angle):
+            strain_direction(w, row, update.joint, off, turn, deviations)
     for side in range(2):
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue

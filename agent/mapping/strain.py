@@ -19,11 +19,6 @@ STEADY_TURN = 1.5
 is in its place, and most hits are there. In two sets of 100 moved corners 9 and 12 more are put right by this and by
 `edges.has_slot`; with 2.0 one and three fewer, with 1.0 one more and none."""
 
-TELLING_SHARE = 0.5
-"""Of a wall's length that a piece must have to tell how the wall is turned. In `uday_building` a wall of 9 m beside a
-robot let go, and was turned by 0.3 degrees, for pieces of 1 m that were turned by 2 (precision 0.968, now 1; of moved
-corners as many are put right)."""
-
 
 @kernel
 def strain(wall: Record, row: int, joint: Floats, t: float, off: float, deviations: float) -> None:
@@ -38,11 +33,9 @@ def strain(wall: Record, row: int, joint: Floats, t: float, off: float, deviatio
 
 
 @kernel
-def strain_direction(
-    wall: Record, row: int, joint: Floats, metres: float, off: float, turn: float, deviations: float
-) -> None:
-    """The same of a piece of so many metres that is turned against a wall by `turn`, rad. deviations: of the turn."""
-    if metres > TELLING_SHARE * length(wall) and _steady(wall, 1, deviations, STEADY_TURN):
+def strain_direction(wall: Record, row: int, joint: Floats, off: float, turn: float, deviations: float) -> None:
+    """The same of a piece that is turned against a wall by `turn`, rad. deviations: of the turn."""
+    if _steady(wall, 1, deviations, STEADY_TURN):
         joint[row, row] += off * off
         joint[row + 1, row + 1] += turn * turn
 
