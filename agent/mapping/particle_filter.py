@@ -2,21 +2,18 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, CornerScan, Sight, at_start, range_noise, to_map_frame
-from agent.geometry.chains import chained
+from agent.corner_scan import NOISE_SIGMAS, CornerScan, Sight, at_start, range_noise, to_map_frame
 from agent.kernels import kernel
 from agent.mapping.association import OFFSET_GATE_M, Gates, associate
-from agent.mapping.blunt_corners import close_blunt_corners
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
-from agent.mapping.chords import hide_chords
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, has_slot, is_published, part
+from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records
 from agent.mapping.exactness import map_sd_m
 from agent.mapping.first_look import hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
@@ -38,14 +35,13 @@ from agent.mapping.layers import Layer, Tellings, merged
 from agent.mapping.likelihood import log_likelihood
 from agent.mapping.poles import MOST, POLE, draw_poles, see_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
+from agent.mapping.publication import published
 from agent.mapping.scan_merge import merge_scan
-from agent.mapping.small_faces import close_small_faces
-from agent.mapping.squares import square_short_walls
 from agent.mapping.tentative import main_axis
 from agent.mapping.views import MARGIN_M, View
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
-from protocol.arrays import Bools, Floats, Ints, Labels, Records
+from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, pose_of, wrapped
 from protocol.messages import RobotSpec
 from protocol.wireframe import Wireframe
@@ -65,14 +61,20 @@ and err alike: maps that were right to 0.05 degrees were turned by 0.2 to 0.4 wh
 PATIENCE_SPREAD = 0.5  # a particle's patience, a factor on the scans that change a map, is from 1 - this to 1 + this
 
 
+class Particles(NamedTuple):
+    """What each particle believes, a row each."""
+
+    edges: Records  # (p, e) walls, of EDGE
+    counts: Ints  # (p,) how many of these records are in use
+    poses: Floats  # (p, 3) m, rad; own frame
+    constants: Floats  # (p, 3) of the wheels
+    axes: Floats  # (p,) rad, of rectilinear walls
+    joint: Floats  # (p, m, m) covariance of the errors of all these
+
+
 @kernel
 def update_particles(
-    edges: Records,
-    counts: Ints,
-    poses: Floats,
-    constants: Floats,
-    axes: Floats,
-    joint: Floats,
+    particles: Particles,
     grown: Floats,
     raw: Records,
     sight: Sight,
@@ -84,13 +86,13 @@ def update_particles(
 ) -> Floats:
     """One scan into every particle: associate, correct the joint estimate, weigh, merge, contradict.
 
-    edges (p, e), counts (p,), poses (p, 3), the wheels' constants (p, 3), the walls' axes (p,) and joint covariances
-    (p, m, m) are updated in place. Poses of variance 0 are exact. grown (p, 2): by how much the variance of place (m2)
+    particles: updated in place; poses of variance 0 are exact. grown (p, 2): by how much the variance of place (m2)
     and heading (rad2) grew in the revolution. raw (k,): the scan's pieces, robot's frame. bodies: where teammates are.
     noise: m, standard deviation of a range. dice: (p, 2, k), for each particle a row for association and one for
     insertion. patience: (p,) each particle's own, as a factor. tells: whether the scan tells more of pose and walls
     than those before. Returns the scan's log-likelihoods (p,), up to a constant.
     """
+    edges, counts, poses, _, axes, joint = particles
     scores, gates = np.zeros(len(counts)), Gates(noise, OFFSET_GATE_M)
     for p in range(len(counts)):
         predicted, exact = (poses[p, 0], poses[p, 1], poses[p, 2]), joint[p, 0, 0] == 0.0
@@ -103,7 +105,7 @@ def update_particles(
             known = Axis(axes[p], axis.sd if joint[p, AXIS, AXIS] > 0.0 else math.inf)
             if tells:
                 correct_pose(edges[p], counts[p], pieces, walls, predicted, joint[p], shift, known, gates)
-            _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
+            _move(particles, p, shift)
         pose = (poses[p, 0], poses[p, 1], poses[p, 2])
         relate(edges[p], counts[p], joint[p], pose)
         pieces = _placed(raw, predicted, shift, grown[p], noise)
@@ -120,13 +122,13 @@ def update_particles(
         if not exact:
             shift = _no_shift(counts[p], joint[p])
             if hold_joined(edges[p], before, joint[p], shift):
-                _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
+                _move(particles, p, shift)
                 pose = (poses[p, 0], poses[p, 1], poses[p, 2])
             fresh = know_walls(edges[p], counts[p], joint[p], pose, noise, tentative)
             shift = _no_shift(counts[p], joint[p])
             hold_corners(edges[p], before, joint[p], shift, noise)
             axes[p] = hold_axis(edges[p], fresh, joint[p], shift, axes[p], axis)
-            _move(edges[p], poses[p], constants[p], axes[p : p + 1], joint[p], shift)
+            _move(particles, p, shift)
     return scores
 
 
@@ -137,13 +139,15 @@ def _no_shift(count: int, joint: Floats) -> Floats:
 
 
 @kernel
-def _move(edges: Records, pose: Floats, constants: Floats, axis: Floats, joint: Floats, shift: Floats) -> None:
-    """Move all that a particle estimates by what was found, (m,), and its covariance (m, m) along."""
-    carry(edges, joint, shift, (pose[0], pose[1], pose[2]))
+def _move(particles: Particles, p: int, shift: Floats) -> None:
+    """Move all that a particle estimates by what was found, (m,), and its covariance along."""
+    edges, pose = particles.edges[p], particles.poses[p]
+    carry(edges, particles.joint[p], shift, (pose[0], pose[1], pose[2]))
     for k in range(3):
         pose[k] += shift[k]
-        constants[k] += shift[3 + k]
-    pose[2], axis[0] = wrapped(pose[2]), axis[0] + shift[AXIS]
+        particles.constants[p, k] += shift[3 + k]
+    pose[2] = wrapped(pose[2])
+    particles.axes[p] += shift[AXIS]
     move_walls(edges, shift)
 
 
@@ -218,7 +222,7 @@ class WireframeFilter:
         best = self.edges[self.best]  # of this scan: weighing may make another particle the best
         hit_before = _scans_of_tentative(best)
         scores = update_particles(
-            *self._particles(),
+            self._particles(),
             grown,
             scan.pieces,
             scan.sight,
@@ -263,9 +267,8 @@ class WireframeFilter:
             keep_first_look(self.edges, self.counts, self._noise)
         return self.wheels.move(self.poses, self.joint, told, slips)
 
-    def _particles(self) -> tuple[Records, Ints, Floats, Floats, Floats, Floats]:
-        """What each particle believes, a row each: walls and their number, pose, wheels, axis, joint covariance."""
-        return self.edges, self.counts, self.poses, self.wheels.constants, self._axes, self.joint
+    def _particles(self) -> Particles:
+        return Particles(self.edges, self.counts, self.poses, self.wheels.constants, self._axes, self.joint)
 
     def _make_room(self) -> None:
         """Have rows of the joint covariances for all walls, and for those that a scan may bring."""
@@ -421,7 +424,7 @@ class WireframeFilter:
 
     def _drawn(self, walls: Records, layers: Sequence[Layer]) -> Wireframe:
         """The published ones of walls (n,) of EDGE, and all poles, also those of layers."""
-        wireframe, heard = Wireframe(*_published(walls, self._noise)), [layer.poles for layer in layers]
+        wireframe, heard = Wireframe(*published(walls, self._noise)), [layer.poles for layer in layers]
         if not self.poles["known"].any() and not any(map(len, heard)):
             return wireframe
         return draw_poles(wireframe, self.poles, heard, main_axis(walls, len(walls))[0])
@@ -434,57 +437,3 @@ class WireframeFilter:
 def _scans_of_tentative(walls: Records) -> Floats:
     """(n,) how many scans have hit each record of a particle; 0 of what is no tentative wall."""
     return np.where(walls["kind"] == TENTATIVE, walls["seen"], 0.0)
-
-
-@kernel
-def _published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.int32], NDArray[np.float32], Bools]:
-    """The arrays of that wireframe, in the order of its fields: slots open, short walls square, blunt corners and
-    small faces closed, chords left away.
-
-    noise: m, standard deviation of a range.
-    """
-    shown = np.full(len(edges), -1)
-    for k in range(len(edges)):
-        if is_published(edges[k]):
-            shown[k] = 1
-    edges = edges.copy()
-    for k in range(len(edges)):
-        if shown[k] >= 0 and edges[k].link[1] >= 0 and has_slot(edges, k, edges[k].link[1]):
-            part(edges, k, 1)
-    square_short_walls(edges, shown, noise)
-    close_blunt_corners(edges, shown, noise)
-    hide_chords(edges, shown)
-    joined = close_small_faces(edges, shown)
-    place, m = np.full(len(edges), -1), 0
-    for k in range(len(edges)):
-        if shown[k] >= 0:
-            place[k] = m
-            m += 1
-    total = m + int((joined >= 0).sum())
-    tips, labels, following = np.empty((total, 2, 2)), np.empty((total, 2), np.uint8), np.empty(total, np.int64)
-    likelihood, own = np.empty(total, np.float32), np.empty(total, np.bool_)
-    for k in range(len(edges)):
-        w = place[k]
-        if w < 0:
-            continue
-        e = edges[k]
-        for side in range(2):
-            tips[w, side, 0], tips[w, side, 1] = e.tip[side, 0], e.tip[side, 1]
-            lonely = e.link[side] >= 0 and place[e.link[side]] < 0  # its partner is not shown yet
-            labels[w, side] = OCCLUSION if lonely else e.label[side]
-        following[w] = place[e.link[1]] if e.link[1] >= 0 else -1
-        likelihood[w] = min(max((e.seen + 1.0) / (e.due + 2.0), 0.0), 1.0)
-        own[w] = e.own == 1
-    face = m
-    for k in range(len(edges)):
-        if joined[k] < 0:
-            continue
-        before, after = place[k], place[joined[k]]
-        tips[face, 0], tips[face, 1] = tips[before, 1], tips[after, 0]
-        labels[before, 1], labels[face, 0], labels[face, 1], labels[after, 0] = NOMINAL, NOMINAL, NOMINAL, NOMINAL
-        following[before], following[face] = face, after
-        likelihood[face] = min(likelihood[before], likelihood[after])
-        own[face] = own[before] and own[after]
-        face += 1
-    points, names, chains = chained(tips, labels, following)
-    return points, names, chains, likelihood, own
