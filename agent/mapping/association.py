@@ -31,7 +31,9 @@ LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have 
 OF_TWO_WALLS = -2
 """In place of a piece's wall: it has hits on two, and tells nothing of either. From 2.5 m away the back of a shelf and
 the wall 65 mm behind it are one piece, which scan after scan moved the wall onto the shelf's back."""
-BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
+BRIDGE_CHI2 = 4.0
+"""Added to the chi-square of a piece that does not touch its wall, and by share where only part of the piece lies along
+it: that is the weaker claim."""
 
 
 class Gates(NamedTuple):
@@ -252,7 +254,8 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
                 continue
             shared = overlap(edges[e], pieces[k], gates)
             if math.isfinite(shared) and not _turns_before(edges[e], pieces[k], gates):
-                chi2[j] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
+                along_it = min(max(shared, 0.0) / (pieces[k].end[1] - pieces[k].end[0]), 1.0)
+                chi2[j] = cost(edges[e], pieces[k], gates) + (1.0 - along_it) * BRIDGE_CHI2
                 if chi2[j] < best:
                     best, out[k] = chi2[j], e
         for j in range(found if seen else 0):

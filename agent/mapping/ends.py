@@ -173,14 +173,24 @@ def _corner_off(e: Record, side: int, corner: float) -> float:
 
 
 @kernel
-def inner_ends_give_way(edges: Records, e: int, f: int, patience: float) -> bool:
-    """Whether the ends between two walls on one line are open, or have been contradicted for long enough."""
+def inner_ends_give_way(edges: Records, e: int, f: int, p: Record, patience: float) -> bool:
+    """Whether the ends between two walls on one line are open, or have been contradicted for long enough.
+
+    A piece p of both speaks against a corner only where it passes it.
+    """
     first, second = (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
     give = True
     for k, side in ((first, 1), (second, 0)):
-        if edges[k].label[side] == NOMINAL and not outlasted(edges[k], side, patience):
+        if edges[k].label[side] == NOMINAL and not (_passes(edges[k], side, p) and outlasted(edges[k], side, patience)):
             give = False
     return give
+
+
+@kernel
+def _passes(e: Record, side: int, p: Record) -> bool:
+    """Whether a piece goes on past an end of wall e."""
+    beyond = along(e, p.x, p.y) + p.end[side] - tip_at(e, side)
+    return bool((beyond if side == 1 else -beyond) > END_MARGIN_M)
 
 
 @kernel

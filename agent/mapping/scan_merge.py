@@ -77,9 +77,15 @@ def merge_scan(
             set_line(lines, edges, walls[k], gates)
         if own:
             w.own = 1
+    tells = ~bent & (pieces.hits >= TELLING_HITS)
     for k in range(len(pieces)):
-        if _is_wall(edges, walls[k]) and not bent[k] and pieces[k].hits >= TELLING_HITS:
-            _see_ends(edges, pieces, walls, k, patience)
+        if not _is_wall(edges, walls[k]):
+            continue
+        if tells[k]:
+            _see_open_ends(edges, pieces, walls, k, patience)
+        j = pieces[k].link[1]
+        if pieces[k].label[1] == NOMINAL and _is_wall(edges, walls[j]) and (tells[k] or tells[j]):
+            see_corner(edges, walls[k], walls[j], pieces[k], pieces[j], patience)
     for e in range(count):
         if edges[e].kind == WALL and edges[e].link[1] >= 0:
             settle_corner(edges, e)
@@ -94,8 +100,8 @@ def _is_wall(edges: Records, e: int) -> bool:
 
 
 @kernel
-def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
-    """Fuse what piece k shows of the ends of its wall.
+def _see_open_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
+    """Fuse what piece k shows of those ends of its wall that are no corners.
 
     A corner is an occlusion end where its other wall is unknown, or where one of both is known to go on.
     """
@@ -109,8 +115,6 @@ def _see_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: fl
                 continue
             label, slack = OCCLUSION, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)
-    if p.label[1] == NOMINAL and _is_wall(edges, walls[p.link[1]]):
-        see_corner(edges, e, walls[p.link[1]], p, pieces[p.link[1]], patience)
 
 
 @kernel
@@ -128,7 +132,7 @@ def _unite_all(
             continue
         if overlap(edges[e], p, gates) <= END_MARGIN_M or not math.isfinite(cost(edges[f], p, gates)):
             continue
-        if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, patience):
+        if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, p, patience):
             a, b = edges[e].link, edges[f].link
             moved = e, f, a[0], a[1], b[0], b[1]  # the corners that they shared with others, too
             _unite(edges, e, f)

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
+from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
+from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL, join, set_tip, tip_at
-from agent.mapping.ends import close_open_corners, see_corner, see_end
+from agent.mapping.ends import close_open_corners, inner_ends_give_way, see_corner, see_end
+from agent.mapping.scan_merge import merge_scan
 from agent.mapping.slots import see_bare, show_slot
 from agent.mapping.tentative import become_wall, wall_probability
 
@@ -129,3 +131,42 @@ def test_a_long_wall_along_the_axis_is_one_though_few_noisy_beams_showed_it(
     for side, end in enumerate((-0.5, 0.5)):
         set_tip(edges[0], side, end * length_m)
     assert (wall_probability(edges[0], 0.0, 1.0, 0.01) == 1.0) is is_wall
+
+
+@pytest.mark.parametrize(
+    ("far", "hits", "linked"), [(0, 0.5, True), (1, 0.5, True), (0, 3.0, True), (None, 0.5, False)]
+)
+def test_either_piece_tells_of_a_corner(far: int | None, hits: float, linked: bool) -> None:
+    """Where only the head's piece did, a corner 3 m away stayed open for all of 50 views in which it was a tail's.
+
+    far: the piece whose beams are worth `hits`, None: both are.
+    """
+    edges, pieces = np.zeros(2, EDGE), np.zeros(2, PIECE)
+    edges["kind"], edges["link"], edges["label"], edges["own"] = WALL, -1, FRONTIER, 1
+    edges["hits"], edges["xx"], edges["yy"] = 50.0, (8.0, 0.0), (0.0, 8.0)
+    edges["ux"], edges["uy"], edges["x"], edges["y"] = (1.0, 0.0), (0.0, 1.0), (0.5, 1.15), (0.0, 0.6)
+    for k, (tail, head) in enumerate([(-0.5, 0.5), (-0.5, 0.5)]):  # both end 0.15 m and 0.1 m before the corner
+        set_tip(edges[k], 0, tail)
+        set_tip(edges[k], 1, head)
+    pieces["hits"], pieces["ux"], pieces["uy"] = 2.0, (1.0, 0.0), (0.0, 1.0)
+    pieces["hits"][slice(far, None if far is None else far + 1)] = hits
+    pieces["x"], pieces["y"], pieces["spread"] = (0.65, 1.15), (0.0, 0.5), 0.2
+    pieces["end"], pieces["link"] = (-0.5, 0.5), [(-1, 1), (0, -1)]
+    pieces["label"] = [(FRONTIER, NOMINAL), (NOMINAL, FRONTIER)]
+    walls = np.array([0, 1])
+    merge_scan(edges, 2, pieces, walls, np.full(2, 0.5), Gates(0.01, OFFSET_GATE_M), 1.0, True)
+    assert bool(edges["link"][0, 1] == 1) is linked
+
+
+@pytest.mark.parametrize(("head_m", "gives_way"), [(-0.02, False), (0.02, False), (0.3, True)])
+def test_a_piece_speaks_against_a_corner_only_where_it_passes_it(head_m: float, gives_way: bool) -> None:
+    """Walls on both sides of a partition became one, as one reached 8 cm over the other's corner."""
+    edges, piece = np.zeros(2, EDGE), np.zeros(1, PIECE)
+    edges["kind"], edges["link"], edges["label"], edges["ux"] = WALL, -1, FRONTIER, 1.0
+    for k, (tail, head) in enumerate([(-2.0, 0.0), (-0.08, 2.0)]):
+        set_tip(edges[k], 0, tail)
+        set_tip(edges[k], 1, head)
+    edges["label"][0, 1], edges["strength"][0, 1] = NOMINAL, 5.0
+    piece["ux"], piece["end"] = 1.0, (-1.5, head_m)
+    found = [inner_ends_give_way(edges, 0, 1, piece[0], 1.0) for _ in range(9)]
+    assert any(found) is gives_way
