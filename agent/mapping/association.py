@@ -31,9 +31,7 @@ LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have 
 OF_TWO_WALLS = -2
 """In place of a piece's wall: it has hits on two, and tells nothing of either. From 2.5 m away the back of a shelf and
 the wall 65 mm behind it are one piece, which scan after scan moved the wall onto the shelf's back."""
-BRIDGE_CHI2 = 4.0
-"""Added to the chi-square of a piece that does not touch its wall, and by share where only part of the piece lies along
-it: that is the weaker claim."""
+BRIDGE_CHI2 = 4.0  # added to the chi-square of a piece that does not touch its wall, which is the weaker claim
 
 
 class Gates(NamedTuple):
@@ -150,15 +148,29 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     """Which of two walls a piece is of that is on both within noise: e, unless one stands before the other.
 
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
-    and lies between them: OF_TWO_WALLS.
+    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies along that, up to a corner.
     """
-    if not related(edges[e]) or not related(edges[f]) or not is_beside(edges[e], edges[f], gates):
+    if not related(edges[e]) or not related(edges[f]):
         return e
+    if not is_beside(edges[e], edges[f], gates):
+        return f if _lies_up_to_corner(edges[f], edges[e], p) else e
     front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
     shared = _shared(edges[front], p, along(edges[front], p.x, p.y))
     if shared <= GOES_ON_M:
         return e
     return OF_TWO_WALLS if p.end[1] - p.end[0] - shared > GOES_ON_M else front
+
+
+@kernel
+def _lies_up_to_corner(f: Record, e: Record, p: Record) -> bool:
+    """Whether a piece lies along wall f, which has a corner towards wall e on its line, and hardly along e.
+
+    Walls on both sides of a partition became one, as one was mapped 8 cm too long and took the views of the other.
+    """
+    side = 1 if along(f, e.x, e.y) > 0.0 else 0
+    if f.label[side] != NOMINAL or _shared(e, p, along(e, p.x, p.y)) > GOES_ON_M:
+        return False
+    return bool(p.end[1] - p.end[0] - _shared(f, p, along(f, p.x, p.y)) <= GOES_ON_M)
 
 
 class Lines(NamedTuple):
@@ -254,8 +266,7 @@ def associate(edges: Records, count: int, pieces: Records, gates: Gates, dice: F
                 continue
             shared = overlap(edges[e], pieces[k], gates)
             if math.isfinite(shared) and not _turns_before(edges[e], pieces[k], gates):
-                along_it = min(max(shared, 0.0) / (pieces[k].end[1] - pieces[k].end[0]), 1.0)
-                chi2[j] = cost(edges[e], pieces[k], gates) + (1.0 - along_it) * BRIDGE_CHI2
+                chi2[j] = cost(edges[e], pieces[k], gates) + (0.0 if shared > 0 else BRIDGE_CHI2)
                 if chi2[j] < best:
                     best, out[k] = chi2[j], e
         for j in range(found if seen else 0):

@@ -176,21 +176,24 @@ def _corner_off(e: Record, side: int, corner: float) -> float:
 def inner_ends_give_way(edges: Records, e: int, f: int, p: Record, patience: float) -> bool:
     """Whether the ends between two walls on one line are open, or have been contradicted for long enough.
 
-    A piece p of both speaks against a corner only where it passes it.
+    A piece p of both speaks against a corner that lies on the other wall only where it passes it.
     """
     first, second = (e, f) if tip_at(edges[e], 1) < along(edges[e], edges[f].tip[1, 0], edges[f].tip[1, 1]) else (f, e)
     give = True
-    for k, side in ((first, 1), (second, 0)):
-        if edges[k].label[side] == NOMINAL and not (_passes(edges[k], side, p) and outlasted(edges[k], side, patience)):
+    for k, side, other in ((first, 1, second), (second, 0, first)):
+        if edges[k].label[side] != NOMINAL:
+            continue
+        if _is_short_of(edges[k], side, edges[other], p) or not outlasted(edges[k], side, patience):
             give = False
     return give
 
 
 @kernel
-def _passes(e: Record, side: int, p: Record) -> bool:
-    """Whether a piece goes on past an end of wall e."""
+def _is_short_of(e: Record, side: int, f: Record, p: Record) -> bool:
+    """Whether an end of wall e lies on wall f, and a piece does not go on past it."""
+    at_f = along(f, e.tip[side, 0], e.tip[side, 1])
     beyond = along(e, p.x, p.y) + p.end[side] - tip_at(e, side)
-    return bool((beyond if side == 1 else -beyond) > END_MARGIN_M)
+    return bool(tip_at(f, 0) < at_f < tip_at(f, 1) and (beyond if side == 1 else -beyond) <= END_MARGIN_M)
 
 
 @kernel

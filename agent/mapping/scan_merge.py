@@ -77,7 +77,7 @@ def merge_scan(
             set_line(lines, edges, walls[k], gates)
         if own:
             w.own = 1
-    tells = ~bent & (pieces.hits >= TELLING_HITS)
+    tells = ~bent & (pieces["hits"] >= TELLING_HITS)
     for k in range(len(pieces)):
         if not _is_wall(edges, walls[k]):
             continue

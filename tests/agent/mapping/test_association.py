@@ -117,14 +117,17 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
     assert found.tolist() == [0 if taken else -1]
 
 
-@pytest.mark.parametrize(("label", "taken"), [(FRONTIER, 1), (OCCLUSION, 1)])
-def test_a_piece_is_of_the_wall_beside_it_rather_than_of_one_on_its_line_that_ends_there(
-    label: int, taken: int
+@pytest.mark.parametrize(
+    ("label", "over_m", "taken"),
+    [(NOMINAL, 0.08, 1), (FRONTIER, 0.08, 0), (NOMINAL, 0.5, 0)],  # where nothing parts them, both are one wall
+)
+def test_of_two_walls_on_a_line_a_piece_is_of_the_one_along_it_up_to_its_corner(
+    label: int, over_m: float, taken: int
 ) -> None:
-    """A wall that reached 8 cm over that on the other side of a partition took its views, and both became one."""
+    """A wall that reached 8 cm over the one on the other side of a partition took its views, and both became one."""
     walls, piece = walls_of(2, 0.01), np.zeros(1, PIECE)
-    walls["tip"], walls["x"] = [[(-2.0, 0.0), (0.08, 0.0)], [(0.0, 0.0), (2.0, 0.0)]], (-1.0, 1.0)
-    walls["label"][0, 1], walls["label"][1], walls["y"][1] = label, NOMINAL, 0.003
+    walls["tip"], walls["x"] = [[(-2.0, 0.0), (over_m, 0.0)], [(0.0, 0.0), (2.0, 0.0)]], (-1.0, 1.0)
+    walls["label"][1, 0], walls["y"][1] = label, 0.003
     piece["hits"], piece["x"], piece["ux"], piece["spread"], piece["end"] = 2.0, 1.0, 1.0, 0.7, (-1.0, 1.0)
     piece["label"], piece["link"] = FRONTIER, -1
     found = associate(walls, 2, piece, Gates(0.01, OFFSET_GATE_M), np.zeros(1))
