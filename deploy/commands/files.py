@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 from typing import Annotated, Literal
 
-from typer import Argument, Context, Option, Typer
+from typer import Argument, Option, Typer
 
-from deploy.commands.options import ConfigFile, Quiet, Set, settings_of
+from deploy.commands.options import ConfigFile, Quiet
 from protocol.text import printable
 
 commands = Typer()
@@ -17,7 +17,6 @@ commands = Typer()
 
 @commands.command("map", epilog="Example: wireswarm map intel.log.gz --out runs/intel")
 def map_(
-    context: Context,
     logs: Annotated[
         list[Path],
         Argument(
@@ -52,20 +51,24 @@ def map_(
         float, Option("--range", help="Radio range in metres, where references say who is where.", min=0.01)
     ] = 4.0,
     config: ConfigFile = None,
-    set_: Set = None,
+    set_: Annotated[
+        list[str] | None,
+        Option("--set", help="One setting of the minds, such as agent.filter.particles=3.", metavar="KEY=VALUE"),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Map recorded lidar logs, each by a mind of its own that is not asked to drive. Several are a team."""
     from agent.warmup import rehearse_carried
     from deploy.launch.launcher import run_directory
     from deploy.recorded.lidar_log import Given
-    from deploy.recorded.mapping import map_logs
+    from deploy.recorded.mapping import LogsConfig, map_logs
     from deploy.recorded.reading import read_logs
     from deploy.recorded.team import cut, refer
     from deploy.recorded.words import print_mapped
     from deploy.report import write_report
+    from protocol.configuration import load
 
-    settings = settings_of(context)
+    settings = load(LogsConfig, config, None, set_ or (), shared=True)
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
     team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
     refer(team, reference or [])

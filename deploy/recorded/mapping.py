@@ -20,11 +20,19 @@ from protocol.errors import ProtocolError
 from protocol.files import write_whole
 from protocol.grid_map import main_axis, quantise
 from protocol.map_codec import encode_map
+from protocol.settings import Config
 from protocol.text import printable
 from protocol.wireframe import Wireframe
 from world.recorder import map_fields
 
 TELL_EVERY = 50  # scans from one word of progress to the next
+
+
+class LogsConfig(Config):
+    """Settings of `wireswarm map`."""
+
+    agent: AgentConfig = AgentConfig()
+    """Every log's mind."""
 
 
 def map_logs(

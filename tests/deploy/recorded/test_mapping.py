@@ -97,6 +97,13 @@ def test_a_recorded_log_is_mapped_as_well_as_by_grid_slam(tmp_path: Path) -> Non
     assert json.loads((out / "summary.json").read_text())["robots"]["r1"]["map_bytes"] < 8000
 
 
+def test_a_log_has_no_settings_of_a_run(tmp_path: Path) -> None:
+    """They were taken without a word, and changed nothing."""
+    record(tmp_path / "a.log", 0)
+    done = wireswarm("map", tmp_path / "a.log", "--out", tmp_path / "run", "--set", "starts=random")
+    assert done.returncode == 2 and "starts" in done.stderr and not (tmp_path / "run").exists()
+
+
 def test_settings_of_alignment_hold_for_logs_and_stand_in_the_manifest(tmp_path: Path) -> None:
     """What is not set is as lived-in rooms need it."""
     record(tmp_path / "whole.log", 0)
