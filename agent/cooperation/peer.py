@@ -230,7 +230,7 @@ class Merged:
     since: int
     """Tick at which it was merged."""
     updated: int
-    """Tick of the last attempt to take a newer map."""
+    """Tick at which its transform was last fitted, to a newer map or to own walls that have moved."""
     agreed_m: float = 0.0
     """Wall that the merged map and the own one have in common."""
     refused: int = 0

@@ -28,8 +28,8 @@ RETRY_WALLS = 4
 """... and at least so many walls."""
 GROWTH_ON_TRIAL = 0.15
 """The same share while a proposal is on trial, as alignments of later maps are evidence."""
-OFF_MAP_M = 8.0
-"""A peer farther from all walls of its own map is not believed: twice what its lidar reaches."""
+OFF_MAP = 2.3
+"""A peer is not believed that is farther from all walls of its own map than so many times what its lidar reaches."""
 
 SIGHTINGS = 4
 """Places of a peer at which one transform must explain a disc, to be proposed by sight. Measured with the two below: of
@@ -221,8 +221,8 @@ def corners_agree(mine: PreparedMap, theirs: PreparedMap, transform: Floats) -> 
     return refine_near(transform, mine.corners, theirs.corners, LEAST_CORNERS, DISTINCT_RAD) is not None
 
 
-def off_its_map(log: PeerLog) -> bool:
-    """Whether a peer says that it is far from all walls that it says it has seen."""
+def off_its_map(log: PeerLog, reach_m: float) -> bool:
+    """Whether a peer says that it is far from all walls that it says it has seen. reach_m: of its lidar."""
     assert log.map is not None
     away = distances_to_walls(np.array([log.pose[:2]]), log.map.wireframe.segments())
-    return bool(away[0] > OFF_MAP_M)
+    return bool(away[0] > OFF_MAP * reach_m)

@@ -45,7 +45,7 @@ CIRCLES_S = 3.0
 LATE_S = 0.4
 """A place in a message older than this is no sighting: the peer drives 0.1 m in the time."""
 REFINE_S = 4.0
-"""Least interval at which the transform of a merged peer is refined with a newer map."""
+"""Least interval between two fits of a merged peer's transform."""
 ALONE_S = 20.0
 """Who was not heard for so long is not in view, as who is in view sends a beacon every 5 s."""
 EMPTY_LOOKS = 4
@@ -230,7 +230,7 @@ class Team:
             return isinstance(peer, Unaligned) and self._align_by_sight(peer, own)
         if log.first_encounter is None:
             return False
-        if off_its_map(log):
+        if off_its_map(log, self.spec.lidar.range_max_m):
             self._say("attempt", log, "its place is off its own map", None, {})
             return True
         said = self.aligner.align(log, own)
@@ -256,7 +256,8 @@ class Team:
         Transforms of merged peers are fitted anew: the own map may have closed a loop since the last map was heard.
         """
         for peer in self.proposed:
-            if self.aligner.take_growth(peer.log, own, 0.0) and not off_its_map(peer.log):
+            off = off_its_map(peer.log, self.spec.lidar.range_max_m)
+            if self.aligner.take_growth(peer.log, own, 0.0) and not off:
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:

@@ -11,7 +11,7 @@ from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import Encounter
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.peer import PeerLog
-from agent.cooperation.proposing import Aligner
+from agent.cooperation.proposing import Aligner, off_its_map
 from agent.geometry.transform import inverse
 from deploy.bench.alignment import exact
 from deploy.bench.made import traced
@@ -114,3 +114,11 @@ def test_robots_in_a_loop_of_like_corners_merge_as_they_pass(ideal: bool, limit_
     pairs = {(merge["robot"], merge["peer"]): merge["at_once"] for merge in run["merges"]}
     assert run["false"] == 0 and {("r1", "r2"), ("r2", "r1")} <= pairs.keys()
     assert all(metres < 0.02 and degrees < most_deg for metres, degrees in pairs.values())
+
+
+@pytest.mark.parametrize(("reach_m", "off"), [(3.5, True), (25.0, False)])
+def test_a_peer_is_off_its_map_by_what_its_lidar_reaches(reach_m: float, off: bool) -> None:
+    """A robot in the middle of a hall of 40 m x 30 m was not believed, though its lidar of 25 m saw all the walls."""
+    log = heard(chain([(0.0, 0.0), (40.0, 0.0), (40.0, 30.0), (0.0, 30.0), (0.0, 0.0)]))
+    log.pose = (20.0, 15.0, 0.0)
+    assert off_its_map(log, reach_m) is off
