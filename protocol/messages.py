@@ -145,7 +145,7 @@ class LidarSpec(Message, use_attribute_docstrings=True):
     """Probability that a beam is not measured, whatever it meets."""
     grazing_deg: Annotated[Finite, Field(ge=0, le=90)] = 3.0
     """Degrees between beam and wall at which a beam is lost with a probability of 1/e, and of less the steeper it
-    meets: exp(-sin(angle) / sin(grazing_deg)). 3 loses one in 14 at 8 degrees and 1 in 28,000 at 30 (ours)."""
+    meets: exp(-sin(angle) / sin(grazing_deg)). 3 loses one in 14 at 8 degrees and 1 in 14,000 at 30 (ours)."""
     mixed: Annotated[Finite, Field(ge=0, le=1)] = 0.2
     """Probability that one of the two beams at an edge reads a range between the near and the far surface: the width of
     a beam's footprint over the distance of two beams. 0.2 is a footprint of 3.5 mrad (ours)."""

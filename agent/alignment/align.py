@@ -20,8 +20,8 @@ class Alignment:
 
     transform: Pose | None  # the peer's frame in mine, x, y, theta; None where the maps do not tell
     reason: str
-    """`aligned`, or `sighted` where seeing the peer gave it. Else why there is none: small, large, unlike, weak,
-    conflict, ambiguous, inexact, impossible (by an encounter)."""
+    """`aligned`, or `sighted` where sightings of the peer, or what robots say, gave it. Else why there is none: small,
+    large, unlike, weak, conflict, ambiguous, inexact, impossible (by an encounter)."""
     candidates: int = 0  # distinct transforms held against all walls
     inliers: int = 0  # corners that match under the best
     residual: float = 0.0  # root mean square distance of these, metres

@@ -31,12 +31,12 @@ EDGE_BEAMS = 0.4
 """So many more where a beam at an edge may measure something between what is before and behind it, as an object has
 two edges. Of faces of posts of 10 and 13 cm in three rooms with all of `deploy/sensing.py`, REAL, 0.80 are mapped with
 2.4 beams and 0.57 with 1.7."""
-LATTICE_M = 0.6  # distance between standing points considered by the sweep: a fifth of its radius
+LATTICE_M = 0.6  # distance between standing points considered by the sweep: a quarter of its radius
 LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, that a stand must show: fewer are a sliver
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
 _STOOD_M = 0.15  # standing points nearer than this to a former one show nothing more
-SPACING_M = 0.5  # distance between viewpoints: half of what would leave gaps in a swept corridor 1.9 m to either side
+SPACING_M = 0.5  # distance between viewpoints: a sixth of what leaves gaps in a corridor swept 1.9 m to either side
 MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
 table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""

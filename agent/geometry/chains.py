@@ -33,15 +33,15 @@ def chained(tips: Floats, labels: Labels, following: Ints) -> tuple[Floats, Labe
     for k in range(m):
         if following[k] >= 0:
             shared[following[k]] = True
-    points, names = np.empty((2 * m, 2)), np.empty(2 * m, np.uint8)
+    points, vertex_labels = np.empty((2 * m, 2)), np.empty(2 * m, np.uint8)
     edges, n = np.empty((m, 2), np.int32), 0
     for k in range(m):
         for side in range(2):
             if side == 0 and shared[k]:
                 continue
-            points[n], names[n], edges[k, side] = tips[k, side], labels[k, side], n
+            points[n], vertex_labels[n], edges[k, side] = tips[k, side], labels[k, side], n
             n += 1
     for k in range(m):
         if following[k] >= 0:
             edges[following[k], 0] = edges[k, 1]
-    return points[:n].copy(), names[:n].copy(), edges
+    return points[:n].copy(), vertex_labels[:n].copy(), edges

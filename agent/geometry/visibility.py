@@ -6,7 +6,7 @@ import numpy as np
 
 from agent.geometry.clearance import crosses, walls_near
 from agent.kernels import kernel
-from protocol.arrays import Bools, Floats
+from protocol.arrays import Floats
 
 VIEW_STEP_M = 0.3  # distance between the places on a robot's path from which its views are drawn
 VIEW_RAYS = 90  # directions of a view, beside those past the ends of walls
@@ -20,15 +20,6 @@ def hidden_by(ax: float, ay: float, bx: float, by: float, walls: Floats) -> int:
         if crosses(ax, ay, bx, by, walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]):
             return k
     return -1
-
-
-@kernel
-def all_seen(eyes: Floats, targets: Floats, walls: Floats) -> Bools:
-    """Whether each of targets (n, 2) is seen from the eye (n, 2) of the same row."""
-    out = np.empty(eyes.shape[0], np.bool_)
-    for k in range(eyes.shape[0]):
-        out[k] = hidden_by(eyes[k, 0], eyes[k, 1], targets[k, 0], targets[k, 1], walls) < 0
-    return out
 
 
 @kernel

@@ -18,8 +18,8 @@ from agent.mapping.edges import (
     FREE,
     MIN_WALL_M,
     TENTATIVE,
+    free_record,
     keep_share,
-    new_slot,
     open_end,
     part,
     related,
@@ -182,7 +182,7 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         remove(edges, e)
         return count
     if keep_tail and keep_head:
-        f, count = new_slot(edges, count)
+        f, count = free_record(edges, count)
         if f >= 0:
             edges[f] = edges[e]
             edges[f].twin = e + 1

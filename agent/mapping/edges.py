@@ -41,7 +41,7 @@ EDGE = np.dtype(
         ("slack", "f4", (2,)),  # m by which an occlusion end may lie farther out
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the wall that shares the corner at tail and head, or -1
-        ("strength", "f4", (2,)),  # how often the link was confirmed
+        ("strength", "f4", (2,)),  # views that confirmed the end: its corner, or where it lies
         ("conflict", "f4", (2,)),  # views that spoke against the end as it is
         ("bare", "f4", (2, 5)),  # what views tell of a slot before the corner (`slots`)
         ("seen", "f4"),  # scans that hit the wall
@@ -284,9 +284,22 @@ def remove(edges: Records, e: int) -> None:
 
 
 @kernel
-def new_slot(edges: Records, count: int) -> tuple[int, int]:
+def free_record(edges: Records, count: int) -> tuple[int, int]:
     """A free record and the new count; (-1, count) if the array is full."""
     for k in range(count):
         if edges[k].kind == FREE:
             return k, count
     return (count, count + 1) if count < len(edges) else (-1, count)
+
+
+@kernel
+def common_axis(edges: Records, count: int) -> tuple[float, float]:
+    """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
+    c, s, total = 0.0, 0.0, 1e-9
+    for e in range(count):
+        if edges[e].kind == WALL:
+            angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
+            c += size * math.cos(angle)
+            s += size * math.sin(angle)
+            total += size
+    return 0.25 * math.atan2(s, c), math.hypot(c, s) / total if total > 1.0 else 0.0

@@ -13,7 +13,7 @@ from agent.mapping.association import OFFSET_GATE_M, Gates, associate
 from agent.mapping.bodies import NO_TEAMMATES, Bodies, put_off
 from agent.mapping.config import FilterConfig
 from agent.mapping.contradiction import contradict
-from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records
+from agent.mapping.edges import EDGE, EDGE_BYTES, TENTATIVE, check_records, common_axis
 from agent.mapping.exactness import map_sd_m
 from agent.mapping.first_look import hold_first_ends, keep_first_look
 from agent.mapping.joined import hold_joined
@@ -37,7 +37,6 @@ from agent.mapping.poles import MOST, POLE, draw_poles, see_poles
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis, pose_at
 from agent.mapping.publication import published
 from agent.mapping.scan_merge import merge_scan
-from agent.mapping.tentative import main_axis
 from agent.mapping.views import MARGIN_M, View
 from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
@@ -427,7 +426,7 @@ class WireframeFilter:
         wireframe, heard = Wireframe(*published(walls, self._noise)), [layer.poles for layer in layers]
         if not self.poles["known"].any() and not any(map(len, heard)):
             return wireframe
-        return draw_poles(wireframe, self.poles, heard, main_axis(walls, len(walls))[0])
+        return draw_poles(wireframe, self.poles, heard, common_axis(walls, len(walls))[0])
 
     def _walls(self) -> Records:
         """(n,) of EDGE: the records of the maximum-likelihood particle."""

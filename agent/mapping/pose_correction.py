@@ -13,7 +13,7 @@ from agent.corner_scan import NOISE_FLOOR_M, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import OF_TWO_WALLS, Gates, cost, overlap
-from agent.mapping.edges import WALL, length, related, spread, tip_at
+from agent.mapping.edges import WALL, common_axis, length, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
     AXIS,
@@ -33,7 +33,7 @@ from agent.mapping.joint import (
 from agent.mapping.kalman import KalmanUpdate, observe, settle, take, update_of, variance_of
 from agent.mapping.scan_merge import same_line
 from agent.mapping.strain import strain, strain_direction
-from agent.mapping.tentative import main_axis, tentative_of
+from agent.mapping.tentative import tentative_of
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, wrapped
 
@@ -76,7 +76,7 @@ def axis_of(edges: Records, count: int, noise: float) -> Axis:
     A wall weighs by how well its direction is known, so those that a robot saw from where it began hold its frame.
     Walls that scatter about the axis by more than they are known to are of another direction, and no part of it.
     """
-    angle, trust = main_axis(edges, count)
+    angle, trust = common_axis(edges, count)
     if trust == 0.0:
         return Axis(angle, math.inf)
     on_axis, everything = 0.0, 0.0

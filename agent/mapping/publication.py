@@ -64,5 +64,5 @@ def published(edges: Records, noise: float) -> tuple[Floats, Labels, NDArray[np.
         likelihood[face] = min(likelihood[before], likelihood[after])
         own[face] = own[before] and own[after]
         face += 1
-    points, names, chains = chained(tips, labels, following)
-    return points, names, chains, likelihood, own
+    points, vertex_labels, wall_vertices = chained(tips, labels, following)
+    return points, vertex_labels, wall_vertices, likelihood, own

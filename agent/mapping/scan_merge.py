@@ -23,6 +23,7 @@ from agent.mapping.association import (
 from agent.mapping.edges import (
     WALL,
     add_hits,
+    common_axis,
     count_hits,
     direction_sd,
     part,
@@ -36,7 +37,7 @@ from agent.mapping.edges import (
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, may_meet, see_corner, see_end
-from agent.mapping.tentative import become_wall, cuts_corner, is_bent, main_axis, take_piece, wall_probability
+from agent.mapping.tentative import become_wall, cuts_corner, is_bent, take_piece, wall_probability
 from protocol.arrays import Floats, Ints, Records
 
 SAME_DIRECTION = 0.95  # cosine of 18 degrees: walls that differ more in direction are never tried as one
@@ -54,7 +55,7 @@ def merge_scan(
     pieces itself, and not a peer.
     """
     # where all pieces become walls, nobody asks which way walls go
-    axis, trust = main_axis(edges, count) if (dice >= 0.0).any() else (0.0, 0.0)
+    axis, trust = common_axis(edges, count) if (dice >= 0.0).any() else (0.0, 0.0)
     lines, bent = lines_of(edges, count, len(pieces), gates), np.empty(len(pieces), np.bool_)
     near = np.empty(count + len(pieces), np.int64)
     for k in range(len(pieces)):

@@ -14,8 +14,8 @@ from agent.mapping.association import Gates, cost, overlap
 from agent.mapping.edges import (
     TENTATIVE,
     WALL,
+    free_record,
     length,
-    new_slot,
     related,
     scatter,
     set_end,
@@ -57,19 +57,6 @@ EARLY_WALL = 0.1
 
 
 @kernel
-def main_axis(edges: Records, count: int) -> tuple[float, float]:
-    """Direction of a particle's walls modulo a right angle, and how well they agree in it: 0 not at all, 1 all."""
-    c, s, total = 0.0, 0.0, 1e-9
-    for e in range(count):
-        if edges[e].kind == WALL:
-            angle, size = 4 * math.atan2(edges[e].uy, edges[e].ux), length(edges[e])
-            c += size * math.cos(angle)
-            s += size * math.sin(angle)
-            total += size
-    return 0.25 * math.atan2(s, c), math.hypot(c, s) / total if total > 1.0 else 0.0
-
-
-@kernel
 def tentative_of(edges: Records, count: int, p: Record, gates: Gates) -> int:
     """The tentative wall that a piece on no wall lies on, or -1."""
     best, e = math.inf, -1
@@ -98,7 +85,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         set_tip(n, 0, min(tip_at(n, 0), t + p.end[0]))
         set_tip(n, 1, max(tip_at(n, 1), t + p.end[1]))
         return e, count
-    e, count = new_slot(edges, count)
+    e, count = free_record(edges, count)
     if e >= 0:
         n = edges[e]
         n.kind, n.own, n.probation = TENTATIVE, 0, 1
@@ -147,10 +134,10 @@ def _bends_back(c: Record, noise: float) -> bool:
 def wall_probability(c: Record, axis: float, trust: float, noise: float) -> float:
     """Probability that a tentative wall is one.
 
-    Where the walls so far are rectilinear (`main_axis`), a short oblique piece is far likelier a smear than an oblique
-    wall, so its direction must be known well, which it is once the robot has come nearer. Hits on one line count
-    together, whichever scan they come from, and a short piece is not believed for following the axis: else the oblique
-    face of a post would be known by those of its views alone whose noise turns them there.
+    Where the walls so far are rectilinear (`common_axis`), a short oblique piece is far likelier a smear than a wall
+    that is oblique. So its direction must be known well, which it is once the robot has come nearer. Hits on one line
+    count together, whichever scan they come from, and a short piece is not believed for following the axis: else the
+    oblique face of a post would be known by those of its views alone whose noise turns them there.
     """
     if not is_steady(c, noise):
         return 0.0

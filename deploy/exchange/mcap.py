@@ -20,7 +20,7 @@ from foxglove.channels import FrameTransformsChannel, LaserScanChannel, LogChann
 from deploy.recorded.runs import kept_scans, ranges_of
 from deploy.report import style
 from deploy.report.rundir import Map, Run, read_drawable
-from deploy.report.story import sentence
+from deploy.report.story import SEVERITY, sentence
 from protocol.arrays import Floats
 from protocol.files import write_whole
 from protocol.geometry import Pose, pose_of
@@ -29,9 +29,8 @@ from world.recorder import TEAM
 from world.worldfile import World, rings_of
 
 WALL_M, VERTEX_M = 0.04, 0.08  # widths as drawn
-OPEN = m.Color(r=0.88, g=0.0, b=0.24, a=1.0)
-"""Of frontiers; other vertices have the colour of their robot."""
-LEVELS = {"rejected": m.LogLevel.Warning, "unmerged": m.LogLevel.Warning, "dead": m.LogLevel.Error}
+LEVELS = {"warning": m.LogLevel.Warning, "error": m.LogLevel.Error}
+"""By severity."""
 
 
 def write_mcap(path: Path, out: Path) -> list[Path]:
@@ -52,18 +51,23 @@ def _write(run: Run, world: World, context: Context) -> None:
     _walls(world, context)
     _bodies(run, context)
     for k, robot in enumerate(run.robots):
-        red, green, blue = (part / 255 for part in bytes.fromhex(style.colour(k)[1:]))
-        colour = m.Color(r=red, g=green, b=blue, a=1.0)
+        colour = _painted(style.colour(k))
         maps = SceneUpdateChannel(f"/maps/{robot}", context=context)
         for t, drawn in run.snapshots.get(robot, []):
             maps.log(m.SceneUpdate(entities=[_entity(t, robot, drawn, colour)]), log_time=_ns(t))
         _scans(run, robot, context)
     log = LogChannel("/events", context=context)
     for event in run.events:
-        level = LEVELS.get(event["event"], m.LogLevel.Info)
+        level = LEVELS.get(SEVERITY.get(event["event"], ""), m.LogLevel.Info)
         said = m.Log(timestamp=_stamp(event["t"]), level=level, message=sentence(event), name=event["robot"])
         log.log(said, log_time=_ns(event["t"]))
     _coverage(run, context)
+
+
+def _painted(colour: str) -> m.Color:
+    """A colour of the report's."""
+    red, green, blue = (part / 255 for part in bytes.fromhex(colour[1:]))
+    return m.Color(r=red, g=green, b=blue, a=1.0)
 
 
 def _walls(world: World, context: Context) -> None:
@@ -87,8 +91,9 @@ def _entity(t: float, robot: str, drawn: Map, colour: m.Color) -> m.SceneEntity:
     """A robot's map in its own frame; it takes the place of the one before."""
     walls = _line(m.LinePrimitiveLineType.LineList, drawn.vertices[drawn.edges].reshape(-1, 2), colour)
     size = m.Vector3(x=VERTEX_M, y=VERTEX_M, z=VERTEX_M)
+    open_end = _painted(style.OPEN)
     vertices = [
-        m.SpherePrimitive(pose=_pose((x, y, 0.0)), size=size, color=OPEN if label == Label.FRONTIER else colour)
+        m.SpherePrimitive(pose=_pose((x, y, 0.0)), size=size, color=open_end if label == Label.FRONTIER else colour)
         for (x, y), label in zip(drawn.vertices.tolist(), drawn.labels.tolist(), strict=True)
     ]
     return m.SceneEntity(

@@ -23,6 +23,7 @@ from deploy.exchange.shapes import Shapes
 from protocol.arrays import Bools, Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
+from protocol.messages import RobotSpec
 from world.worldfile import MAX_CORNERS, polygons_of
 
 MAX_CELLS = 25_000_000
@@ -32,7 +33,7 @@ leaves 10,000. More is noise, and takes minutes."""
 MAX_SIDES = 100_000
 """Cells along columns of a picture's outlines, each with a point: with as many along rows, at 5 cm a cell, they are the
 10 km that a world may have."""
-BODY_M = 0.105  # radius of a TurtleBot3 Burger: free areas too narrow for it are filled
+BODY_M = RobotSpec().radius_m  # of the default robot: free areas too narrow for it are filled
 FRAME_CELLS = 3  # of solid around the picture
 DARK = 0.5  # a bitmap's pixel that is darker is solid
 ALIGNED_RAD = math.radians(0.25)  # an axis nearer to the picture's is the picture's

@@ -13,11 +13,11 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 
 from deploy.exchange.maps import NamedMap
+from deploy.exchange.shapes import DIGITS
 from deploy.report import style
 from protocol.arrays import Floats
 from protocol.wireframe import Label
 
-DIGITS = 4
 MARGIN_M = 0.3  # of a drawing, around the map
 SCALE_MM = 10  # of a drawing on paper, a metre: 1 : 100
 COLOURS = {Label.NOMINAL: (7, style.INK), Label.OCCLUSION: (30, "#d55e00"), Label.FRONTIER: (5, "#0072b2")}

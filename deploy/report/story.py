@@ -19,6 +19,8 @@ GLYPHS = {
     "rejoined": "↻",
 }
 """Of the events that are told, on the map and under the slider."""
+SEVERITY = {"rejected": "warning", "unmerged": "warning", "dead": "error"}
+"""Of events that are more than news, for logs."""
 MEANINGS = {
     "contact": "hears another robot again",
     "proposed": "proposes where the other's map lies; a dashed line while it is on trial",
@@ -26,8 +28,8 @@ MEANINGS = {
     "rejected": "refuses it",
     "unmerged": "takes a merged map out again",
     "complete": "has nothing left to explore",
-    "resumed": "explores again, as a map that it merged leads on",
-    "dead": "its process has ended",
+    "resumed": "explores again: a wall leads on, or what a teammate saw was taken back",
+    "dead": "is given up: its process ended, or it fell silent, or said what makes no sense",
     "rejoined": "takes part again",
 }
 """What the legend says of the marks."""

@@ -12,6 +12,9 @@ SOLID_EDGE = "#aab2bd"
 ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8a6d00", "#56b4e9", "#6a3d9a", "#7a4b2a")
 """Okabe and Ito's palette for the colour-blind, ordered by contrast with white and with each other."""
 
+OPEN = "#e0003c"
+"""Of frontiers, where colours and not marks tell vertices apart."""
+
 MARKS = {Label.NOMINAL: "o", Label.OCCLUSION: "^", Label.FRONTIER: "s"}
 """As in figures 2 and 3 of the paper: circle, triangle, square."""
 

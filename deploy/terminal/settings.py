@@ -18,7 +18,7 @@ from protocol.errors import InputError
 
 UNITS = {
     "bytes_per_s": "B/s", "mps": "m/s", "rps": "rad/s", "bytes": "B", "deg": "degrees", "hz": "Hz", "db": "dB",
-    "m": "m", "s": "s",
+    "mm": "mm", "m": "m", "s": "s",
 }  # fmt: skip
 """Unit by the end of a setting's name; longer ends stand before shorter ones."""
 
@@ -62,7 +62,7 @@ def settings(model: BaseModel | None = None, prefix: str = "") -> Iterator[Setti
             yield from settings(default, f"{key}.")
         elif key not in DERIVED:
             reason = " ".join((field.description or "").split())
-            unit = next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}")), "")
+            unit = next((unit for end, unit in UNITS.items() if f"_{name}".endswith(f"_{end}")), "")
             parts = list(_parts(field.annotation))
             yield Setting(key, default, not hasattr(model, name), unit, _choices(parts), reason)
             for element in parts:

@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 
 from deploy.report import style
 from deploy.report.rundir import MAX_M, Map
-from deploy.report.story import GLYPHS, sentence
+from deploy.report.story import GLYPHS, SEVERITY, sentence
 from protocol.arrays import Floats, Ints
 from protocol.geometry import compose, pose_of
 from protocol.messages import LidarSpec
@@ -36,15 +36,15 @@ BESIDE_M = 0.04  # between the maps of two robots where they agree
 NAME_M = 0.35  # height of a robot's name
 WALL_M, TRIAL_M, BEAM_M, RADIO_M = 0.02, 0.012, 0.003, 0.015  # half widths of lines
 LIT, SHADED = (0xD3, 0xD8, 0xDE), (0x8A, 0x93, 0x9E)  # tops and sides of the true walls
-LABELS = {Label.NOMINAL: (0x1F2933FF, 0.03), Label.OCCLUSION: (0xF0A500FF, 0.05), Label.FRONTIER: (0xE0003CFF, 0.07)}
+LABELS = {Label.NOMINAL: (style.INK, 0.03), Label.OCCLUSION: ("#f0a500", 0.05), Label.FRONTIER: (style.OPEN, 0.07)}
 """Colour and radius (m) of a map's vertices."""
 HEARD, TRIED = 0x7B879490, 0xE8B500FF  # colours of radio links and of maps on trial
 REPLAY_S = 60.0  # in which a replay shows the whole run, unless the viewer's speed is changed
 SEEN_FROM = (0.0, -0.15, 1.1)
 """Where the eye is, in the world's longer sides from its middle."""
 BEAMS_APART = 4  # beams drawn: each fourth one, as all of them would hide the rest
-LEVELS = {"rejected": "WARN", "unmerged": "WARN", "dead": "ERROR"}
-"""Of the log, where an event is more than INFO; what is no part of the story of trust is DEBUG."""
+LEVELS = {"warning": "WARN", "error": "ERROR"}
+"""Of the log, by severity; what is no part of the story of trust is DEBUG."""
 BONDS = ("proposed", "accepted", "rejected", "unmerged")
 """Events that change what a robot holds of another."""
 SHOWN = ["ERROR", "WARN", "INFO"]
@@ -90,7 +90,7 @@ class ViewRecording:
     def scene(self, solid: BaseGeometry, radius_m: float, play: rrb.TimePanel) -> None:
         """The true walls, the robots' bodies, and how the viewer shows all and plays it."""
         self._stream.send_blueprint(_blueprint(solid, play))
-        words = [rr.AnnotationInfo(label, label.word, colour) for label, (colour, _) in LABELS.items()]
+        words = [rr.AnnotationInfo(label, label.word, _rgba(colour)) for label, (colour, _) in LABELS.items()]
         self._always("/", rr.AnnotationContext(words))
         self._always("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self._always("world/walls", _walls(solid))
@@ -160,7 +160,8 @@ class ViewRecording:
         if not events:
             return
         texts = [sentence(dict(event)) for event in events]
-        levels = [LEVELS.get(name := event["event"], "INFO" if name in GLYPHS else "DEBUG") for event in events]
+        names = [event["event"] for event in events]
+        levels = [LEVELS.get(SEVERITY.get(name, ""), "INFO" if name in GLYPHS else "DEBUG") for name in names]
         self._send("events", ticks, rr.TextLog.columns(text=texts, level=levels))
 
     def trust(self, tick: int, event: Mapping[str, Any], tried: Map | None) -> None:

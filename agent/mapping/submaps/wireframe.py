@@ -53,9 +53,9 @@ def joined(walls: Records) -> Joined:
 def wireframe_of(segments: Records) -> Wireframe:
     """The map of merged segments (n,) of SEGMENT, in their frame."""
     walls, tips, following = joined(segments)
-    points, names, edges = chained(tips, _labels(following), following)
+    points, labels, edges = chained(tips, _labels(following), following)
     likelihood = (walls["seen"] / (walls["seen"] + 1)).astype(np.float32)
-    return Wireframe(points, names, edges, likelihood, np.ones(len(walls), np.bool_))
+    return Wireframe(points, labels, edges, likelihood, np.ones(len(walls), np.bool_))
 
 
 def records_of(segments: Records) -> Records:

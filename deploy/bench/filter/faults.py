@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agent.corner_scan import OCCLUSION
-from agent.mapping.edges import EDGE, length, new_slot, remove, settle_corner, spread, tip_at
+from agent.mapping.edges import EDGE, free_record, length, remove, settle_corner, spread, tip_at
 from deploy.metrics import CORNER_NEAR_M, NEAR_M, Truth, distance_to
 from protocol.arrays import Bools, Floats, Records
 from protocol.wireframe import Label, Wireframe
@@ -58,7 +58,7 @@ def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gener
         return None
 
     def inject(edges: Records, count: int) -> int | None:
-        e, count = new_slot(edges, count)
+        e, count = free_record(edges, count)
         if e < 0:
             return None
         wall = np.zeros(1, EDGE)[0]  # well seen from end to end
@@ -109,7 +109,7 @@ def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Genera
         e = _same_wall(edges, count, middle, unit)
         if e is None:
             return None
-        f, count = new_slot(edges, count)
+        f, count = free_record(edges, count)
         if f < 0:
             return None
         whole = edges[f] = edges[e].copy()

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from agent.geometry.visibility import all_seen
+from agent.geometry.wall_tiles import all_in_view, wall_tiles
 from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault
@@ -89,7 +89,7 @@ def _sees(point: Floats, normal: Floats | None, run: ScanRecording) -> Bools:
     if normal is not None:
         near &= away @ normal > math.sin(GRAZING_RAD) * distance
     out = np.zeros(len(eyes), np.bool_)
-    out[near] = all_seen(eyes[near], np.repeat(point[None], int(near.sum()), 0), run.truth.outline)
+    out[near] = all_in_view(eyes[near], np.repeat(point[None], int(near.sum()), 0), wall_tiles(run.truth.outline))
     return out
 
 

@@ -17,13 +17,13 @@ from agent.exploration.goal_memory import GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
-from agent.geometry.visibility import all_seen
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.agent.exploration.test_planning import chain
 from tests.oracle import OracleMapper, explore, step
+from tests.sight import all_seen
 from world.maze import generate
 from world.worldfile import World, from_document, load
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from agent.geometry.visibility import all_seen, hidden_by, visible_ring
+from agent.geometry.visibility import hidden_by, visible_ring
+from tests.sight import all_seen
 
 WALLS = np.array([[1.0, -1.0, 1.0, 1.0], [-5.0, -5.0, -5.0, 5.0]])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from agent.geometry.clearance import distances_to_walls, keeps_clear
-from agent.geometry.visibility import all_seen
 from agent.geometry.wall_tiles import all_in_view, barred_by, keep_off, wall_tiles
+from tests.sight import all_seen
 
 CLEARANCE_M = 0.18
 

@@ -7,7 +7,7 @@ import pytest
 
 from agent.corner_scan import FRONTIER
 from agent.mapping.config import FilterConfig
-from agent.mapping.edges import length, new_slot, set_tip
+from agent.mapping.edges import free_record, length, set_tip
 from agent.mapping.joint import AXIS
 from agent.mapping.particle_filter import STILL_SCANS, WireframeFilter, systematic
 from agent.perception.disc_memory import SeenDiscs
@@ -377,7 +377,7 @@ def test_a_wall_behind_the_one_that_took_its_corner_goes() -> None:
         walk.see(pose)
     edges, n = walk.filter.edges[0], int(walk.filter.counts[0])
     e = next(k for k in range(n) if edges[k]["kind"] and math.dist(edges[k]["tip"][1], (5, 3)) < 0.03)
-    false, count = new_slot(edges, n)
+    false, count = free_record(edges, n)
     walk.filter.counts[0] = count
     edges[false] = edges[e]
     tail, head = edges[e]["tip"][0].copy(), edges[e]["tip"][1] + (0.5, 0.0)  # in the solid behind the true one

@@ -50,6 +50,8 @@ def test_text_and_json_hold_every_setting_with_unit_and_default() -> None:
     listed = {one["key"]: one for one in json.loads(to_json())}
     assert listed["max_time_s"]["default"] == 7200.0 and listed["max_time_s"]["unit"] == "s"
     assert listed["starts"]["choices"] == "file | random"
+    assert listed["radio.models[capacity].bytes_per_s"]["unit"] == "B/s"
+    assert listed["agent.radio.cell_mm"]["unit"] == "mm"
 
 
 def test_the_file_loads_to_the_defaults_and_a_changed_line_changes_one_setting(tmp_path: Path) -> None:
