@@ -17,6 +17,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from protocol.access import VIEWER, WORLD
 from protocol.certificates import AUTHORITY, RESERVED, ROSTER, Identity, read_roster
+from protocol.document import read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.messages import ID
@@ -42,9 +43,9 @@ class Signed(NamedTuple):
     def read(cls, folder: Path, name: str) -> Self:
         """Raises InputError."""
         try:
-            certificate = x509.load_pem_x509_certificate((folder / f"{name}.pem").read_bytes())
-            key = serialization.load_pem_private_key((folder / f"{name}.key").read_bytes(), None)
-        except (OSError, ValueError, TypeError) as error:
+            certificate = x509.load_pem_x509_certificate(read_text(folder / f"{name}.pem").encode())
+            key = serialization.load_pem_private_key(read_text(folder / f"{name}.key").encode(), None)
+        except (InputError, OSError, ValueError, TypeError) as error:
             raise InputError(f"{folder}: no {name}.pem and {name}.key that can be used: {error}") from None
         if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
             raise InputError(f"{folder}: {name}.key is not the key of {name}.pem")

@@ -60,6 +60,13 @@ def check_is_file(file: Path) -> None:
         raise InputError("this is no file" if file.exists() else "there is no such file")
 
 
+def check_size(file: Path, max_bytes: int = MAX_BYTES) -> None:
+    """Raise InputError, without its name, for what is no file, or a larger one."""
+    check_is_file(file)
+    if file.stat().st_size > max_bytes:
+        raise InputError(f"larger than {max_bytes} bytes")
+
+
 def read_text(file: Path, max_bytes: int = MAX_BYTES) -> str:
     """The text of a file. Raises InputError without the file's name."""
     try:

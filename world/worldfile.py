@@ -270,7 +270,7 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     try:
         _check_size([*solids, *areas], source)
         for i, area in enumerate(areas):
-            solids.append(area.buffer(0))
+            solids.append(whole(area))
             if solids[-1].area < THIN_M**2:
                 raise WorldFileError(f"{source}: polygons[{i}]: has no area")
         solid = shapely.union_all(solids)
@@ -311,6 +311,11 @@ def check_crossings(shapes: Sequence[BaseGeometry], lines: Sequence[BaseGeometry
     """
     if _tangled(_edges([*shapely.get_rings(shapes), *lines]), shapely.crosses):
         raise InputError(TANGLED)
+
+
+def whole(area: BaseGeometry) -> BaseGeometry:
+    """All that an outline encloses, also where it crosses itself; `buffer(0)` alone would lose one half of an 8."""
+    return area.buffer(0) if area.is_valid else shapely.make_valid(area, method="structure")
 
 
 def _edges(lines: Sequence[BaseGeometry] | Lines) -> Lines:

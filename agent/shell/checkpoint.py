@@ -82,9 +82,13 @@ def _files(folder: Path, robot: str) -> tuple[Path, Path]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    if file.stat().st_size > MAX_BYTES:
+    if not file.is_file():  # a pipe may never end, nor does a device
+        raise ValueError("this is no file")
+    with file.open("rb") as stream:
+        data = stream.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
         raise ValueError(f"larger than {MAX_BYTES} bytes")
-    kept = opened(msgpack.unpackb(file.read_bytes()))
+    kept = opened(msgpack.unpackb(data))
     if not isinstance(kept, dict):
         raise ValueError("it has no arrays")
     return kept

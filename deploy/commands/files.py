@@ -67,8 +67,12 @@ def map_(
     from deploy.recorded.words import print_mapped
     from deploy.report import write_report
     from protocol.configuration import load
+    from protocol.errors import InputError
+    from protocol.settings import MAX_NUMBER
 
     settings = load(LogsConfig, config, None, set_ or (), shared=True)
+    if mount is not None and not all(abs(number) <= MAX_NUMBER for number in mount):  # NaN is not
+        raise InputError(f"--mount: three numbers of at most {MAX_NUMBER:g} are wanted")
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
     team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
     refer(team, reference or [])
@@ -92,7 +96,7 @@ def import_(
         float | None, Option("--width", help="Metres that a picture without a YAML is wide.", min=0.1, max=1000)
     ] = None,
     height_m: Annotated[
-        float, Option("--height", help="Metres above the ground at which SDF is cut: the lidar's.")
+        float, Option("--height", help="Metres above the ground at which SDF is cut: the lidar's.", min=-100, max=100)
     ] = 0.182,
     models: Annotated[
         list[Path] | None, Option(help="Folder in which SDF's model://NAME is looked for.", metavar="DIR")

@@ -19,7 +19,7 @@ from deploy.report.rundir import parse_map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from protocol.walls import lengths
-from world.worldfile import MAX_CORNERS, check_crossings
+from world.worldfile import MAX_CORNERS, check_crossings, whole
 
 THICK_M = 0.1  # of the wall around an outline that has none of its own
 STEP_M = 0.02  # in HouseExpo's outlines, which were traced from pictures with cells of a centimetre
@@ -38,11 +38,13 @@ def read_house_expo(about: Mapping[Any, Any], straighten: bool) -> Shapes:
     ring = _points(about.get("verts"), "verts")
     traced = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     check_crossings([traced])
-    inside = traced.buffer(0)
+    inside = whole(traced)
     if inside.is_empty:
         raise InputError("verts: encloses nothing")
     if straighten and len(ring) <= MAX_CORNERS and inside.length <= MAX_OUTLINE_M:
         inside = straightened(inside, STEP_M)
+    if len(shapely.get_coordinates(inside)) > MAX_CORNERS:
+        raise InputError(f"verts: more than {MAX_CORNERS} corners are left, which no world may have")
     around = inside.buffer(THICK_M, join_style="mitre")
     return Shapes([around.difference(inside)])
 
@@ -73,7 +75,7 @@ def read_geojson(about: Mapping[Any, Any]) -> Shapes:
         elif shape.geom_type == "LineString":
             walls.append(shapely.get_coordinates(shape))
     check_crossings(areas)
-    return Shapes([area.buffer(0) for area in areas], walls)
+    return Shapes([whole(area) for area in areas], walls)
 
 
 def read_dxf(file: Path) -> Shapes:

@@ -21,6 +21,7 @@ from protocol.files import write_whole
 from protocol.geometry import seen_from
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
+from world.worldfile import check_crossings, whole
 
 Frame = Literal["own", "world"]
 
@@ -54,10 +55,14 @@ class NamedMap:
 
     @property
     def free(self) -> BaseGeometry:
-        """What is known to be free: within closed outlines, and in view of the robot's path."""
+        """What is known to be free: within closed outlines, and in view of the robot's path.
+
+        Raises InputError where too many walls cross.
+        """
         rings = [shapely.LinearRing(line) for line, ring in self.chains if ring and len(line) > 2]
-        rooms = shapely.union_all([shapely.Polygon(ring).buffer(0) for ring in rings if ring.is_ccw])
-        solids = shapely.union_all([shapely.Polygon(ring).buffer(0) for ring in rings if not ring.is_ccw])
+        check_crossings([], rings)
+        rooms = shapely.union_all([whole(shapely.Polygon(ring)) for ring in rings if ring.is_ccw])
+        solids = shapely.union_all([whole(shapely.Polygon(ring)) for ring in rings if not ring.is_ccw])
         views = [visible_ring(x, y, self.walls, self.range_m, VIEW_RAYS) for x, y in self.viewpoints.tolist()]
         seen = shapely.union_all([shapely.Polygon(view).buffer(0) for view in views])
         return shapely.union(rooms, seen).difference(solids)

@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
+from warnings import catch_warnings
 
 import numpy as np
 import shapely
@@ -96,7 +97,7 @@ def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
     """(rows, columns) 0 to 1 of a picture, row 0 the lowest y; what is transparent is white. Raises InputError."""
     try:
         check_is_file(file)
-        with Image.open(file) as image:
+        with catch_warnings(action="ignore"), Image.open(file) as image:  # Pillow warns of what MAX_CELLS refuses
             if image.width * image.height > MAX_CELLS:
                 raise InputError(f"{image.width} x {image.height} pixels are too many")
             bright = _brightness(image)

@@ -47,7 +47,8 @@ class Shapes:
         lines = [shapely.LineString(wall) for wall in self.walls]
         check_crossings(self.areas, lines)
         solid = shapely.union_all([*self.areas, *(line.buffer(LEAST_M, cap_style="flat") for line in lines)])
-        wide = solid.buffer(width_m / 2, join_style="mitre")
+        parts = shapely.get_parts(solid)  # each by itself: all at once, 1,000 boxes take 12 s and 1.3 GB
+        wide = shapely.union_all(shapely.buffer(parts, width_m / 2, join_style="mitre"))
         filled = shapely.union_all([shapely.Polygon(part.exterior) for part in polygons_of(wide)])
         inside = filled.buffer(-width_m / 2, join_style="mitre")
         ring = inside.difference(inside.buffer(-DOOR_M, join_style="mitre"))

@@ -14,7 +14,7 @@ from deploy.exchange.shapes import Shapes
 from deploy.png import write_figure
 from deploy.terminal.worlds import size_of
 from protocol.arrays import Floats
-from protocol.document import parse_document, read_text
+from protocol.document import check_size, parse_document, read_document, read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.text import printable
@@ -41,7 +41,13 @@ class Options:
 
 def import_world(file: Path, out: Path, options: Options) -> list[str]:
     """Write a world file and a picture of it, and return what there is to tell, a line each. Raises InputError."""
+    picture = out.with_suffix(".png")
+    if out == picture:
+        raise InputError(f"{out}: its picture goes there; name the world file {out.with_suffix('.yaml').name}")
     try:
+        for written in (out, picture):
+            if written.exists() and written.resolve() in _sources(file):
+                raise InputError(f"{written} would be written over; give the world another name by --out")
         shapes = read_shapes(file, options)
         if options.close_m:
             shapes = shapes.closed(options.close_m)
@@ -52,7 +58,6 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     write_whole(out, to_yaml(world.document))
-    picture = out.with_suffix(".png")
     _draw(world, starts, picture)
     size = size_of(world)
     told = [
@@ -65,6 +70,16 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
         for what, count in shapes.left_out.items()
     ]
     return [*told, str(out), str(picture)]
+
+
+def _sources(file: Path) -> set[Path]:
+    """The file that is read, and the picture that it names."""
+    found = {file.resolve()}
+    if file.suffix.lower() in (".yaml", ".yml"):
+        about = read_document(file)
+        if isinstance(about, dict) and isinstance(about.get("image"), str):
+            found.add((file.parent / about["image"]).resolve())
+    return found
 
 
 def _starts(world: World, options: Options) -> Floats:
@@ -96,9 +111,10 @@ def read_shapes(file: Path, options: Options) -> Shapes:
         if options.width_m is None:
             raise InputError("--width: say how many metres the picture is wide, or name its map_server YAML")
         return raster.read_bitmap(file, options.width_m, options.straighten, options.boundary)
-    text = read_text(file)
-    if suffix == ".dxf":
+    if suffix == ".dxf":  # in an encoding of its own
+        check_size(file)
         return drawings.read_dxf(file)
+    text = read_text(file)
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
         root = sdf.parse_xml(text)
         if root.tag == "sdf":

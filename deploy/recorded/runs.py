@@ -35,7 +35,7 @@ def kept_scans(source: Path, beams: int) -> Iterator[dict[str, Any]]:
         with source.open(encoding="utf-8") as stream:
             while line := stream.readline(MAX_LINE):
                 scan = json.loads(line)
-                numbers = [*scan["odometry"], *(reading or 0.0 for reading in scan["ranges"])]
+                numbers = [*scan["odometry"], *(0.0 if reading is None else reading for reading in scan["ranges"])]
                 timed = all(0 <= scan[name] < MAX_TIME_S for name in ("t", "tick"))
                 bounded = all(abs(number) <= MAX_M for number in numbers)
                 if len(scan["ranges"]) != beams or len(scan["odometry"]) != 3 or not (timed and bounded):

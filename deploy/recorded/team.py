@@ -19,7 +19,7 @@ from agent.config import AgentConfig
 from agent.passenger import Passenger
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
-from protocol.document import check_is_file
+from protocol.document import read_text
 from protocol.errors import InputError
 from protocol.geometry import Pose, pose_of, relative
 from protocol.messages import EVERYONE, Event, Heard, Observation, OdometrySpec, RobotSpec, Send
@@ -33,14 +33,12 @@ MAX_REFERENCE_BYTES = 100_000_000  # a million poses
 def _read_reference(file: Path) -> dict[int, tuple[float, float]]:
     """Places by the number of their scan, from `NUMBER x y z qx qy qz qw` lines. Raises InputError."""
     try:
-        check_is_file(file)
-        if file.stat().st_size > MAX_REFERENCE_BYTES:
-            raise ValueError(f"more than {MAX_REFERENCE_BYTES >> 20} MB")
+        lines = read_text(file, MAX_REFERENCE_BYTES).splitlines()
         with catch_warnings(action="ignore"):  # of a file without lines
-            rows = np.loadtxt(file, ndmin=2)
+            rows = np.loadtxt(lines, ndmin=2)
         if rows.shape[1] != 8 or not np.isfinite(rows).all() or not len(rows):
             raise ValueError("lines of eight finite numbers are wanted")
-    except (OSError, ValueError) as error:
+    except (InputError, OSError, ValueError) as error:
         raise InputError(f"{file}: no reference poses: {error}") from None
     return {int(row[0]): (float(row[1]), float(row[2])) for row in rows}
 

@@ -88,7 +88,7 @@ def _show(play: Callable[[Tape], None], browser: bool, over: Callable[[], bool])
         if over():
             return
         with show(tape, browser):
-            while not over():
+            while not over() and not (playing.done() and playing.exception()):
                 time.sleep(POLL_S)
         playing.result()
 

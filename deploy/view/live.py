@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from deploy.report.rundir import Map
+from deploy.report.rundir import MAX_M, Map
 from deploy.view.recording import ViewRecording, followed
 from deploy.view.serving import Tape
 from protocol import keys
@@ -82,9 +82,12 @@ class _Live:
         """By what it is and whose, what came and is not drawn yet."""
         self._looks = 0
         try:
-            self.recording.scene(shapely.from_wkb(site.solid), site.spec.radius_m, followed())
+            solid = shapely.from_wkb(site.solid)
         except shapely.errors.ShapelyError as error:
             raise ProtocolError(f"the world's walls cannot be read: {error}") from None
+        if not (np.abs(shapely.get_coordinates(solid)) <= MAX_M).all():  # NaN is not
+            raise ProtocolError("the world's walls cannot be read: they lie farther out than any wall")
+        self.recording.scene(solid, site.spec.radius_m, followed())
 
     def take(self, arrivals: Iterable[Arrival]) -> None:
         """Draw what came: of robots' answers all events, of the rest the newest."""
@@ -117,20 +120,23 @@ class _Live:
             self._map(robot, decode(MapReport, payload))
 
     def _see(self, seen: Whereabouts) -> None:
-        for robot, pose in seen.poses.items():
+        poses = {robot: pose for robot, pose in seen.poses.items() if robot in self._robots}
+        for robot, pose in poses.items():
             self.recording.drive(robot, [seen.tick], np.array([pose]))
         for robot, ranges in seen.ranges.items():
-            self.recording.beams(robot, [seen.tick], [scan_of(ranges)], self._lidar)
-        places = {robot: pose[:2] for robot, pose in seen.poses.items()}
-        ends = [(places[link.sender], places[link.receiver]) for link in self._links]
+            if robot in self._robots and len(scan := scan_of(ranges)) == self._lidar.beams:
+                self.recording.beams(robot, [seen.tick], [scan], self._lidar)
+        linked = [(link.sender, link.receiver) for link in self._links]
+        ends = [(poses[one][:2], poses[other][:2]) for one, other in linked if one in poses and other in poses]
         self.recording.radio([seen.tick], [np.array(ends).reshape(-1, 2, 2)])
 
     def _progress(self, progress: Progress) -> None:
         clock = progress.clock
         for name, share in (*progress.coverage.items(), (TEAM, progress.team)):
-            self.recording.coverage(name, [clock.tick], np.array([share]))
+            if name in self._robots or name == TEAM:
+                self.recording.coverage(name, [clock.tick], np.array([share]))
         for robot, status in clock.status.items():
-            if status == "dead" and robot not in self._dead:
+            if status == "dead" and robot in self._robots and robot not in self._dead:
                 self._dead.add(robot)
                 self._happened(clock.tick, robot, status, {})
         self.ended = clock.ended is not None

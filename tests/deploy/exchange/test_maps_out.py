@@ -149,3 +149,12 @@ def test_without_a_run_the_frame_of_the_world_is_not_known(tmp_path: Path) -> No
         export_maps(tmp_path / "map.json", tmp_path / "out", "world", EVERY)
     with pytest.raises(InputError, match="has no maps"):
         export_maps(tmp_path, tmp_path / "out", "own", EVERY)
+
+
+def test_a_tangle_of_walls_is_refused_at_once(tmp_path: Path) -> None:
+    """6,000 walls that cross at random took 6 GB and more."""
+    places = np.random.default_rng(0).uniform(-25, 25, (6000, 2)).round(3).tolist()
+    ring = [[k, (k + 1) % 6000] for k in range(6000)]
+    (tmp_path / "map.json").write_text(json.dumps({"vertices": places, "labels": ["nominal"] * 6000, "edges": ring}))
+    with pytest.raises(InputError, match="lie over each other"):
+        export_maps(tmp_path / "map.json", tmp_path / "out", "own", FORMS["map_server"])

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import ezdxf
 import numpy as np
 import pytest
 import shapely
@@ -15,13 +16,13 @@ import shapely.affinity
 from PIL import Image, ImageDraw
 
 from deploy import cli
-from deploy.exchange import FORMS
+from deploy.exchange import FORMS, drawings
 from deploy.exchange.maps import export_maps
 from deploy.exchange.raster import read_darkness
 from deploy.exchange.worlds import Options, import_world
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, write_run
-from world.worldfile import World, load
+from world.worldfile import World, from_document, load, polygons_of
 
 ROOM = shapely.Polygon(RING)
 AS_DRAWN = Options(robots=1)
@@ -382,3 +383,47 @@ def test_mutated_files_are_refused_in_a_sentence_or_read(tmp_path: Path) -> None
 @pytest.mark.timeout(1200)
 def test_three_hundred_mutated_files_of_each_format(tmp_path: Path) -> None:
     check_mutations(tmp_path, 300)
+
+
+def test_nothing_that_is_read_is_written_over(tmp_path: Path) -> None:
+    """A world beside the picture that it was made from had a preview of the same name."""
+    plan = picture(tmp_path / "plan.png", lambda draw: draw.rectangle((20, 20, 180, 140), outline=0, width=3))
+    before = plan.read_bytes()
+    with pytest.raises(InputError, match=r"plan\.png would be written over"):
+        import_world(plan, tmp_path / "plan.yaml", Options(width_m=8))
+    (tmp_path / "map.yaml").write_text("image: plan.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    with pytest.raises(InputError, match=r"plan\.png would be written over"):
+        import_world(tmp_path / "map.yaml", tmp_path / "plan.yaml", Options())
+    with pytest.raises(InputError, match=r"its picture goes there"):
+        import_world(plan, tmp_path / "world.png", Options(width_m=8))
+    assert plan.read_bytes() == before and not (tmp_path / "world.png").exists()
+
+
+def test_an_outline_that_crosses_itself_encloses_both_halves(tmp_path: Path) -> None:
+    bow = [[0, 0], [4, 4], [4, 0], [0, 4]]
+    assert from_document({"name": "bow", "polygons": [[bow]]}, "bow").solid.area == pytest.approx(8.0, abs=0.05)
+    (tmp_path / "plan.json").write_text(json.dumps({"verts": [[0, 0], [8, 8], [8, 0], [0, 8]]}))
+    world, _ = imported(tmp_path / "plan.json", Options(robots=1, straighten=False))
+    rooms = [shapely.Polygon(ring) for part in polygons_of(world.solid) for ring in part.interiors]
+    assert sum(room.area for room in rooms) == pytest.approx(32, abs=0.2)
+
+
+def test_a_drawing_has_an_encoding_of_its_own(tmp_path: Path) -> None:
+    drawing = ezdxf.new("R2000", units=6)
+    drawing.header["$DWGCODEPAGE"] = "ANSI_1252"
+    for a, b in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        drawing.modelspace().add_line(RING[a], RING[b], {"layer": "W\xe4nde"})
+    drawing.saveas(tmp_path / "room.dxf", encoding="cp1252")
+    assert b"W\xe4nde" in (tmp_path / "room.dxf").read_bytes()
+    assert imported(tmp_path / "room.dxf")[1][0].startswith("room: 3.0 m x 2.4 m")
+
+
+def test_what_is_jagged_beyond_what_a_world_may_have_is_refused_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """60,000 corners took 8 GB."""
+    monkeypatch.setattr(drawings, "MAX_CORNERS", 100)
+    star = [[(3 + k % 2) * math.cos(0.04 * k), (3 + k % 2) * math.sin(0.04 * k)] for k in range(157)]
+    (tmp_path / "star.json").write_text(json.dumps({"verts": star}))
+    with pytest.raises(InputError, match="more than 100 corners are left"):
+        import_world(tmp_path / "star.json", tmp_path / "made.yaml", AS_DRAWN)

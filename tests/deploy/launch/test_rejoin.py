@@ -1,5 +1,6 @@
 """Robots whose processes die and come back: tick-exact, with their maps, and the same in both modes."""
 
+import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -161,6 +162,10 @@ def test_a_broken_checkpoint_is_told_and_the_robot_begins_anew(
         (tmp_path / "r1.before.msgpack").unlink(missing_ok=True)
         assert len(again(robot, tmp_path).own.edges) == 0, sorted(state.keys() - wrong.keys())
         assert "is no checkpoint" in capsys.readouterr().err
+    file.unlink()
+    os.mkfifo(file)
+    assert len(again(robot, tmp_path).own.edges) == 0
+    assert "is no checkpoint (this is no file)" in capsys.readouterr().err
 
 
 def test_a_run_does_not_wait_for_more_robots_than_take_part() -> None:

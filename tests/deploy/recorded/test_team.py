@@ -1,5 +1,6 @@
 """Several logs as a team: who hears whom, and what becomes of their maps."""
 
+import gzip
 import json
 import math
 from pathlib import Path
@@ -151,3 +152,10 @@ def test_what_is_no_reference_is_a_sentence(tmp_path: Path, content: str) -> Non
         refer(both_ways()[:1], [file])
     with pytest.raises(InputError, match="there are 2 logs and 1 files"):
         refer(both_ways(), [file])
+
+
+def test_a_compressed_reference_is_a_sentence(tmp_path: Path) -> None:
+    """numpy unpacks by the name: a damaged one ended in a traceback, and a small one may be as large as memory."""
+    (tmp_path / "some.tum.gz").write_bytes(gzip.compress(b"10 1 2 0 0 0 0 1\n" * 50)[:-9])
+    with pytest.raises(InputError, match=r"some\.tum\.gz: no reference poses: no text in UTF-8"):
+        refer(both_ways()[:1], [tmp_path / "some.tum.gz"])

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import subprocess
 import sys
 from itertools import pairwise
@@ -96,6 +97,7 @@ def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:
         '{"t": 1e300, "tick": 0, "odometry": [0, 0, 0], "ranges": [1]}',
         '{"t": 0, "tick": NaN, "odometry": [0, 0, 0], "ranges": [1]}',
         '{"t": 0, "tick": 0, "odometry": [0, 1e300, 0], "ranges": [1]}',
+        '{"t": 0, "tick": 0, "odometry": [0, 0, 0], "ranges": [""]}',
     ],
 )
 def test_a_line_that_no_run_wrote_is_a_sentence(tmp_path: Path, line: str) -> None:
@@ -113,4 +115,13 @@ def test_a_run_without_scans_says_what_to_do(tmp_path: Path) -> None:
     for name in ("r1", "r2"):
         (out / "scans" / f"{name}.jsonl").unlink()
     with pytest.raises(NoRunError, match="--set scans=true"):
+        write_carmen(out, tmp_path / "logs")
+
+
+def test_a_way_that_never_ends_is_not_waited_for(tmp_path: Path) -> None:
+    out = run(tmp_path, TURTLEBOT)
+    way = out / "trajectories" / "r1.tum"
+    way.unlink()
+    os.mkfifo(way)
+    with pytest.raises(NoRunError, match=r"no true way for each scan of r1\.jsonl: this is no file"):
         write_carmen(out, tmp_path / "logs")

@@ -209,3 +209,10 @@ def test_a_pipe_among_the_results_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.parquet")
     with pytest.raises(InputError, match=r"a\.parquet: no result of a sweep: this is no file"):
         list(read_rows(tmp_path))
+
+
+def test_a_file_of_many_rows_is_no_result(tmp_path: Path) -> None:
+    """30 million equal rows are half a megabyte, and took all memory."""
+    parquet.write_table(pa.Table.from_pylist([RESULT] * 3), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a\.parquet: no result of a sweep: it has 3 rows of 5 columns"):
+        list(read_rows(tmp_path))
