@@ -16,10 +16,6 @@ SURE_HITS = 5
 """Hits that tell a line for sure, however far apart they are. Three hits of clutter often fit one: with 3 and gaps of
 1 m, the share of csail's map that scans support fell from .91 to .88."""
 LOOK_PAST = 3  # beams beyond an end that may be asked: the next, and two more where dropouts or strays say nothing
-SURE_SIGMAS = 6.0
-"""Standard deviations beyond a wall's line from which one beam shows that the wall ends before it. What went less far
-may be noise, of which one in 4,300 beams has 3.5: it is where the next beam meets the wall again. Of 1,000 scans in the
-middle of a corridor 14 showed an end by one such beam; now two do."""
 MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
 EDGE_OF_RANGE_SIGMAS = 3.5
@@ -373,26 +369,23 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
     """Label by prediction of a piece's end at a beam that is no corner, and the beam that decided.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
-    something nearer, or nothing could be seen there, the wall is merely hidden or out of range. Where noise grows with
-    range, a beam that went little farther shows no end if the beam after it meets the wall.
+    something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
     """
     beams, n = scan.beams, len(scan.hidden)
     a, b, _ = fit_line(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent, farther, before, noise = 0, -1, beams.ranges[beam % n], scan.noise[beam % n]
+    silent, before, noise = 0, beams.ranges[beam % n], scan.noise[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
         k = (beam + (2 * side - 1) * ahead) % n
         c, s = beams.directions[k, 0], beams.directions[k, 1]
         away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
         u = (a * c + b * s) / away if away > 0.0 else 0.0  # 1 / range at which the beam meets the line
         if scan.hidden[k] or u <= 1.0 / scan.range_max:
-            return (FRONTIER, k) if farther < 0 else (OCCLUSION, farther)
+            return FRONTIER, k
         predicted = 1.0 / u
         spread = predicted**2 * math.sqrt((c * c * sums[2] - 2 * c * s * sums[1] + s * s * sums[0]) / det)
         sd = math.hypot(noise, spread)
         r = beams.ranges[k]
-        if farther >= 0:
-            return (FRONTIER if abs(r - predicted) <= NOISE_SIGMAS * sd else OCCLUSION), farther
         if not math.isfinite(r):
             if predicted > scan.range_max - EDGE_OF_RANGE_SIGMAS * sd:
                 return FRONTIER, k
@@ -400,11 +393,9 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
             if silent == scan.silence:
                 return OCCLUSION, k
         elif r > predicted + NOISE_SIGMAS * sd:
-            if not scan.grows or r > predicted + SURE_SIGMAS * sd:
-                return OCCLUSION, k
-            farther = k
+            return OCCLUSION, k
         elif r < predicted - NOISE_SIGMAS * sd:
             apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(beams.step), 0.0))
             # a hit no nearer than the beams are apart is where something meets the wall, and ends it
             return (OCCLUSION if ahead == 1 and predicted - r < apart else FRONTIER), k
-    return (FRONTIER, k) if farther < 0 else (OCCLUSION, farther)
+    return FRONTIER, k

@@ -376,18 +376,3 @@ def test_a_wall_of_which_the_lidar_cuts_off_the_farther_hits_is_not_seen() -> No
     assert len(seen_wall(3.45, 100)) < 10
     off, hits = seen_wall(3.2, 100).T
     assert len(off) >= 100 and abs(np.average(off, weights=hits)) < 0.005
-
-
-@pytest.mark.parametrize(
-    ("sigmas", "beams", "label"), [(4.5, 1, Label.FRONTIER), (4.5, 2, Label.OCCLUSION), (8.0, 1, Label.OCCLUSION)]
-)
-def test_a_beam_that_noise_makes_too_long_is_no_end_of_a_wall(sigmas: float, beams: int, label: Label) -> None:
-    """Of 1,000 scans in a corridor 14 showed such an end. One was taken for a corner, and moved its robot by 0.65 m."""
-    lidar = RobotSpec().lidar
-    bearings = lidar.bearings()
-    degrees = np.degrees(bearings).round().astype(int) % 360
-    ranges = np.where((degrees >= 22) & (degrees <= 90), 1.0 / np.maximum(np.sin(bearings), 0.1), np.inf)  # to 2.7 m
-    too_long = (degrees >= 24) & (degrees < 24 + beams)  # two hits of the wall lie beyond
-    ranges[too_long] *= 1.0 + sigmas * lidar.noise_share
-    wall = max(perceive(ranges, RobotSpec(), alone=True).pieces, key=lambda piece: float(piece["hits"]))
-    assert wall["label"][0] == label
