@@ -82,7 +82,7 @@ def _files(folder: Path, robot: str) -> tuple[Path, Path]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    if not file.is_file():  # a pipe may never end, nor does a device
+    if file.exists() and not file.is_file():  # a pipe may never end, nor does a device
         raise ValueError("this is no file")
     with file.open("rb") as stream:
         data = stream.read(MAX_BYTES + 1)
