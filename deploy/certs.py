@@ -45,7 +45,7 @@ class Signed(NamedTuple):
         try:
             certificate = x509.load_pem_x509_certificate(read_text(folder / f"{name}.pem").encode())
             key = serialization.load_pem_private_key(read_text(folder / f"{name}.key").encode(), None)
-        except (InputError, OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError) as error:
             raise InputError(f"{folder}: no {name}.pem and {name}.key that can be used: {error}") from None
         if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
             raise InputError(f"{folder}: {name}.key is not the key of {name}.pem")

@@ -255,9 +255,9 @@ class Team:
 
         Transforms of merged peers are fitted anew: the own map may have closed a loop since the last map was heard.
         """
+        reach_m = self.spec.lidar.range_max_m
         for peer in self.proposed:
-            off = off_its_map(peer.log, self.spec.lidar.range_max_m)
-            if self.aligner.take_growth(peer.log, own, 0.0) and not off:
+            if self.aligner.take_growth(peer.log, own, 0.0) and not off_its_map(peer.log, reach_m):
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:

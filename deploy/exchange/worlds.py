@@ -45,8 +45,9 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
     if out == picture:
         raise InputError(f"{out}: its picture goes there; name the world file {out.with_suffix('.yaml').name}")
     try:
+        sources = _sources(file)
         for written in (out, picture):
-            if written.exists() and written.resolve() in _sources(file):
+            if written.resolve() in sources:
                 raise InputError(f"{written} would be written over; give the world another name by --out")
         shapes = read_shapes(file, options)
         if options.close_m:

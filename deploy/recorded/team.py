@@ -38,7 +38,7 @@ def _read_reference(file: Path) -> dict[int, tuple[float, float]]:
             rows = np.loadtxt(lines, ndmin=2)
         if rows.shape[1] != 8 or not np.isfinite(rows).all() or not len(rows):
             raise ValueError("lines of eight finite numbers are wanted")
-    except (InputError, OSError, ValueError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{file}: no reference poses: {error}") from None
     return {int(row[0]): (float(row[1]), float(row[2])) for row in rows}
 

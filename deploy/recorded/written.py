@@ -17,7 +17,6 @@ from deploy.recorded.carmen import FLASER, ROBOTLASER, SICK_RANGE_M
 from deploy.recorded.runs import kept_files, kept_scans
 from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
-from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
@@ -41,7 +40,7 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
             told = read_text(run / "trajectories" / f"{source.stem}.tum", MAX_RESULT_BYTES)
             track = np.loadtxt(told.splitlines(), ndmin=2)
             true = track[[scan["tick"] for scan in scans]].reshape(-1, 8)
-        except (InputError, OSError, ValueError, LookupError) as error:
+        except (OSError, ValueError, LookupError) as error:
             raise NoRunError(f"{run}: no true way for each scan of {source.name}: {error}") from None
         poses = [compose(pose, lidar.mount) for pose in _poses(true)]
         made.append(out / f"{source.stem}.log")

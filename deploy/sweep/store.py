@@ -15,8 +15,9 @@ from protocol.errors import InputError
 from protocol.files import remove_parts, write_whole
 
 TEXTS = ("key", "status", "reason", "settings", "revision")
-MAX_COLUMNS, MAX_ROW_BYTES = 10_000, 1 << 28  # of a result, which has some hundred columns and kilobytes
 """Columns that each result has; all others are figures, or missing."""
+MAX_COLUMNS, MAX_ROW_BYTES = 10_000, 1 << 28
+"""Of a result, which has some hundred columns and kilobytes."""
 
 
 class Store:

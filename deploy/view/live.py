@@ -112,8 +112,7 @@ class _Live:
         if what == _WHEREABOUTS:
             self._see(decode(Whereabouts, payload))
         elif what == _LINKS:
-            links = decode(LinkTable, payload).links
-            self._links = [link for link in links if {link.sender, link.receiver} <= self._robots]
+            self._links = decode(LinkTable, payload).links
         elif what == _PROGRESS:
             self._progress(decode(Progress, payload))
         elif what == keys.MAP and robot in self._robots:

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from agent.geometry.wall_tiles import all_in_view, wall_tiles
+from agent.geometry.wall_tiles import WallTiles, all_in_view, wall_tiles
 from agent.mapping.particle_filter import WireframeFilter
 from deploy.bench.cases import Case, Figures
 from deploy.bench.filter.faults import KINDS, Fault
@@ -61,7 +61,7 @@ def _draw_seen(
     kind: str, mind: WireframeFilter, run: ScanRecording, tick: int, rng: np.random.Generator
 ) -> tuple[Fault, Bools] | None:
     """A fault where the map is right and the run sees it often enough, and (t,) which scans see it."""
-    right = mind.wireframe()
+    right, walls = mind.wireframe(), wall_tiles(run.truth.outline)
     edges, count = mind.edges[mind.best], int(mind.counts[mind.best])
     ahead = np.array([run.at(later) for later in range(tick, tick + SOON)])
     for _ in range(DRAWS):
@@ -71,7 +71,7 @@ def _draw_seen(
             continue
         views = np.ones(len(run.scans), np.bool_)
         for point in (fault.place, *fault.samples):
-            views &= _sees(point, fault.normal, run)
+            views &= _sees(point, fault.normal, run, walls)
             if views.sum() < WITHIN + STAYS or not views[ahead].any():
                 break
         else:
@@ -80,7 +80,7 @@ def _draw_seen(
     return None
 
 
-def _sees(point: Floats, normal: Floats | None, run: ScanRecording) -> Bools:
+def _sees(point: Floats, normal: Floats | None, run: ScanRecording, walls: WallTiles) -> Bools:
     """(t,) scans that see a point in free space."""
     eyes = np.array(run.poses)[:, :2]
     away = eyes - point
@@ -89,7 +89,7 @@ def _sees(point: Floats, normal: Floats | None, run: ScanRecording) -> Bools:
     if normal is not None:
         near &= away @ normal > math.sin(GRAZING_RAD) * distance
     out = np.zeros(len(eyes), np.bool_)
-    out[near] = all_in_view(eyes[near], np.repeat(point[None], int(near.sum()), 0), wall_tiles(run.truth.outline))
+    out[near] = all_in_view(eyes[near], np.repeat(point[None], int(near.sum()), 0), walls)
     return out
 
 

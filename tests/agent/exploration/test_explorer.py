@@ -551,10 +551,8 @@ def test_a_post_that_is_in_no_map_and_too_near_to_be_measured_is_not_driven_into
         x += 0.2 * motion.speed_mps
         least = min(least, 0.75 - x)
     assert 0.105 < least < 0.13
-    away = scene_of(robot, 40, x - 0.2, room, NOBODY)
-    assert (
-        len(away.near.walls) == len(scene_of(robot, 41, x, room, NOBODY).near.walls) == 0
-    )  # seen from there, it is not
+    away = scene_of(robot, 40, x - 0.2, room, NOBODY)  # from there it would be seen
+    assert len(away.near.walls) == len(scene_of(robot, 41, x, room, NOBODY).near.walls) == 0
 
 
 def scene_of(
