@@ -19,7 +19,7 @@ from rosbags.typesys.store import Typestore
 from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
-from deploy.recorded.lidar_log import MAX_SCANS, OF_LOGS, Given, LidarLog, Scan
+from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import pose_of
@@ -50,6 +50,7 @@ class _Bag:
     limits: tuple[float, float] = (0.0, MAX_RANGE_M)  # m, of the lidar
     wheels: tuple[str, str] | None = None  # the frame of the odometry, and the robot's
     scans: int = 0  # LaserScan messages
+    readings: int = 0  # of those that are usable
 
 
 def definitions(old: bool) -> Typestore:
@@ -90,8 +91,7 @@ def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
     for connection, time_ns, message in _messages(reader, wanted, bag):
         kind, static = connection.msgtype, connection.topic.endswith("tf_static")
         bag.scans += kind == SCAN
-        if bag.scans > MAX_SCANS:
-            raise InputError(f"more than {MAX_SCANS} scans; split it")
+        check_amount(bag.scans, bag.readings)
         try:
             if kind == SCAN:
                 _take_scan(bag, decode(message, SCAN), time_ns)
@@ -150,6 +150,7 @@ def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
     if not bag.usable:
         bag.lidar_frame, bag.limits = told.header.frame_id, (told.range_min, told.range_max)
     bag.usable.append(_Entry(bag.scans - 1, scan))
+    bag.readings += scan.bearings.number
 
 
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from deploy.recorded.lidar_log import MAX_SCANS, OF_LOGS, Given, LidarLog, Scan
+from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
@@ -36,20 +36,28 @@ class _NoLidarError(ValueError):
 
 def read_carmen(file: Path, given: Given) -> LidarLog:
     """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file."""
+    try:
+        return _read(file, given)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{file}: it cannot be read: {error}") from None
+
+
+def _read(file: Path, given: Given) -> LidarLog:
     log: LidarLog | None = None
     mount: Pose | None = None
     kind, index, skipped = "", -1, Counter[str]()
     for words, read in _lines(file):
         if log is None and read > MAX_HEAD:
-            raise InputError(f"{file}: its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
+            raise InputError(f"its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
         if not words or words[0] not in (FLASER, ROBOTLASER):
             continue
         if kind and words[0] != kind:
             skipped[f"{words[0]} lines, as the first scan is a {kind} line"] += 1
             continue
         index += 1
-        if index == MAX_SCANS:
-            raise InputError(f"{file}: more than {MAX_SCANS} scans; split it")
+        check_amount(index + 1, 0 if log is None else log.lidar.beams * len(log.scans))
         try:
             lidar, readings, seen_from, robot, time_s = _parsed(words, given)
         except (ValueError, IndexError) as error:
@@ -67,31 +75,26 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
             robot = (math.nan, math.nan, math.nan)
         log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
     if log is None and not skipped:
-        raise InputError(f"{file}: no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
+        raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
-        raise InputError(f"{file}: none of its scans can be used: {', '.join(skipped)}")
+        raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
     log.note_odd()
     return log
 
 
 def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
-    """Words of each line, and the bytes up to its end. Raises InputError."""
-    try:
-        check_is_file(file)
-        with file.open("rb") as raw:
-            zipped = raw.read(2) == b"\x1f\x8b"
-            raw.seek(0)
-            with BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw as stream:
-                read = 0
-                while line := stream.readline(MAX_LINE):
-                    read += len(line)
-                    if read > MAX_BYTES:
-                        raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
-                    yield line.lstrip(b"\0").decode("ascii", "replace").split(), read  # a power cut leaves zeros
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{file}: it cannot be read: {error}") from None
+    """Words of each line, and the bytes up to its end."""
+    check_is_file(file)
+    with file.open("rb") as raw:
+        zipped = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        with BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw as stream:
+            read = 0
+            while line := stream.readline(MAX_LINE):
+                read += len(line)
+                if read > MAX_BYTES:
+                    raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
+                yield line.lstrip(b"\0").decode("ascii", "replace").split(), read  # a power cut leaves zeros
 
 
 def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Pose, float]:

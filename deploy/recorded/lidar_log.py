@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from protocol.arrays import Floats
+from protocol.errors import InputError
 from protocol.geometry import Pose
 from protocol.messages import LidarSpec
 from protocol.settings import MAX_NUMBER
@@ -20,7 +21,8 @@ MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
 WILD = "scans whose time or place the next two contradict"
-MAX_SCANS = 200_000  # of 361 readings 600 MB; the longest of public logs has 60,000
+MAX_SCANS = 200_000  # the longest of public logs has 60,000
+MAX_READINGS = 80_000_000  # 640 MB: as many scans of 361 readings and more
 OF_LOGS: dict[str, Any] = {"turning": False, "noise_m": 0.01, "noise_share": 0.0}
 """Settings of the lidar of a log that does not tell: the SICK of most public logs, which by its data sheet errs by the
 same near and far, and whose scans are stamped as one."""
@@ -49,6 +51,14 @@ class Scan(NamedTuple):
     def poses(self) -> Floats:
         """(3,) or (k + 1, 3) all that the wheels tell."""
         return np.array(self.odometry) if self.way is None else self.way
+
+
+def check_amount(scans: int, readings: int) -> None:
+    """Raise InputError where a log has more than memory holds."""
+    if scans > MAX_SCANS:
+        raise InputError(f"more than {MAX_SCANS} scans; split it")
+    if readings > MAX_READINGS:
+        raise InputError(f"more than {MAX_READINGS // 1_000_000} million readings; split it")
 
 
 @dataclass

@@ -223,6 +223,12 @@ def test_a_bag_without_what_is_needed_says_what(tmp_path: Path, wanted: str, sai
         read(write_bag(tmp_path, "mcap", said))
 
 
+def test_more_readings_than_memory_holds_are_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.recorded.lidar_log.MAX_READINGS", 1_000)
+    with pytest.raises(InputError, match="million readings; split it"):
+        read(write_bag(tmp_path, "mcap", drive(ROS2)))
+
+
 def test_a_missing_file_and_a_folder_without_bag_are_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "metadata.yaml").write_text("{")
     for path, words in (("none.bag", "no such file"), ("none.mcap", "no such file"), (".", "no bag, or damaged")):

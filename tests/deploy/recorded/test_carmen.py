@@ -165,6 +165,14 @@ def test_much_text_without_a_scan_is_not_read_to_its_end(tmp_path: Path, monkeyp
         read_carmen(tmp_path / "blank.log.gz", Given())
 
 
+def test_more_readings_than_memory_holds_are_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.recorded.lidar_log.MAX_READINGS", 1_000_000)
+    readings = ["2.5"] * 4000
+    file = log(tmp_path, *(flaser(k, readings=readings) for k in range(260)))
+    with pytest.raises(InputError, match="some.log: more than 1 million readings; split it"):
+        read_carmen(file, Given())
+
+
 @pytest.mark.parametrize("content", [b"", b"hello\n", b"\x1f\x8b", b"\x00" * 500_000, b"FLASER\nFLASER x\n"])
 def test_what_is_no_log_is_one_sentence(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "no.log"
