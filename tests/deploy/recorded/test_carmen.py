@@ -169,7 +169,7 @@ def test_more_readings_than_memory_holds_are_a_sentence(tmp_path: Path, monkeypa
     monkeypatch.setattr("deploy.recorded.lidar_log.MAX_READINGS", 1_000_000)
     readings = ["2.5"] * 4000
     file = log(tmp_path, *(flaser(k, readings=readings) for k in range(260)))
-    with pytest.raises(InputError, match="some.log: more than 1 million readings; split it"):
+    with pytest.raises(InputError, match=r"some\.log: more than 1 million readings; split it"):
         read_carmen(file, Given())
 
 
