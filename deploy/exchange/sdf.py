@@ -27,6 +27,7 @@ HEIGHT_M = 0.182
 SIDES = 32  # of a cylinder's cut
 MAX_DEPTH = 16  # models within each other, included ones too
 MAX_INCLUDES = 200
+MAX_SHAPES = 20_000  # collision shapes, the included ones too: a world has at most half as many corners
 SDF_END = "</sdf>"
 UNSEEN = frozenset({"plane", "empty"})  # shapes that no level beam meets
 Matrix = Floats  # (4, 4)
@@ -41,6 +42,7 @@ class _Reading:
     cuts: list[shapely.Geometry] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
     includes: int = 0
+    shapes: int = 0
 
 
 def parse_xml(text: str) -> Element:
@@ -130,6 +132,9 @@ def _relative(element: Element) -> bool:
 def _shape(geometry: Element | None, frame: Matrix, name: str, reading: _Reading) -> None:
     """Cut one collision shape at the height."""
     for shape in geometry if geometry is not None else ():
+        reading.shapes += 1
+        if reading.shapes > MAX_SHAPES:
+            raise InputError(f"more than {MAX_SHAPES} collision shapes")
         match shape.tag:
             case "box":
                 x, y, z = _numbers(shape.findtext("size"), 3)

@@ -45,7 +45,7 @@ def value_of(row: Row, measure: str) -> float | None:
     value: Any = row[measure]
     if value is None and measure.rpartition(".")[2].startswith("t_"):
         return math.inf
-    return value if isinstance(value, float) else None
+    return value if isinstance(value, float) and not math.isnan(value) else None
 
 
 def median(values: Sequence[float]) -> Estimate | None:

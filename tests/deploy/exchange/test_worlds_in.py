@@ -233,6 +233,9 @@ BAD = {
     "b.sdf": "<!DOCTYPE x [<!ENTITY a 'aaaa'>]><sdf>&a;</sdf>",
     "c.sdf": "<sdf>" + "<model name='m'>" * 40 + "</model>" * 40 + "</sdf>",
     "d.sdf": "<a>" * 100_000,
+    "many.sdf": "<sdf><model><link>"
+    + "<collision><geometry><plane/></geometry></collision>" * 20_001
+    + "</link></model></sdf>",
     "e.world": "<sdf/>",
     "f.xml": "<html/>",
     "g.svg": "<svg xmlns='http://www.w3.org/2000/svg'><polyline points='0,0 1,1'/></svg>",

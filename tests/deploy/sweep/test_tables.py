@@ -103,6 +103,14 @@ def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
     assert "-" in to_latex(sheet) and "revision" not in to_csv(sheet)
 
 
+def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
+    store = Store(tmp_path / "abc", "abc")
+    for seed, path_m in enumerate((5.0, math.nan, 7.0)):
+        store.keep(row(2, seed, 1.0, path_m))
+    (line,) = medians(select(str(tmp_path))[0], ["mean.path_m"]).lines
+    assert line[-1] == (6.0, 5.0, 7.0)
+
+
 @pytest.mark.parametrize(
     ("what", "sentence"),
     [("nowhere", "no folder"), ("{}:radio.range_m", "write KEY=VALUE"), ("{}:radio.range_m=7", "no results")],
