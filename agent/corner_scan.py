@@ -44,6 +44,7 @@ PIECE = np.dtype(
         ("face", "f8", (2,)),  # m by which it may lie farther in, where the last hits may be on a small face beyond it
         ("gap", "f8", (2,)),  # m from the last hit to a nominal end: the line is prolonged so far to its corner
         ("apart", "f8", (2,)),  # m between two beams there, if a slot before the corner would show by its gap; else 0
+        ("stray", "i8", (2,)),  # 1 where noise may have made an occlusion end, as the wall goes on behind one beam
         ("label", "i8", (2,)),  # Label of tail and head
         ("link", "i8", (2,)),  # the piece that shares the corner at tail and head, or -1
         ("moment", "f8"),  # when the hits were taken, on average: 0 at the start of the revolution, 1 at the stamp

@@ -89,11 +89,12 @@ def is_landmark(wall: Record, side: int) -> bool:
 
 @kernel
 def tells_end(p: Record, side: int) -> bool:
-    """Whether a piece of a scan tells where its wall ends: the face beyond is out of sight.
+    """Whether a piece of a scan tells where its wall ends: the face beyond is out of sight, and it is no stray's end.
 
     Hits on that face lengthen the piece by 0.1 to 1.6 of the distance of two beams: by up to 90 mm from 2.5 m away.
+    A stray's end, taken for the corner of a corridor, moved a robot by 0.65 m that knew its place there to 0.2 m.
     """
-    return bool(p.label[side] == OCCLUSION and p.face[side] == 0.0)
+    return bool(p.label[side] == OCCLUSION and p.face[side] == 0.0 and p.stray[side] == 0)
 
 
 @kernel

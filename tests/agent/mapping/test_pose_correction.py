@@ -17,11 +17,11 @@ NOT_TENTATIVE = np.zeros(2, np.bool_)
 OFF_M = 0.05
 
 
-def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0) -> float:
+def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0, stray: bool = False) -> float:
     """By how much the robot moves along a wall from 2 to 4 m ahead, one end of which (side) is seen `off` m farther.
 
     It knows its place to 0.1 m and the wall well. face: metres of the piece that may be of the face beyond, by a slack
-    of 0.01 m. hits: beams of the piece, as near ones count.
+    of 0.01 m. hits: beams of the piece, as near ones count. stray: whether the end is that of a stray.
     """
     edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
     wall = edges[0]
@@ -46,6 +46,7 @@ def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0) -> fl
     piece["end"], piece["label"] = (-1.0, 1.0), -1
     piece["end"][side] += off
     piece["label"][side], piece["slack"][side], piece["face"][side] = OCCLUSION, 0.01, face
+    piece["stray"][side] = stray
     shift = np.zeros(len(joint))
     gates = Gates(NOISE, OFFSET_GATE_M)
     correct_pose(edges, 1, pieces, np.zeros(1, np.int64), POSE, joint, shift, Axis(0.0, math.inf), gates)
@@ -61,6 +62,10 @@ def test_an_end_holds_the_robot_along_its_wall_however_few_beams_show_it(side: i
 def test_an_end_beyond_which_hits_may_be_of_the_next_face_does_not() -> None:
     """It seems too far out, and pulled the robot along."""
     assert moved_by(0, OFF_M, face=0.002) == 0.0
+
+
+def test_an_end_by_a_stray_does_not() -> None:
+    assert moved_by(1, OFF_M, stray=True) == 0.0
 
 
 def test_an_end_in_the_middle_of_a_wall_is_none_of_its_corners() -> None:

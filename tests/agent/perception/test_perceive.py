@@ -305,6 +305,25 @@ def test_a_far_piece_shows_where_it_ends_however_noisy_its_beams_are() -> None:
         assert (np.abs(piece["end"]) < 0.16).all() and (np.abs(piece["end"]) + piece["slack"] > 0.14).all()
 
 
+def test_ends_in_the_middle_of_a_wall_are_known_as_strays() -> None:
+    lidar, rng = ideal_lidar(noise_share=0.0175), np.random.default_rng(0)
+    corridor = Lidar(np.array([[-10.0, 1.0, 10.0, 1.0], [10.0, -1.0, -10.0, -1.0]]), lidar)
+    ranges = corridor.cast(np.zeros((1, 3)))
+    scans = [np.asarray(corridor.measured(ranges, [rng])[0], np.float64) for _ in range(1000)]
+    pieces = np.concatenate([perceive(scan, ideal_spec(lidar=lidar), alone=True).pieces for scan in scans])
+    strays = pieces["stray"][pieces["label"] == Label.OCCLUSION]
+    assert len(strays) >= 5 and np.mean(strays) > 0.9
+
+
+def test_a_door_that_one_beam_passes_has_jambs_and_no_strays() -> None:
+    lidar = ideal_lidar(noise_share=0.0175)
+    ranges = np.asarray(Lidar(np.array([[-10.0, 1.0, 10.0, 1.0]]), lidar).cast(np.zeros((1, 3)))[0], np.float64)
+    ranges[np.argmin(np.abs(lidar.bearings() - math.radians(30)))] *= 1.2
+    pieces = perceive(ranges, ideal_spec(lidar=lidar), alone=True).pieces
+    inner = pieces["label"] == Label.OCCLUSION
+    assert inner.sum() == 2 and not pieces["stray"][inner].any()
+
+
 def test_beams_on_the_tip_of_a_wall_do_not_move_its_long_side() -> None:
     """Noise takes beams on the tip for ones on the side, and these lie behind it: it seemed 5 mm too far away."""
     lidar = ideal_lidar(noise_share=0.0175)
