@@ -7,18 +7,29 @@ from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("agent", "world", "protocol")  # the sources that every figure depends on
+RUNNING = ("config.py", "inprocess.py", "launch/faults.py", "sensing.py")
+JUDGING = (
+    "metrics.py",
+    "sweep/measure.py",
+    "bench/errors.py",
+    "bench/explored.py",
+    "bench/layouts.py",
+    "bench/made.py",
+)
+SOURCES = ("agent", "world", "protocol", *(f"deploy/{name}" for name in (*RUNNING, *JUDGING)))
+"""Packages and files that every figure depends on."""
 
 
 @cache
 def sources(ignored: str = "") -> str:
-    """Hash of PACKAGES and their worlds, as they are when first asked, without files whose path begins with `ignored`.
+    """Hash of SOURCES and their worlds, as they are when first asked, without files whose path begins with `ignored`.
 
     Empty: with all files.
     """
     digest = hashlib.sha256()
-    for package in PACKAGES:
-        for source in sorted((ROOT / package).rglob("*")):
+    for place in SOURCES:
+        path = ROOT / place
+        for source in sorted(path.rglob("*")) if path.is_dir() else [path]:
             name = source.relative_to(ROOT).as_posix()
             if source.suffix in (".py", ".yaml") and not (ignored and name.startswith(ignored)):
                 digest.update(name.encode() + b"\0" + source.read_bytes())
@@ -26,11 +37,11 @@ def sources(ignored: str = "") -> str:
 
 
 def revision() -> str:
-    """The commit of a checkout whose PACKAGES are as committed, else commit or version with a hash of the sources."""
+    """The commit of a checkout whose SOURCES are as committed, else commit or version with a hash of the sources."""
     base = version("wireswarm")
     if (ROOT / ".git").exists():
         base = _git("rev-parse", "--short=12", "HEAD")
-        if not _git("status", "--porcelain", "--", *PACKAGES):
+        if not _git("status", "--porcelain", "--", *SOURCES):
             return base
     return f"{base}-{sources()[:12]}"
 

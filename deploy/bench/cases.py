@@ -35,7 +35,7 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Hash of all that decides the figures: sources of the minds and the world, the measure's, arguments."""
+        """Hash of what decides the figures: the sources of all figures, the measure's own, its arguments."""
         own = getsourcefile(self.measure)
         assert own is not None
         words = [sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
