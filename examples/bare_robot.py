@@ -63,7 +63,7 @@ def cells(points: np.ndarray) -> tuple:
     return tuple(np.clip(np.array([points.real, points.imag]) / CELL_M + CELLS / 2, 0, CELLS - 1).astype(int))
 
 
-class Explorer:
+class BareRobot:
     """What the robot knows, and where it goes."""
 
     def __init__(self, spec: dict) -> None:
@@ -129,7 +129,7 @@ def main(robot: str, endpoint: str) -> None:
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
         question = msgpack.packb({"version": 3, "robot": robot, "session": str(session.info.zid())})
         (reply,) = session.get(f"robots/{robot}/srv/join", payload=question)
-        explorer = Explorer(msgpack.unpackb(reply.ok.payload.to_bytes())["spec"])
+        explorer = BareRobot(msgpack.unpackb(reply.ok.payload.to_bytes())["spec"])
         session.declare_subscriber(f"robots/{robot}/in/**", lambda one: inbox.put((str(one.key_expr), one.payload)))
         out = {name: session.declare_publisher(f"robots/{robot}/out/{name}", **block) for name in ("map", "act")}
         while not all(publisher.matching_status.matching for publisher in out.values()):

@@ -157,7 +157,7 @@ class Children:
             forks.begin()
             self._start("world", world_process, self._config, self._out, self._secrets)
             if self._interrupted:  # while the world started
-                self._tell_all(STOP)
+                self._stop_all()
             deadline, hangs_at = None, math.inf
             while self._talking and (deadline is None or time.monotonic() < deadline):
                 world = self._world()
@@ -168,7 +168,7 @@ class Children:
                         self._errors.append(f"world: it did not end within {LAST_S:g} s and was killed")
                         self._kill(world)
                 if deadline is None and not world:
-                    self._tell_all(STOP)  # nobody needs to wait for a world that has ended
+                    self._stop_all()  # nobody needs to wait for a world that has ended
                     deadline = time.monotonic() + (FAREWELL_S if self._interrupted else LEAVE_S)
                 logs = {child.log.pipe: child.log for child in self._children if not child.log.pipe.closed}
                 sentinels = [] if self._interrupted else [child.process.sentinel for child in world]
@@ -205,7 +205,7 @@ class Children:
         if not self._interrupted:
             self._errors.append("interrupted: the server from which world and robots are forked was killed")
         self._interrupted = True
-        self._tell_all(STOP)
+        self._stop_all()
 
     def _kill(self, children: Iterable[Child]) -> None:
         """Kill processes by their number, as multiprocessing cannot where the server is dead."""
@@ -305,7 +305,7 @@ class Children:
         """End a run that would wait for a robot that cannot join any more."""
         if self._progress is None and child.name != "world":
             self._never_began = True
-            self._tell_all(STOP)
+            self._stop_all()
 
     def _tell_world(self, robot: str) -> None:
         """Tell the world that a robot's process has ended, as a link that is lost may come back."""
@@ -313,10 +313,10 @@ class Children:
             with suppress(OSError):
                 world.pipe.send(robot)
 
-    def _tell_all(self, what: str) -> None:
+    def _stop_all(self) -> None:
         for child in self._talking.values():
             with suppress(OSError):
-                child.pipe.send(what)
+                child.pipe.send(STOP)
 
     def _status(self) -> Status:
         if self._interrupted or (self._ended == "interrupted" and not self._never_began):
