@@ -21,6 +21,7 @@ NOMINAL, OCCLUSION, FRONTIER = int(Label.NOMINAL), int(Label.OCCLUSION), int(Lab
 """Labels as kernels and records hold them."""
 NOISE_SIGMAS = 3.5  # standard deviations by which noise may part a measurement from its prediction: 0.9995 of the noise
 NOISE_FLOOR_M = 0.003  # least standard deviation of a range: real walls are not flatter, whatever the lidar promises
+CUT_SIGMAS = 2.0  # deviations before the lidar's range from which it cuts off what noise has not shortened
 BRIDGE_M = 0.25  # two hits on one line farther apart along it do not show that there is wall between them
 STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to scan; a teammate drives so far in 0.3 s
 TELLING_HITS = 1.0

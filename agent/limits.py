@@ -2,12 +2,12 @@
 
 import math
 
+from agent.exploration.driving import HORIZON_COMMANDS
 from protocol.messages import RobotSpec
 
 LEAST_VIEW_DEG = 180.0  # with less, a robot does not see the place beside it that it turns into
 LEAST_BEAMS = 180  # of a whole revolution: a post of 0.1 m gets three beams from 1 m away, a wall of 0.25 m from 2.4 m
 MOST_LOST = 0.9  # of the beams: alone in `apartment`, a robot touched nothing with 0.9, and walls with 0.97
-AHEAD_SCANS = 2  # for which a motion must be free: what comes after is decided with a newer scan
 MOST_TURN_DEG = 90.0  # of the robot in a scan: a quarter of the room is then seen twice, or not at all
 
 
@@ -17,11 +17,11 @@ def doubts(spec: RobotSpec) -> list[str]:
     if lidar.range_min_m >= lidar.range_max_m:
         found.append(f"the lidar measures nothing: range_min_m {lidar.range_min_m:g} is not below range_max_m")
     reach_m = lidar.range_max_m - math.hypot(lidar.mount_x_m, lidar.mount_y_m)
-    need_m = spec.radius_m + AHEAD_SCANS * spec.max_speed_mps / lidar.rate_hz
+    need_m = spec.radius_m + HORIZON_COMMANDS * spec.max_speed_mps / lidar.rate_hz
     if reach_m < need_m:
         found.append(
             f"the lidar sees {max(reach_m, 0.0):.2f} m around the robot, which reaches {need_m:.2f} m within "
-            f"{AHEAD_SCANS} scans: it drives into walls; raise spec.lidar.range_max_m or lower spec.max_speed_mps"
+            f"{HORIZON_COMMANDS} scans: it drives into walls; raise spec.lidar.range_max_m or lower spec.max_speed_mps"
         )
     if lidar.dropout > MOST_LOST:
         lost = f"the lidar loses {100 * lidar.dropout:.4g} % of its beams"

@@ -195,7 +195,7 @@ class Robot:
             partners=partners,
             silent=silent,
             viewpoints=self.team.views.places,
-            in_vain=self.team.views.ends,
+            left_ends=self.team.views.ends,
             glimpses=self.filter.glimpses,
             is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),
             pose_sd_m=self.filter.place_sd_m,

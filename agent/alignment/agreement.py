@@ -93,6 +93,11 @@ def _walls_by_cell(segments: Floats, x0: float, y0: float, cell: float, columns:
     return np.array(cells), np.array(members)
 
 
+def overlap(agreed_m: float, mine: Walls, theirs: Walls) -> float:
+    """Share of the smaller map's wall that agrees."""
+    return agreed_m / min(mine.length_m, theirs.length_m)
+
+
 NEITHER, AGREES, CONFLICTS = 0, 1, 2  # what one map says of a sample of the other
 
 

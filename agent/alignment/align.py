@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agent.alignment.agreement import contradict
+from agent.alignment.agreement import contradict, overlap
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, Candidates, ranked
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
@@ -97,7 +97,7 @@ def described(found: Candidates, mine: PreparedMap, theirs: PreparedMap, rival: 
             second = max(second, its)
             break
     margin = 1.0 - second / score if score > 0.0 else 0.0
-    share, count = agreed / min(mine.walls.length_m, theirs.walls.length_m), len(found.transforms)
+    share, count = overlap(agreed, mine.walls, theirs.walls), len(found.transforms)
     return Alignment(
         None,
         "ambiguous",

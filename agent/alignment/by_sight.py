@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.alignment.agreement import agreement, contradict
+from agent.alignment.agreement import agreement, contradict, overlap
 from agent.alignment.align import LEAST_CORNERS, Alignment
 from agent.alignment.candidates import COARSE_M, DISTINCT_M, DISTINCT_RAD, refine
 from agent.alignment.config import AlignmentConfig
@@ -105,7 +105,7 @@ def align_by_sight(mine: PreparedMap, theirs: PreparedMap, found: Consensus, con
         elif contradict(agreed, conflict, config):
             reason = "conflict"
         pose = pose_of(t)
-        share = agreed / min(mine.walls.length_m, theirs.walls.length_m)
+        share = overlap(agreed, mine.walls, theirs.walls)
         transform = pose if reason == "sighted" else None
         if best is none or score > best.score:
             best = Alignment(

@@ -37,7 +37,7 @@ SLACK_LEVELS = 2
 """A wall's likelihood that changed by less than this, in sevenths, is not news."""
 AXIS_SLACK_DEG = 1.0
 """The grid is turned anew where the map's main axis is off by more: a wall of 1.2 m then costs 6 bits more."""
-MOST_HEARD = 80
+MOST_FROM_PEER = 80
 """Messages of one peer that are read in a tick (ours): all parts of a map, and some more. An honest peer sends 3."""
 MOST_ANSWERS = 8
 """Maps of one peer that are acknowledged in a tick, the newest ones; else it could use up what a robot may say."""
@@ -138,21 +138,24 @@ class Told:
 class MapNews:
     """A map for all peers that have the same base, as those that were told the same since their contacts began."""
 
-    def __init__(self, wireframe: Wireframe, axis: int, base: GridMap | None, new: GridMap) -> None:
-        """new: the wireframe on the grid of an axis, as what has changed since a base, if there is one."""
-        self._of, self._axis, self._base, self.new = wireframe, axis, base, new
+    def __init__(self, wireframe: Wireframe, axis: int, base: GridMap | None, new: GridMap, likelihoods: bool) -> None:
+        """new: the wireframe on the grid of an axis, as what has changed since a base, if there is one.
+
+        likelihoods: whether walls are told with theirs.
+        """
+        self._of, self._axis, self._base, self.new, self._likelihoods = wireframe, axis, base, new, likelihoods
         self._coded: tuple[Coded, bool] | None = None
 
     def are_of(self, wireframe: Wireframe, axis: int, base: GridMap | None) -> bool:
         """Whether they are of this very map, in the same form."""
         return self._of is wireframe and self._base is base and self._axis == axis
 
-    def coded(self, likelihoods: bool) -> tuple[Coded, bool]:
+    def coded(self) -> tuple[Coded, bool]:
         """The shorter one of the changes and the whole map; and whether that is the whole."""
         if self._coded is None:
-            coded, whole = encode_map(self.new, self._base, likelihoods=likelihoods), self._base is None
+            coded, whole = encode_map(self.new, self._base, likelihoods=self._likelihoods), self._base is None
             if not whole and len(coded.data) > WHOLE_BYTES * len(self.new.cells):
-                other = encode_map(self.new, likelihoods=likelihoods)
+                other = encode_map(self.new, likelihoods=self._likelihoods)
                 if len(other.data) <= len(coded.data):
                     coded, whole = other, True
             self._coded = coded, whole
@@ -202,8 +205,8 @@ class Exchange:
             if peer in refused:
                 continue  # nor is the rest read of what it says in this tick
             count[peer] += 1
-            if count[peer] > MOST_HEARD:
-                refused[peer] = f"more than {MOST_HEARD} messages in a tick"
+            if count[peer] > MOST_FROM_PEER:
+                refused[peer] = f"more than {MOST_FROM_PEER} messages in a tick"
                 continue
             try:
                 said = self._take(tick, peer, message)
@@ -378,11 +381,11 @@ class Exchange:
             base = None
         if self._news is None or not self._news.are_of(wireframe, told.axis, base):
             new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
-            self._news = MapNews(wireframe, told.axis, base, new)
+            self._news = MapNews(wireframe, told.axis, base, new, config.likelihoods)
         new = self._news.new
         if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):
             return []
-        coded, is_whole = self._news.coded(config.likelihoods)
+        coded, is_whole = self._news.coded()
         version = 0 if is_whole else told.acked
         pending = told.maps.get(told.parts[0].version) if told.parts else None
         if pending is not None and pending.alike(coded.map):

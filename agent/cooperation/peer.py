@@ -29,8 +29,9 @@ sight."""
 
 
 MOST_SPEED = 1.5
-"""Times a robot's top speed: who seems to have driven faster was started anew. Less is its map that put it right."""
-GIVEN_SD_M, CORNER_SD_M = 0.1, 0.01
+"""Times a robot's top speed: who seems to have driven faster was started anew, in another frame. A smaller jump is one
+by which its map corrected its pose."""
+GIVEN_SD_M, LEAST_CORNER_SD_M = 0.1, 0.01
 """Standard error of a transform that no alignment gave, and least one of a corner in it: that of a range."""
 
 
@@ -305,4 +306,4 @@ def transform_sd_m(alignment: Alignment | None) -> float:
     """Standard error in metres of a transform by its alignment; None: of one that is given."""
     if alignment is None:
         return GIVEN_SD_M
-    return max(alignment.residual, CORNER_SD_M) / math.sqrt(max(alignment.inliers, 1))
+    return max(alignment.residual, LEAST_CORNER_SD_M) / math.sqrt(max(alignment.inliers, 1))

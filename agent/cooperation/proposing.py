@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from agent.alignment.agreement import BENT_M, EXACT_M, agreement, bear_out, beside, contradict
+from agent.alignment.agreement import BENT_M, EXACT_M, agreement, bear_out, beside, contradict, overlap
 from agent.alignment.align import LEAST_CORNERS, Alignment, align_prepared
 from agent.alignment.by_sight import Consensus, align_by_sight, apart_places, consensus, squared
 from agent.alignment.candidates import DISTINCT_M, DISTINCT_RAD, refine_near
@@ -182,15 +182,16 @@ class Aligner:
         agreed, conflict = agreement(mine.walls, theirs.walls, fit.transform)
         if not is_known(fit) or not bear_out(agreed, conflict, self.config):
             return said
-        share = agreed / min(mine.walls.length_m, theirs.walls.length_m)
+        share = overlap(agreed, mine.walls, theirs.walls)
         pose = pose_of(fit.transform)
         return Alignment(pose, "sighted", 1, margin=1.0, agreement=agreed, conflict=conflict, overlap=share, best=pose)
 
     def walls_agree(
         self, log: PeerLog, own: Wireframe, transform: Floats, must_overlap: bool, spare_nats: float = 0.0
     ) -> bool:
-        """Whether the newest maps agree under a transform. This is no evidence for it, but it must not fail.
+        """Whether the newest maps agree under a transform (3,) of the peer's frame into the own.
 
+        This is no evidence for it, but it must not fail.
         must_overlap: whether they must have corners in common; else it suffices that they do not contradict each other.
         spare_nats: by how much other evidence exceeds what decides. Where odometry errs, maps are bent, and what lies
         beside itself weighs against that.

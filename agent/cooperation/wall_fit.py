@@ -25,8 +25,9 @@ MOST_SAMPLES = 300
 """Samples of the peer's walls: a fit takes 1 ms then, and 300 hold a transform to millimetres."""
 WALL_SD_M = 0.02
 """Standard deviation of a sample's distance from its wall: of two maps that robots have made, rounded for the radio."""
-MATCHED_LESS = SAMPLE_SD_M / WALL_SD_M
-"""Matching counts a sample by how well a scan knows its wall, so all here is in units of that."""
+SD_RATIO = SAMPLE_SD_M / WALL_SD_M
+"""`refine` takes a sample to err by SAMPLE_SD_M; here it errs by WALL_SD_M. The prior is given to it in its units, and
+what it finds is taken back from them."""
 PRIOR_SD = np.array((0.1, 0.1, 0.01))
 """m, m, rad: what the alignment by corners is trusted with where walls do not tell, as along a corridor."""
 MOVED_M, MOVED_RAD = 0.2, 0.05
@@ -60,13 +61,13 @@ def fit_on_walls(mine: Wireframe, theirs: Wireframe, start: Floats) -> WallFit:
     samples[:, 4] = 0.0  # the radio's grid turns short walls: their ends alone count
     centre = np.append(samples[:, :2].mean(0) if len(samples) else np.zeros(2), 0.0)
     # about the middle of the walls, where shift and turn are nearly independent
-    prior = np.diag((PRIOR_SD * MATCHED_LESS) ** -2.0)
+    prior = np.diag((PRIOR_SD * SD_RATIO) ** -2.0)
     samples[:, :2] -= centre[:2]
     found = refine(samples, tiles_of(_segments(mine)), compose(start, centre), prior, GATES_M, ROUNDS)
     transform = compose(found.pose, -centre)
     if apart(transform, start, centre[:2], MOVED_M, MOVED_RAD):
         return WallFit(start, centre[:2], np.diag(PRIOR_SD**2))
-    return WallFit(transform, centre[:2], inverse(found.information) / MATCHED_LESS**2)
+    return WallFit(transform, centre[:2], inverse(found.information) / SD_RATIO**2)
 
 
 def _segments(wireframe: Wireframe) -> Records:

@@ -62,7 +62,7 @@ class Agenda(NamedTuple):
         return np.array([task.stand for task in self.tasks])
 
     def of(self, rows: Ints) -> "Agenda":
-        """Some of the tasks only."""
+        """The tasks of some rows (k,) only."""
         return Agenda([self.tasks[k] for k in rows], self.costs[rows], self.between[np.ix_(rows, rows)])
 
 

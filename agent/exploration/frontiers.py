@@ -110,7 +110,7 @@ def same_wall(ends: Ends, gap_m: float, off_m: float) -> Ints:
 def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
     """Points from which the hidden continuation of the chosen ends should come into view.
 
-    close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
+    which: (k,) rows of `ends`. close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
     """
     grazing_rad = CLOSE_GRAZING_RAD if close else GRAZING_RAD
     points, in_view, goal = [], [], []
@@ -135,7 +135,7 @@ def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
 
 
 def stands_at_edges(wireframe: Wireframe, which: Ints) -> Stands:
-    """Points in front of the chosen edges, on their free side."""
+    """Points in front of some edges, on their free side. which: (k,) rows of `wireframe.edges`."""
     a, b = wireframe.points[wireframe.edges[which, 0]], wireframe.points[wireframe.edges[which, 1]]
     u = (b - a) / np.maximum(np.hypot(*(b - a).T), 1e-9)[:, None]
     n = np.stack((-u[:, 1], u[:, 0]), 1)

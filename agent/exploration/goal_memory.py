@@ -47,8 +47,7 @@ def same_ends(points: Floats, along: Floats, others: Floats) -> Ints:
 class GoalMemory:
     """What became of goals; the oldest are forgotten when there are too many."""
 
-    def __init__(self, size: int = REMEMBERED) -> None:
-        self.size = size
+    def __init__(self) -> None:
         self.tried: list[Tried] = []
         self._table = np.zeros((0, 4))
 
@@ -62,11 +61,11 @@ class GoalMemory:
         return same_ends(points, along, self._table)
 
     def note(self, point: Floats, along: Floats) -> Tried:
-        """The record of a goal, a new one if there is none."""
+        """The record of a goal, a new one if there is none. point: (2,) metres; along: (2,) unit; frame of the map."""
         k = int(self.find(point[None], along[None])[0])
         if k >= 0:
             return self.tried[k]
-        if len(self.tried) >= self.size:
+        if len(self.tried) >= REMEMBERED:
             del self.tried[0]
             self._table = self._table[1:]
         self.tried.append(Tried())

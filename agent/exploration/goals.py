@@ -8,7 +8,7 @@ import numpy as np
 from agent.exploration.agenda import Task, TaskKind, is_end
 from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
-from agent.exploration.goal_memory import SAME_PLACE_M, GoalMemory, same_ends
+from agent.exploration.goal_memory import REMEMBERED, SAME_PLACE_M, GoalMemory, same_ends
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from agent.geometry.clearance import distances_to_walls
@@ -28,7 +28,7 @@ CRAMPED_COST = 0.8  # metres of path that a metre less of that room is worth: mo
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
 TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
-MOST_HEARD = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
+MOST_HEARD_ENDS = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
 LEFT = "a teammate looked at it in vain"  # the reason why a goal is left to a teammate
 
 
@@ -60,8 +60,8 @@ class Goals:
         self._version, self._tick = scene.version, scene.tick
         self.ends = open_ends(scene.wireframe)
         self._recall()
-        self._left = same_ends(self.ends.points, self.ends.along, scene.in_vain) >= 0
-        if len(self._tried) > MOST_HEARD:
+        self._left = same_ends(self.ends.points, self.ends.along, scene.left_ends) >= 0
+        if len(self._tried) > MOST_HEARD_ENDS:
             self._keep_nearest(scene.here)
         return min(passed, self.refresh_ticks)
 
@@ -69,7 +69,7 @@ class Goals:
         """Forget open ends that are too many, those far from here (2,) and those that were given up first."""
         order = np.lexsort((np.hypot(*(self.ends.points - here).T), self._tried >= 0))
         heard = self.ends.heard[order]
-        kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD)][:MOST_ENDS])
+        kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD_ENDS)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
         self.ends = Ends(points[kept], along[kept], free[kept], frontier[kept], heard[kept])
         self._tried, self._left = self._tried[kept], self._left[kept]
@@ -79,11 +79,11 @@ class Goals:
         self._tried = self.memory.find(self.ends.points, self.ends.along)
 
     def fresh(self) -> Ints:
-        """Open ends that were never given up, nor looked at by a teammate in vain."""
+        """Rows (k,) of the open ends that were never given up, nor looked at by a teammate in vain."""
         return np.flatnonzero((self._tried < 0) & ~self._left)
 
     def again(self) -> Ints:
-        """Open ends that were given up, may be tried again, and whose surroundings may have changed since."""
+        """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""
         open_again = [not record.unreachable and record.version != self._version for record in self.memory.tried]
         tried = [k >= 0 and open_again[k] for k in self._tried]
         return np.flatnonzero(np.array(tried, np.bool_) & ~self._left)
@@ -159,7 +159,7 @@ class Goals:
         else:
             record.attempts += 1
         record.unreachable = record.attempts >= self.attempts
-        if record.stands and not record.told and len(self.in_vain) < self.memory.size:
+        if record.stands and not record.told and len(self.in_vain) < REMEMBERED:
             record.told = True
             x, y = place.tolist()
             self.in_vain.append((x, y, turn_of_end(along)))

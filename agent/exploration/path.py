@@ -18,7 +18,10 @@ def length_of(path: Floats) -> float:
 
 
 def first_clearance(start: Floats, walls: Floats, clearance_m: float) -> float:
-    """Distance that the first piece of a way keeps from walls: a robot too near to one may leave it."""
+    """Distance, metres, that the first piece of a way from start (2,) keeps from walls (m, 4).
+
+    A robot that is too near to one may leave it.
+    """
     return min(clearance_m, _START_SHARE * distance_to_walls(start[0], start[1], walls))
 
 

@@ -40,8 +40,8 @@ class Situation:
     silent: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(j, 3) the same of those that have been silent for a while."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
-    in_vain: Floats = field(default_factory=lambda: np.zeros((0, 4)))
-    """(v, 4) open ends that teammates with merged maps looked at in vain, and unit: where their walls go on."""
+    left_ends: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    """(v, 4) open ends that are left to teammates, which looked at them in vain, and unit: where their walls go on."""
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     """(g, 2) middles of what this scan hit and is no wall yet."""
     is_stranger: bool = False  # whether somebody in contact does not know where the robot's frame lies

@@ -175,7 +175,10 @@ class Sweep:
         take_seen(left, lattice, teammates, walls, self.radius + self.sample_m, 0.0)
 
     def left(self, samples: Floats, own: Floats, teammates: Floats, walls: Floats) -> tuple[Floats, bool]:
-        """Samples (n, 2) as in `_take_swept`, and whether they are too few to go for."""
+        """What is left of samples (n, 2), metres, and whether that is too little to go for.
+
+        own, teammates (k, 2): from where they were seen. walls: (m, 4).
+        """
         lattice, left = marked(samples, self.sample_m)
         self._take_swept(left, lattice, own, teammates, walls)
         samples = lattice.points(left)

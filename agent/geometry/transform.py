@@ -46,7 +46,7 @@ def move(t: Floats, x: float, y: float) -> tuple[float, float]:
 
 @shared_kernel
 def apart(a: Floats, b: Floats, centre: Floats, limit_m: float, limit_rad: float) -> bool:
-    """Whether two transforms differ by more than the limits, at the map's centre."""
+    """Whether two transforms (3,) differ by more than the limits, metres and rad, at the map's centre (2,)."""
     if abs(wrapped(a[2] - b[2])) > limit_rad:
         return True
     ax, ay = move(a, centre[0], centre[1])

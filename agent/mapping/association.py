@@ -26,7 +26,7 @@ _SIGMAS = 1.001 * NOISE_SIGMAS  # the same of standard deviations, of which sums
 GOES_ON_M = 0.1  # what goes on past an end does so for more than this: scans place ends to a few centimetres
 TURNING_SIGMAS = 2.0
 """Deviations of its own noise that a piece with a corner may lie off a wall that goes on there. In `hurtado_apartment`,
-five seeds, corners are 12 to 19 mm off; where what the wall is known to counted, too, 16 to 47 mm."""
+five seeds, corners are 12 to 19 mm off; with the wall's own deviation in the gate, too, 16 to 47 mm."""
 LOST_RAD = math.radians(2.0)  # who knows a wall's direction no better may have been pushed, and goes by any piece of it
 OF_TWO_WALLS = -2
 """In place of a piece's wall: it has hits on two, and tells nothing of either. From 2.5 m away the back of a shelf and
@@ -222,7 +222,8 @@ def set_line(lines: Lines, edges: Records, k: int, gates: Gates) -> None:
 def walls_near(lines: Lines, count: int, p: Record, gates: Gates, near: Ints) -> int:
     """Put into `near` which of `count` walls, rising, a piece is not far from; how many.
 
-    Most are, of which a processor guesses right. Which way a wall goes it does not, so that is asked of these alone.
+    Most walls are far, which a processor's branch prediction learns. Which way a wall goes it does not learn, so that
+    is asked of near ones alone.
     """
     xs, ys, most, more = lines.discs[0], lines.discs[1], lines.discs[2], lines.discs[3]
     x, y, reach, found = p.x, p.y, max(-p.end[0], p.end[1]), 0

@@ -14,6 +14,7 @@ from agent.kernels import kernel
 from agent.mapping.slots import forget_bare, slot_before
 from agent.state import LARGEST
 from protocol.arrays import Records
+from protocol.geometry import wrapped
 
 FREE, WALL, TENTATIVE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
 CONFIRMATIONS = 30.0  # views beyond which an end or a wall gets no surer: the 50 scans that see a wrong one can undo it
@@ -303,3 +304,9 @@ def common_axis(edges: Records, count: int) -> tuple[float, float]:
             s += size * math.sin(angle)
             total += size
     return 0.25 * math.atan2(s, c), math.hypot(c, s) / total if total > 1.0 else 0.0
+
+
+@kernel
+def off_axis(e: Record, angle: float) -> float:
+    """By how much a wall is turned against an axis, rad, modulo a right angle."""
+    return wrapped(math.atan2(e.uy, e.ux) - angle, 0.5 * math.pi)

@@ -49,7 +49,7 @@ def hold_first_ends(edges: Records, counts: Ints, joint: Floats, pieces: Records
     The pose is exact, so they err by themselves alone: within their slack, of which the median of many scans has all
     places alike, and where two faces meet as the lines of both do. views: how many scans the pieces are of.
     """
-    exact, dice = (np.zeros(0, np.int64), np.zeros(0)), np.zeros(len(pieces))
+    no_rows, no_slopes, dice = np.zeros(0, np.int64), np.zeros(0), np.zeros(len(pieces))
     for p in range(len(counts)):
         walls = associate(edges[p], counts[p], pieces, gates, dice)
         for k in range(len(pieces)):
@@ -67,4 +67,4 @@ def hold_first_ends(edges: Records, counts: Ints, joint: Floats, pieces: Records
                 set_end(w, side, OCCLUSION, piece.slack[side], views)
                 of_lines = gates.noise if piece.label[side] == NOMINAL else 0.0
                 sd = math.hypot(piece.slack[side] / math.sqrt(12.0), NOISE_FLOOR_M + of_lines)
-                place_end(joint[p], row_of(e) + 2 + side, exact[0], exact[1], sd * sd)
+                place_end(joint[p], row_of(e) + 2 + side, no_rows, no_slopes, sd * sd)

@@ -30,8 +30,8 @@ SLACK_SD = 0.5
 beam's worth or of a hundred. Were all places within the slack alike it would be 0.29, but beams are mixed or lost."""
 END_AT = 0.53
 """Where in its slack an end is in the mean, as a share: beams at edges are mixed or lost, more so at grazing incidence.
-Taken to be in the middle, ends are 0.02 to 0.07 of it too near (27,000 views in five layouts), which shortened maps by
-0.06 % along corridors of rooms (`symmetric`, 16 seeds; now by 0.00)."""
+Taken to be in the middle, ends are 0.02 to 0.07 of it too near (27,000 views in five layouts), which shortened maps
+along corridors of rooms."""
 MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
 END_SIGMAS = 5.0
 """Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a
@@ -54,7 +54,10 @@ def has_rows(joint: Floats) -> int:
 
 @kernel
 def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
-    """Write into each wall how well its line is known from where the robot is, and which ends are known."""
+    """Write into each wall of edges (n,) how well its line is known from where the robot is, and which ends are known.
+
+    joint: (m, m). pose: map frame.
+    """
     for e in range(min(count, has_rows(joint))):
         edges[e].held[:] = 0
         if edges[e].kind != FREE and joint[row_of(e), row_of(e)] > 0.0:
@@ -165,7 +168,7 @@ def _go_along(joint: Floats, by: Floats) -> None:
 
 @kernel
 def move_walls(edges: Records, shift: Floats) -> None:
-    """Move walls and their ends by what a scan has shown of them."""
+    """Move walls of edges (n,) and their ends by what a scan has shown of them, shift (m,)."""
     for e in range(min(len(edges), (len(shift) - WALLS) // PER_WALL)):
         wall, row = edges[e], row_of(e)
         aside, turn = shift[row], shift[row + 1]

@@ -48,7 +48,7 @@ from protocol.wireframe import Wireframe
 SPARE = 64  # free records of a particle for one scan; 360 beams make at most 120 pieces, in practice 20
 SPARE_ROWS = 16
 """Walls that a scan may bring for which the covariance has rows; further ones get theirs with the next scan. Unused
-rows are between those that each number of a scan is taken in by."""
+rows cost time, as each number of a scan goes through all."""
 MAX_WALLS = 4096  # a particle takes no new wall beyond; ten times what the largest layout has
 STILL = 1e-4  # m and rad that odometry tells of a robot that stands, at most
 FORGET = 0.98  # share of its past log-weight that a particle keeps per scan: the map is the best of the last 50

@@ -23,7 +23,7 @@ from protocol.geometry import Pose
 from protocol.wireframe import Wireframe
 
 MOST = 256  # poles, and what may become one, that are kept
-SURE = 15.0
+SURE_SIGHTINGS = 15.0
 """Sightings from which a pole is in the map, three seconds of the default lidar, in which beams passed on both sides of
 it: what peeps out behind an edge has the edge on one side."""
 SUREST = 30.0  # scans that must see through a pole that is gone, at most
@@ -142,7 +142,7 @@ def _take(
         _see(pole, x, y, (ux, uy), wide, spacing, max(view.noise, noise_share * away))
         if _stands_free(x, y, 0.5 * wide + 1.5 * spacing + view.sight.shift, view):
             pole.free += 1.0
-        if pole.free >= SURE and pole.width <= POLE_M:
+        if pole.free >= SURE_SIGHTINGS and pole.width <= POLE_M:
             pole.known = 1.0
         if pole.known == 1.0:
             _clear(poles, used, edges, count, k)

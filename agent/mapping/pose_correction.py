@@ -13,7 +13,7 @@ from agent.corner_scan import NOISE_FLOOR_M, NOMINAL
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
 from agent.mapping.association import OF_TWO_WALLS, Gates, cost, overlap
-from agent.mapping.edges import WALL, common_axis, length, related, spread, tip_at
+from agent.mapping.edges import WALL, common_axis, length, off_axis, related, spread, tip_at
 from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
     AXIS,
@@ -83,7 +83,7 @@ def axis_of(edges: Records, count: int, noise: float) -> Axis:
     for k in range(count):
         if edges[k].kind == WALL:
             everything += length(edges[k])
-            on_axis += length(edges[k]) if abs(_off_axis(edges[k], angle)) < MAX_OFF_AXIS else 0.0
+            on_axis += length(edges[k]) if abs(off_axis(edges[k], angle)) < MAX_OFF_AXIS else 0.0
     if on_axis < ON_AXIS * everything:
         return Axis(angle, math.inf)
     found = Axis(angle, MAX_OFF_AXIS)
@@ -99,7 +99,7 @@ def _axis_about(edges: Records, count: int, axis: Axis, noise: float) -> Axis:
     for k in range(count):
         if edges[k].kind != WALL:
             continue
-        off, own = _off_axis(edges[k], axis.angle), noise**2 / spread(edges[k])
+        off, own = off_axis(edges[k], axis.angle), noise**2 / spread(edges[k])
         if off * off < min(AXIS_SIGMAS**2 * (own + axis.sd**2), MAX_OFF_AXIS**2):
             weight = 1.0 / (own + AXIS_FLOOR**2)
             total += weight
@@ -112,19 +112,13 @@ def _axis_about(edges: Records, count: int, axis: Axis, noise: float) -> Axis:
 
 
 @kernel
-def _off_axis(wall: Record, angle: float) -> float:
-    """By how much a wall is turned against an axis, rad, modulo a right angle."""
-    return wrapped(math.atan2(wall.uy, wall.ux) - angle, 0.5 * math.pi)
-
-
-@kernel
 def _is_nearer(p: Record, wall: Record, angle: float) -> bool:
     """Whether a piece is less turned against the axis than its wall: else it is the piece that errs.
 
     In `uday_building` walls of 4 to 9 m on the axis let go for pieces that were turned by 2 degrees steadily. They lay
     55 mm off in the end (precision 0.968 and 0.969 in two runs of five; now 1 and 0.987).
     """
-    return abs(_off_axis(p, angle)) < abs(_off_axis(wall, angle))
+    return abs(off_axis(p, angle)) < abs(off_axis(wall, angle))
 
 
 @kernel

@@ -20,7 +20,7 @@ NOISE_M = 0.01  # by which a gap may exceed the distance of two beams where ther
 MISS, FALSE_MISS = 0.4, 0.1
 """Share of views with a larger gap, before slots of 4 and 6 cm and before corners without any: 0.35 to 0.56 and 0.09 to
 0.13, seen from 0.7 to 1.6 m away. With a slot some miss nothing: hits on the wall behind pass for the side."""
-SURE = math.log(1000.0)
+SURE_LOG_ODDS = math.log(1000.0)
 """Log odds at which a slot is taken to be there: of a thousand corners with none, one seems to have one (Wald)."""
 HIT_SCORE, MISS_SCORE = math.log((1.0 - MISS) / (1.0 - FALSE_MISS)), math.log(MISS / FALSE_MISS)
 
@@ -51,17 +51,18 @@ def show_slot(e: Record, side: int, gap: float, apart: float) -> None:
     gap: metres from that end to the corner. apart: from its last hit to where the next beam would have met the wall, m.
     """
     b = e.bare[side]
-    b[SCORE], b[MISSED], b[GAPS], b[APART] = SURE, 1.0, gap, apart
+    b[SCORE], b[MISSED], b[GAPS], b[APART] = SURE_LOG_ODDS, 1.0, gap, apart
 
 
 @kernel
 def slot_before(e: Record, side: int) -> float:
     """Width of the slot between an end of a wall and the corner there, metres; 0: none is known.
 
-    Gaps are spread evenly, from the width to that and the distance of two beams. Those that count exceed the latter.
+    Gaps are spread evenly over [width, width + apart], and only those that exceed apart count. Their mean is apart +
+    width / 2 where width < apart, else width + apart / 2: the lesser of both inverts it.
     """
     b = e.bare[side]
-    if b[SCORE] < SURE:
+    if b[SCORE] < SURE_LOG_ODDS:
         return 0.0
     gap, apart = b[GAPS] / b[MISSED], b[APART] / b[MISSED]
     return float(min(2.0 * (gap - apart), gap - 0.5 * apart))

@@ -9,12 +9,12 @@ from agent.kernels import kernel
 from agent.mapping.edges import length
 from protocol.arrays import Floats
 
-SHARE = 0.1  # that one piece has in the mean of its wall
-STEADY = 2.0
+SHARE = 0.1  # weight of the newest piece in the mean of its wall, which forgets
+STEADY_SIGMAS = 2.0
 """Mean, in deviations, at which a wall is not known: 9 of that mean's own. None is reached in `hall`, seeds 0 to 4; of
 38 corners that were moved by the filter's fault bench 32 are put right instead of 28. With 1.0 it is 32, too, and walls
 that were only seen amiss let go: paths in `hall` are 18 instead of 16 mm off (rms, means of five)."""
-STEADY_TURN = 1.5
+STEADY_TURN_SIGMAS = 1.5
 """The same of pieces' directions: 6 deviations of that mean's own. Of a wall that is tilted about one end the near half
 is in its place, and most hits are there. In two sets of 100 moved corners 9 and 12 more are put right by this and by
 `edges.has_slot`; with 2.0 one and three fewer, with 1.0 one more and none."""
@@ -26,7 +26,7 @@ def strain(wall: Record, row: int, joint: Floats, t: float, off: float, deviatio
 
     row: of the wall's line in the joint covariance. deviations: `off` in those of piece and wall together.
     """
-    if _steady(wall, 0, deviations, STEADY):
+    if _steady(wall, 0, deviations, STEADY_SIGMAS):
         lever = max(0.5 * length(wall), abs(t))
         joint[row, row] += off * off
         joint[row + 1, row + 1] += (off / lever) ** 2
@@ -35,7 +35,7 @@ def strain(wall: Record, row: int, joint: Floats, t: float, off: float, deviatio
 @kernel
 def strain_direction(wall: Record, row: int, joint: Floats, off: float, turn: float, deviations: float) -> None:
     """The same of a piece that is turned against a wall by `turn`, rad. deviations: of the turn."""
-    if _steady(wall, 1, deviations, STEADY_TURN):
+    if _steady(wall, 1, deviations, STEADY_TURN_SIGMAS):
         joint[row, row] += off * off
         joint[row + 1, row + 1] += turn * turn
 

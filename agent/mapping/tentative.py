@@ -16,6 +16,7 @@ from agent.mapping.edges import (
     WALL,
     free_record,
     length,
+    off_axis,
     related,
     scatter,
     set_end,
@@ -142,8 +143,7 @@ def wall_probability(c: Record, axis: float, trust: float, noise: float) -> floa
     if not is_steady(c, noise):
         return 0.0
     direction_sd = noise / math.sqrt(spread(c))
-    off = 4 * (math.atan2(c.uy, c.ux) - axis)
-    oblique = trust >= AXIS_TRUST and abs(math.atan2(math.sin(off), math.cos(off))) / 4 > OFF_AXIS
+    oblique = trust >= AXIS_TRUST and abs(off_axis(c, axis)) > OFF_AXIS
     is_long = length(c) > SMEAR_M and c.seen >= LONG_SCANS and direction_sd <= LONG_SD and trust >= AXIS_TRUST
     if c.hits < WALL_HITS and (oblique or not is_long):
         return EARLY_WALL

@@ -9,13 +9,12 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOISE_FLOOR_M, at_start, noise_at
+from agent.corner_scan import CUT_SIGMAS, NOISE_FLOOR_M, at_start, noise_at
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec
 
 MOST_SCANS = 64  # that are kept; a robot looks for 50
 MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
-CUT_SIGMAS = 2.0  # deviations from the lidar's range at which it cuts off so many ranges that their median is too near
 
 
 class MedianScan:

@@ -127,8 +127,8 @@ def perceive(
 ) -> CornerScan:
     """Corner scan of a revolution of the lidar, in the robot's frame at its stamp.
 
-    ranges: (beams,) float64 metres, inf where nothing came back, NaN where nothing was measured. What is not positive,
-    or more than 1 m beyond the lidar's range, counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
+    ranges: (beams,) float64 metres, inf where nothing came back, NaN or 0 where nothing was measured. What is more
+    than 1 m beyond the lidar's range counts as inf. way: (k + 1, 3) odometry poses at equal steps from the
     start of the revolution to the stamp, in a frame of their own; None where the robot stood. alone: whether nothing
     round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
     median_of: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
@@ -206,11 +206,13 @@ def _are_at(places: Floats, discs: Floats) -> Bools:
 
 @kernel
 def _possible(ranges: Floats, most: float) -> Floats:
-    """Ranges (beams,), inf where one is no possible one."""
+    """Ranges (beams,), inf beyond the most that is possible, NaN where none is: many lidars say 0 for not measured."""
     out = ranges.copy()
     for k in range(len(out)):
-        if out[k] <= 0.0 or out[k] > most:
+        if out[k] > most:
             out[k] = math.inf
+        elif out[k] <= 0.0:
+            out[k] = math.nan
     return out
 
 
@@ -226,7 +228,7 @@ def _number_near(ranges: Floats, limit: float, unmeasured: bool) -> int:
     """How many of ranges (beams,) are below a limit; `unmeasured`: or not measured."""
     near = 0
     for k in range(len(ranges)):
-        near += ranges[k] < limit or (unmeasured and math.isnan(ranges[k]))
+        near += 0.0 < ranges[k] < limit or (unmeasured and not ranges[k] > 0.0)
     return near
 
 

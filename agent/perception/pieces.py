@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.corner_scan import BRIDGE_M, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
+from agent.corner_scan import BRIDGE_M, CUT_SIGMAS, FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, PIECE
 from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
 from agent.perception.beams import Beams, width_of
@@ -35,11 +35,10 @@ Near a corner a beam counts for the face that noise puts it nearer to. A face th
 from behind so: a column of 0.4 m seemed 1 mm too far away from 0.5 m and 5 mm from 2.7 m, and a robot that came nearer
 took itself to have come 0.2 % farther than it had."""
 DOUBTFUL = 0.1  # weight of a beam that may have met either of two faces; not 0, so that short pieces keep a line
-CUT_SIGMAS = 2.0
-"""Standard deviations before the lidar's range from which beams on a wall count for nothing: only those come back that
-noise has shortened. A wall of `hall` in 3.47 m seemed 50 mm nearer, scan after scan, and took a map along by 36 mm that
-had been right. A piece without enough other beams is none."""
-CUT = 1e-6  # weight of such a beam; not 0, so that a sum of weights never is
+CUT = 1e-6
+"""Weight of a beam that meets its line where the lidar cuts off: it came back as noise has shortened it. A wall of
+`hall` in 3.47 m seemed 50 mm nearer, scan after scan, and took a map along by 36 mm that had been right. A piece
+without enough other beams is none. Not 0, so that a sum of weights never is."""
 TELLING_NOISE = 1.5  # standard deviations of a near range up to which a beam tells which wall of a corner it met
 TELLING_APART_M = 0.1  # distance of two beams on a wall up to which they tell of a slot before its corner
 DOORWAY_M = 0.5

@@ -48,7 +48,7 @@ def cells(named: NamedMap) -> NDArray[np.uint8]:
     shapely.prepare(free)
     grid[shapely.contains_xy(free, x, y)] = FREE
     walls = named.walls
-    column, row = wall_cells(walls, (x0, y0), CELL_M).T
+    column, row = wall_cells(walls, (x0, y0)).T
     grid[row, column] = OCCUPIED
     return grid
 

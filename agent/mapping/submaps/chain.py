@@ -34,7 +34,7 @@ SIGMAS = 6.0
 beams are few, a lap of 100 m was off by 25 degrees, six deviations. With three its loops were never tried."""
 BENT = np.diag((0.05, 0.05, math.radians(1.0))) ** 2
 """m2 and rad2 of a submap's end beside what is known of it, where loops are looked for: bends that no scan tells of."""
-BESIDE_M = 8.0  # between the middles of two submaps that show many of the same walls
+NEIGHBOUR_M = 8.0  # between the middles of two submaps that show many of the same walls
 LOOK_AGAIN = 2  # rounds in which all loops are measured again, from relaxed poses, at the end
 FLOOR = np.diag((0.1, 0.1, 0.01)) ** 2  # m2 and rad2 added to what the graph believes to know of a loop
 LAID_SHARE = 0.5  # of a received wall's length that must lie beside own ones for it to be one of them
@@ -197,7 +197,7 @@ class Submaps:
         middles = np.array([self._middle(k) for k in range(len(self.finished))])
         for later in range(len(self.finished)):
             apart = np.hypot(*(middles[: max(later - SKIPPED, 0)] - middles[later]).T)
-            for earlier in np.flatnonzero(apart < BESIDE_M).tolist():
+            for earlier in np.flatnonzero(apart < NEIGHBOUR_M).tolist():
                 if (earlier, later) not in known:
                     self._try_loop(earlier, later, np.zeros(3), AGAIN_PRIOR)
         self.poses = relaxed(self.poses, self.graph())

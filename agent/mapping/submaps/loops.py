@@ -38,7 +38,7 @@ ON_WALL_M = 0.2  # a sample this near to a wall counts as on it
 CONFIRMED = 2.0  # scans that must have shown a wall for a loop to count on it: what one scan shows may be a leg
 THROUGH_M = 0.4  # a wall that far behind a sample was seen past it: farther than walls are thick
 ASKED = 4  # of so many samples one is asked whether it was seen through: walls are longer than 0.8 m
-GRAZING = 0.2  # sine of 12 degrees: a flatter view of a wall need not show it
+FLAT_SINE = 0.2  # sine of 12 degrees: a flatter view of a wall need not show it
 RIVAL_M = 0.5  # a pose farther off than this, or turned by RIVAL_RAD, is another answer
 RIVAL_RAD = math.radians(10.0)
 RIVAL_SCORE = 0.85  # score of another answer, over the best one's, from which a place is ambiguous
@@ -98,7 +98,7 @@ def due(place: Submap, tiles: SegmentTiles, samples: Floats, pose: Floats) -> tu
             dx, dy = x - view[0], y - view[1]
             distance = math.hypot(dx, dy)
             flat = dy * ux - dx * uy  # > 0 where the view is behind the wall
-            if distance > place.reach or -flat < GRAZING * distance:
+            if distance > place.reach or -flat < FLAT_SINE * distance:
                 continue
             if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and not _hidden(place.walls, view, x, y):
                 out[k] = True
@@ -135,7 +135,7 @@ def _seen_through(place: Submap, samples: Floats, pose: Floats) -> int:
         for v in range(len(place.views)):
             view = place.views[v]
             dx, dy = x - view[0], y - view[1]
-            if abs(dy * ux - dx * uy) < GRAZING * math.hypot(dx, dy):
+            if abs(dy * ux - dx * uy) < FLAT_SINE * math.hypot(dx, dy):
                 continue
             if abs(wrapped(math.atan2(dy, dx) - view[2])) < place.half_view and _seen_beyond(place.walls, view, x, y):
                 count += ASKED

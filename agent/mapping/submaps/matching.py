@@ -16,7 +16,7 @@ from protocol.geometry import wrapped
 FACING = math.cos(math.radians(20.0))  # a wall that is turned farther against a sample is another
 GATES_M = np.array((0.6, 0.3))  # of a pose's two refinements: the first finds walls from afar, the second is accurate
 COARSE_GATE_M = 0.4  # of the search before them, among poses up to so far apart
-BESIDE_M = 0.2  # a sample may lie so far beyond a wall's end: the wall goes on there, unseen so far
+BEYOND_END_M = 0.2  # a sample may lie so far beyond a wall's end: the wall goes on there, unseen so far
 SAMPLE_SD_M = 0.06
 """Standard deviation of a sample's distance from its wall, against the odometry's. The most sensitive setting: with
 0.1 the path follows bad odometry, with 0.03 one wrong step runs away."""
@@ -39,7 +39,7 @@ class Match(NamedTuple):
 @shared_kernel
 def tiles_of(walls: Records) -> SegmentTiles:
     """Walls (n,) as all below takes them, with gates of up to `GATES_M[0]`."""
-    return tiled(walls, math.hypot(GATES_M[0], BESIDE_M))
+    return tiled(walls, math.hypot(GATES_M[0], BEYOND_END_M))
 
 
 @kernel
@@ -59,7 +59,7 @@ def nearest_wall(tiles: SegmentTiles, x: float, y: float, ux: float, uy: float, 
         off = above(w, x, y)
         if abs(off) < best:
             t = along(w, x, y)
-            if w.low - BESIDE_M <= t <= w.high + BESIDE_M:
+            if w.low - BEYOND_END_M <= t <= w.high + BEYOND_END_M:
                 best, found, distance = abs(off), k, off
     return found, distance
 

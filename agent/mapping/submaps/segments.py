@@ -13,7 +13,7 @@ from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
 
 SAMPLE_M = 0.2  # distance of the samples of a piece: points, not beams, so that density does not count
-SURE = 100.0  # scans that a received wall's likelihood stands for, at most
+MOST_SCANS = 100.0  # scans that a received wall's likelihood stands for, at most
 
 SEGMENT = np.dtype(
     [
@@ -52,7 +52,7 @@ def segments_of(pieces: Records) -> Records:
 def segments_in(layer: Layer) -> Records:
     """Segments (k,) of a received map, each as if one scan had shown it, and known as well as its owner says."""
     out = segments_of(layer.pieces)
-    out["seen"] = layer.likelihood / np.maximum(1.0 - layer.likelihood, 1.0 / SURE)
+    out["seen"] = layer.likelihood / np.maximum(1.0 - layer.likelihood, 1.0 / MOST_SCANS)
     return out
 
 

@@ -104,7 +104,7 @@ def grid_of(wireframe: Wireframe, seen: SeenArea, stamp_s: float, frame: str) ->
     (left, bottom), (rows, columns) = (seen.low - low).tolist(), seen.seen.shape
     cells[bottom : bottom + rows, left : left + columns][seen.seen] = FREE
     x, y = (float(CELL_M * edge) for edge in low)
-    column, row = wall_cells(walls, (x, y), CELL_M).T
+    column, row = wall_cells(walls, (x, y)).T
     cells[row, column] = OCCUPIED
     stamped = header(stamp_s, frame)
     place = _make("geometry_msgs/msg/Pose", position=_point(x, y), orientation=turned(0.0))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from agent.communication import exchange, receiving
 from agent.communication.config import TalkConfig
-from agent.communication.exchange import MOST_ANSWERS, MOST_HEARD, Exchange
+from agent.communication.exchange import MOST_ANSWERS, MOST_FROM_PEER, Exchange
 from agent.communication.receiving import ReceivedMap
 from protocol.errors import ProtocolError
 from protocol.grid_map import GridMap, quantise
@@ -310,7 +310,7 @@ def test_a_flood_of_bad_messages_is_one_event_a_peer() -> None:
 
 def test_what_another_program_says_is_passed_over_and_the_rest_is_read() -> None:
     foreign = [
-        Heard(tick=1, sender=who, kind="gossip", payload=bytes([k])) for k in range(MOST_HEARD + 1) for who in "ac"
+        Heard(tick=1, sender=who, kind="gossip", payload=bytes([k])) for k in range(MOST_FROM_PEER + 1) for who in "ac"
     ]
     beacon = Heard(tick=1, sender="a", kind="beacon", payload=Beacon(1, (0.5, 0.0, 0.0)).encode())
     hear = Pair().robots["b"]

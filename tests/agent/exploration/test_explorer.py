@@ -13,7 +13,7 @@ from agent.exploration.config import DrivingConfig, ExplorationConfig
 from agent.exploration.explorer import AT_HOME_M, Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
-from agent.exploration.goal_memory import GoalMemory
+from agent.exploration.goal_memory import REMEMBERED, GoalMemory
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
@@ -502,14 +502,14 @@ def test_a_slot_is_looked_into_from_close_by_where_nothing_else_shows_it(slot):
 
 
 def test_goals_are_remembered_by_place_and_direction_and_the_oldest_forgotten():
-    memory = GoalMemory(size=10)
+    memory = GoalMemory()
     east, north = np.array([1.0, 0.0]), np.array([0.0, 1.0])
     memory.note(np.array([1.0, 1.0]), east).attempts = 1
     points, along = np.array([[1.1, 1.0], [1.1, 1.0], [1.5, 1.0]]), np.array([east, north, east])
     assert memory.find(points, along).tolist() == [0, -1, -1]
-    for k in range(12):
+    for k in range(REMEMBERED + 2):
         memory.note(np.array([5.0 + k, 0.0]), east)
-    assert len(memory.tried) == 10
+    assert len(memory.tried) == REMEMBERED
     assert memory.find(points, along).tolist() == [-1, -1, -1]
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from agent.exploration.agenda import Task
 from agent.exploration.config import DrivingConfig
-from agent.exploration.goals import MOST_ENDS, MOST_HEARD, Goals
+from agent.exploration.goals import MOST_ENDS, MOST_HEARD_ENDS, Goals
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Situation, Surroundings
 from protocol.arrays import Floats
@@ -31,21 +31,21 @@ def strewn(own: int, heard: int) -> Wireframe:
     )
 
 
-def goals_of(wireframe: Wireframe, in_vain: Floats = NONE, spec: RobotSpec = SPEC) -> Goals:
+def goals_of(wireframe: Wireframe, left_ends: Floats = NONE, spec: RobotSpec = SPEC) -> Goals:
     goals = Goals(2, spec)
-    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), in_vain=in_vain)
+    situation = Situation(1, wireframe, 1, (0.0, 0.0, 0.0), Wireframe(), np.zeros((0, 2)), left_ends=left_ends)
     goals.read(Surroundings(DrivingConfig(), spec).look(situation))
     return goals
 
 
 def test_many_near_ends_that_others_tell_of_do_not_crowd_out_far_own_ones() -> None:
     ends = goals_of(strewn(own=4, heard=100)).ends
-    assert (~ends.heard).sum() == 8 and ends.heard.sum() == MOST_HEARD
-    assert ends.points[ends.heard, 1].max() <= 0.5 * MOST_HEARD / 2  # the nearest
+    assert (~ends.heard).sum() == 8 and ends.heard.sum() == MOST_HEARD_ENDS
+    assert ends.points[ends.heard, 1].max() <= 0.5 * MOST_HEARD_ENDS / 2  # the nearest
 
 
 def test_few_ends_are_all_goals_whoever_saw_the_walls() -> None:
-    assert len(goals_of(strewn(own=5, heard=MOST_HEARD // 2)).ends.points) == 10 + MOST_HEARD
+    assert len(goals_of(strewn(own=5, heard=MOST_HEARD_ENDS // 2)).ends.points) == 10 + MOST_HEARD_ENDS
     assert len(goals_of(strewn(own=MOST_ENDS, heard=0)).ends.points) == MOST_ENDS
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.geometry.wall_tiles import MOST
-from agent.mapping.submaps.matching import BESIDE_M, FACING, nearest_wall, tiles_of
+from agent.mapping.submaps.matching import BEYOND_END_M, FACING, nearest_wall, tiles_of
 from agent.mapping.submaps.segments import SEGMENT
 from protocol.arrays import Records
 
@@ -21,7 +21,7 @@ def scattered(count: int, size: float, rng: np.random.Generator) -> Records:
 def nearest_of_all(walls: Records, x: float, y: float, ux: float, uy: float, gate: float) -> int:
     dx, dy = x - walls["x"], y - walls["y"]
     off, t = np.abs(dy * walls["ux"] - dx * walls["uy"]), dx * walls["ux"] + dy * walls["uy"]
-    beside = (walls["low"] - BESIDE_M <= t) & (t <= walls["high"] + BESIDE_M)
+    beside = (walls["low"] - BEYOND_END_M <= t) & (t <= walls["high"] + BEYOND_END_M)
     off[~beside | (walls["ux"] * ux + walls["uy"] * uy < FACING)] = gate
     return int(off.argmin()) if (off < gate).any() else -1
 
