@@ -21,7 +21,7 @@ from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import Perception
 from agent.state import State
-from protocol.geometry import pose_of
+from protocol.geometry import Pose, pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
 from protocol.wireframe import Wireframe, encode_wireframe
 
@@ -131,12 +131,7 @@ class Robot:
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
         self._arrived = command.arrived
-        viewpoints, ends = explorer.viewpoints, explorer.goals.in_vain
-        looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
-        places, contacts = self.team.places, self.exchange.contacts
-        in_sight = len(scan.discs) > 0 and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
-        frames, asks = self.team.frames, self.team.asks_for_views
-        sends = self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
+        sends = self._talk(tick, pose, scan)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
         return Step(
@@ -159,6 +154,15 @@ class Robot:
                 PoseReport(tick=tick, pose=pose, teammates=self.team.places.teammates(tick)),
             ),
         )
+
+    def _talk(self, tick: int, pose: Pose, scan: CornerScan) -> list[Send]:
+        """What the robot says in this tick: where it is, and what changed of its map and of what it looked at."""
+        viewpoints, ends = self.explorer.viewpoints, self.explorer.goals.in_vain
+        looked = self.team.views.looked(tick, viewpoints.ticks, viewpoints.own, ends)
+        places, contacts = self.team.places, self.exchange.contacts
+        in_sight = len(scan.discs) > 0 and (places.is_stranger_to(contacts) or places.strangers_among(tick, contacts))
+        frames, asks = self.team.frames, self.team.asks_for_views
+        return self.exchange.talk(tick, pose, self._told_to(), self._told_version, looked, frames, in_sight, asks)
 
     def _map_scan(self, observation: Observation, heard: set[str]) -> tuple[CornerScan, bool]:
         """Perceive a scan and merge it into the own map: the corner scan, and whether that map has changed.

@@ -5,38 +5,27 @@ is the tick at which it was so. Both sides keep the maps that the other may stil
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
 from agent.communication.config import TalkConfig
-from agent.communication.receiving import KEPT_MAPS, Known, PeerViews, ReceivedMap
+from agent.communication.receiving import Known, PeerViews, ReceivedMap
+from agent.communication.telling import NEVER, Telling, Told
 from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
-from protocol.grid_map import AXIS_STEPS, GridMap, main_axis, quantise
-from protocol.map_codec import Coded, encode_map
 from protocol.messages import EVERYONE, Event, Heard, Send
-from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part, in_parts
+from protocol.talk import ACK, BEACON, DELTA, MAP, MAX_SENDS, RESEND, Ack, Beacon, Part
 from protocol.viewpoints import NOWHERE, VIEWS, AskViews, Looked, Views, decode_views
 from protocol.wireframe import Wireframe
 
 NOBODY: Mapping[str, Pose] = MappingProxyType({})
-NEVER = -(10**9)
-"""A tick long ago."""
 MOST_DOUBLINGS = 3
 """How often the wait for an acknowledgement doubles at most."""
-WHOLE_BYTES = 1.0
-"""A whole map takes more than this a vertex (2.0 measured), so shorter changes are not compared with it."""
 REASSEMBLY_S = 30.0
 """Parts of a map wait this long for the next part: three retries."""
-SLACK_CELLS = 1.5
-"""A corner that moved by fewer cells of the grid is not news: most corners still shift by millimetres a minute."""
-SLACK_LEVELS = 2
-"""A wall's likelihood that changed by less than this, in sevenths, is not news."""
-AXIS_SLACK_DEG = 1.0
-"""The grid is turned anew where the map's main axis is off by more: a wall of 1.2 m then costs 6 bits more."""
 MOST_FROM_PEER = 80
 """Messages of one peer that are read in a tick (ours): all parts of a map, and some more. An honest peer sends 3."""
 MOST_ANSWERS = 8
@@ -77,103 +66,17 @@ class News(NamedTuple):
     """Where it says that the frames of others lie in its own; None of whom it has taken that back."""
 
 
-@dataclass
-class Told:
-    """What a peer was told of the robot's own map."""
-
-    acked: int = 0
-    """Version that it has; 0: none."""
-    maps: dict[int, GridMap] = field(default_factory=dict)
-    """By version: the one that it has, and those that it was told since."""
-    whole: list[Part] = field(default_factory=list)
-    """All parts of the newest update."""
-    parts: list[Part] = field(default_factory=list)
-    """Those of them that are not acknowledged."""
-    sent: int = NEVER
-    """Tick at which parts were last sent."""
-    update: int = NEVER
-    """Tick of the newest update."""
-    tries: int = 0
-    """How often the newest update was sent again, or replaced, without an acknowledgement."""
-    compared: int = -1
-    """State of the robot's map that was last compared with what the peer has, or is being told."""
-    untold: str = ""
-    """Why the last update could not be sent; empty where it could."""
-    axis: int | None = None
-    """Direction of the grid of its maps, in steps of AXIS_STEPS a quarter turn."""
-    current: int = 0
-    """Tick until which it has all that was seen."""
-    frames: dict[str, tuple[bool, int]] = field(default_factory=dict)
-    """Of each peer: whether its frame was told or taken back, and the beacons' periods since, in this contact."""
-
-    def take_due_frames(self, names: Iterable[str], frames: Mapping[str, Pose]) -> list[str]:
-        """Of whom the frame, or that there is none any more, is to be told: at once, and 1, 3, 7, ... periods later.
-
-        Counts a period.
-        """
-        due = []
-        for name in sorted(names):
-            held, periods = self.frames.get(name, (False, 0))
-            periods = periods + 1 if held == (name in frames) else 1
-            self.frames[name] = name in frames, periods
-            if periods & (periods - 1) == 0:
-                due.append(name)
-        return due
-
-    def take_ack(self, ack: Ack) -> None:
-        """Note what the peer has, or lacks."""
-        if ack.version not in self.maps:
-            return  # an answer to an earlier process of this name, or to a version given up since
-        if ack.missing is None:  # the peer has lost its base: the whole map goes again
-            self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0
-        elif ack.missing:
-            if self.parts and self.parts[0].version == ack.version:  # else another map is on its way by now
-                self.parts = [p for p in self.whole if p.number in ack.missing]  # it may have given up some it had
-        elif ack.version > self.acked:
-            self.acked, self.current, self.tries = ack.version, max(self.current, ack.version), 0
-            self.maps = {version: one for version, one in self.maps.items() if version >= ack.version}
-            self.parts = [p for p in self.parts if p.version > ack.version]
-
-
-class MapNews:
-    """A map for all peers that have the same base, as those that were told the same since their contacts began."""
-
-    def __init__(self, wireframe: Wireframe, axis: int, base: GridMap | None, new: GridMap, likelihoods: bool) -> None:
-        """new: the wireframe on the grid of an axis, as what has changed since a base, if there is one.
-
-        likelihoods: whether walls are told with theirs.
-        """
-        self._of, self._axis, self._base, self.new, self._likelihoods = wireframe, axis, base, new, likelihoods
-        self._coded: tuple[Coded, bool] | None = None
-
-    def are_of(self, wireframe: Wireframe, axis: int, base: GridMap | None) -> bool:
-        """Whether they are of this very map, in the same form."""
-        return self._of is wireframe and self._base is base and self._axis == axis
-
-    def coded(self) -> tuple[Coded, bool]:
-        """The shorter one of the changes and the whole map; and whether that is the whole."""
-        if self._coded is None:
-            coded, whole = encode_map(self.new, self._base, likelihoods=self._likelihoods), self._base is None
-            if not whole and len(coded.data) > WHOLE_BYTES * len(self.new.cells):
-                other = encode_map(self.new, likelihoods=self._likelihoods)
-                if len(other.data) <= len(coded.data):
-                    coded, whole = other, True
-            self._coded = coded, whole
-        return self._coded
-
-
 class Exchange:
     """One robot's part of all that is told and heard."""
 
     def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int) -> None:
         """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries."""
-        self.config, self.mtu_bytes = config, mtu_bytes
+        self.mtu_bytes = mtu_bytes
         self.contacts: dict[str, Contact] = {}
         """Peers heard lately, in the order in which their contacts began: C of Algorithm 1."""
         self._told: defaultdict[str, Told] = defaultdict(Told)
         self._known: defaultdict[str, Known] = defaultdict(Known)
-        self._news: MapNews | None = None
-        """Of the map that was told last."""
+        self._telling = Telling(config, mtu_bytes)
         self._answers: list[tuple[str, Ack, int]] = []
         """Acknowledgements due: to whom, what, and how many parts there are."""
         self._events: list[Event] = []
@@ -352,7 +255,7 @@ class Exchange:
         if told.compared != told_version and not half_there and tick - told.update >= period:
             told.compared = told_version
             try:
-                parts, told.untold = self._update(tick, told, told_to(peer)), ""
+                parts, told.untold = self._telling.update(tick, told, told_to(peer)), ""
             except ProtocolError as error:
                 if not told.untold:
                     self._events.append(Event(event="untold", data={"peer": peer, "reason": str(error)}))
@@ -365,33 +268,3 @@ class Exchange:
             told.tries += 1
             told.sent = tick
         return RESEND, list(told.parts)
-
-    def _update(self, tick: int, told: Told, wireframe: Wireframe) -> list[Part]:
-        """The parts that bring a peer up to date; none where it is, or where that is on its way.
-
-        Raises ProtocolError where the map or its parts exceed what a message may hold.
-        """
-        config = self.config
-        axis = main_axis(wireframe)
-        slack = AXIS_SLACK_DEG / 90 * AXIS_STEPS
-        if told.axis is None or abs((axis - told.axis + AXIS_STEPS // 2) % AXIS_STEPS - AXIS_STEPS // 2) > slack:
-            told.axis = axis
-        base = told.maps.get(told.acked)
-        if base is not None and base.axis != told.axis:
-            base = None
-        if self._news is None or not self._news.are_of(wireframe, told.axis, base):
-            new = quantise(wireframe, config.cell_mm, told.axis, base, SLACK_CELLS, SLACK_LEVELS)
-            self._news = MapNews(wireframe, told.axis, base, new, config.likelihoods)
-        new = self._news.new
-        if (new.alike(base) and not told.parts) if base is not None else not len(new.cells):
-            return []
-        coded, is_whole = self._news.coded()
-        version = 0 if is_whole else told.acked
-        pending = told.maps.get(told.parts[0].version) if told.parts else None
-        if pending is not None and pending.alike(coded.map):
-            return []
-        parts = in_parts(tick, version, coded.data, self.mtu_bytes)
-        told.maps[tick] = coded.map
-        for old in sorted(told.maps.keys() - {told.acked})[:-KEPT_MAPS]:
-            del told.maps[old]
-        return parts

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.communication import exchange, receiving
+from agent.communication import receiving, telling
 from agent.communication.config import TalkConfig
 from agent.communication.exchange import MOST_ANSWERS, MOST_FROM_PEER, Exchange
 from agent.communication.receiving import ReceivedMap
@@ -152,7 +152,7 @@ def test_a_map_is_put_on_its_grid_and_coded_once_for_peers_that_have_the_same_of
         made[0] += 1
         return quantise(*given)
 
-    monkeypatch.setattr(exchange, "quantise", counted)
+    monkeypatch.setattr(telling, "quantise", counted)
     robots = {name: Exchange(TalkConfig(), RATE_HZ, MTU_BYTES) for name in "abc"}
     flying: list[tuple[str, Send]] = []
     for tick in range(100):
