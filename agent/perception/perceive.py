@@ -5,6 +5,7 @@ Nothing else reads ranges (paper I, "strictly sparse").
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +38,18 @@ one that merely fits a disc, the point lies half a radius behind; from a teammat
 In 8 runs of 3 robots 24 of 24,370 discs on teammates were lost so, and of 219,500 on anything else 10,700 left."""
 NOT_BEYOND_M = 1.5  # walls beyond the lidar's range by more than this are on no disc that it shows
 NO_WALLS, NO_PLACES, NO_DISCS = np.zeros((0, 4)), np.zeros((0, 3)), np.zeros((0, 2))
+
+
+class Foreseen(NamedTuple):
+    """What a robot knows of what stands around it, in its frame, metres."""
+
+    teammates: Floats = NO_PLACES  # (k, 3) those seen a moment ago: centre and slack
+    walls: Floats = NO_WALLS  # (m, 4) of the map, in which no teammate stands
+    posts: Floats = NO_DISCS  # (p, 2) what is round and no teammate
+    places: Floats = NO_PLACES  # (t, 3) where teammates say that they are, and by how much each may be off
+
+
+NOTHING = Foreseen()
 
 
 class Perception:
@@ -92,10 +105,12 @@ class Perception:
             self._spec,
             self._method,
             way=unrolled,
-            expected=self._seen_discs.expected(observation.odometry),
-            known=seen_from(predicted, near.reshape(-1, 2)).reshape(-1, 4),
-            posts=self._posts.seen_from(predicted),
-            places=np.column_stack((seen_from(predicted, places[:, :2]), places[:, 2])),
+            foreseen=Foreseen(
+                self._seen_discs.expected(observation.odometry),
+                seen_from(predicted, near.reshape(-1, 2)).reshape(-1, 4),
+                self._posts.seen_from(predicted),
+                np.column_stack((seen_from(predicted, places[:, :2]), places[:, 2])),
+            ),
             alone=self._alone,
             company=company,
             median_of=median_of,
@@ -116,10 +131,7 @@ def perceive(
     method: Segmentation = "piecewise",
     *,
     way: Floats | None = None,
-    expected: Floats = NO_PLACES,
-    known: Floats = NO_WALLS,
-    posts: Floats = NO_DISCS,
-    places: Floats = NO_PLACES,
+    foreseen: Foreseen = NOTHING,
     alone: bool = False,
     company: bool = True,
     median_of: int = 0,
@@ -133,9 +145,6 @@ def perceive(
     round can be a teammate. company: whether somebody may be near; else beams on discs tell of walls, too.
     median_of: of how many scans of a robot that stands the ranges are the median; 0 where they are one scan.
     bridge_m: up to so far apart, two neighbouring hits of a sure line show that there is wall between them.
-    In the robot's frame, metres: expected: (k, 3) teammates seen a moment ago, centre and slack. known: (m, 4) walls of
-    the map, in which no teammate stands. posts: (p, 2) what is round and no teammate. places: (t, 3) where teammates
-    say that they are, and by how much each may be off.
 
     The scan's discs are those that may be teammates, whether there is company or not.
     """
@@ -143,7 +152,7 @@ def perceive(
     beams = ring_of(_possible(ranges, lidar.range_max_m + 1.0), lidar, way)
     noise = noise_at(lidar, np.minimum(beams.distances, lidar.range_max_m))
     noise = noise_of(noise, median_of) if median_of else noise
-    discs, hidden, used = _teammates(beams, noise, expected, known, posts, places, radius, alone, company)
+    discs, hidden, used = _teammates(beams, noise, foreseen, radius, alone, company)
     pieces, explained = np.zeros(0, PIECE), np.zeros(len(hidden), np.bool_)
     if len(used) >= MIN_HITS:
         cut = piecewise if method == "piecewise" else split_and_merge
@@ -160,13 +169,13 @@ def perceive(
 
 @kernel
 def _teammates(
-    beams: Beams, noise: Floats, expected: Floats, known: Floats, posts: Floats, places: Floats, radius: float,
-    alone: bool, company: bool,
-) -> tuple[Floats, Bools, Ints]:  # fmt: skip
+    beams: Beams, noise: Floats, foreseen: Foreseen, radius: float, alone: bool, company: bool
+) -> tuple[Floats, Bools, Ints]:
     """Discs that may be teammates (d, 2), which beams (n,) tell nothing of walls, and the rows (m,) of those that may.
 
     Arguments as in `perceive`. One kernel for all of it: each call of one takes as long as the work of most of them.
     """
+    expected, known, posts, places = foreseen
     discs = np.zeros((0, 2)) if alone else find_discs(beams, noise, radius)
     discs = discs[_may_be_teammates(discs, known, posts, radius)]
     hidden = np.isnan(beams.ranges)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agent.mapping.bodies import NO_TEAMMATES
-from agent.perception.perceive import perceive
+from agent.perception.perceive import Foreseen, perceive
 from protocol.arrays import Floats
 from protocol.geometry import Pose
 from tests.agent.mapping.test_particle_filter import Place, Walk, ring
@@ -25,7 +25,7 @@ class Team(Walk):
         bodies = np.array([[*teammate, self.spec.radius_m]])
         ranges = self.lidar.cast(np.array([pose]), bodies)
         measured = np.asarray(self.lidar.measured(ranges, [self.rng])[0], np.float64)
-        scan = perceive(measured, self.spec, expected=self.discs.expected(pose), company=company)
+        scan = perceive(measured, self.spec, foreseen=Foreseen(self.discs.expected(pose)), company=company)
         self.discs.add(pose, scan.discs)
         self.filter.update(scan if company else replace(scan, discs=np.zeros((0, 2))), pose, told)
 
@@ -92,6 +92,6 @@ def test_a_post_that_a_robot_knows_outlasts_scans_that_take_it_for_a_teammate(to
     ranges = np.asarray(team.lidar.cast(np.array([(4.6, 0.8, 0.0)]))[0], np.float64)
     taken = np.array([(0.48, 0.28, 0.1)])
     for _ in range(scans):
-        scan = perceive(ranges, team.spec, expected=taken)
+        scan = perceive(ranges, team.spec, foreseen=Foreseen(taken))
         team.filter.update(replace(scan, discs=taken[:, :2]), (4.6, 0.8, 0.0), told)
     assert team.walls_near(5.08, 1.08) == known

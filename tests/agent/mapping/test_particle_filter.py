@@ -11,7 +11,7 @@ from agent.mapping.edges import free_record, length, set_tip
 from agent.mapping.joint import AXIS
 from agent.mapping.particle_filter import STILL_SCANS, WireframeFilter, systematic
 from agent.perception.disc_memory import SeenDiscs
-from agent.perception.perceive import perceive
+from agent.perception.perceive import Foreseen, perceive
 from protocol.geometry import Pose, seen_from, wrapped
 from protocol.messages import LidarSpec, OdometrySpec
 from protocol.wireframe import Label, Wireframe
@@ -61,7 +61,7 @@ class Walk:
         measured = np.asarray(self.lidar.measured(ranges, [self.rng])[0], np.float64)
         odometry = odometry or pose
         posts = seen_from(pose, np.array([] if post is None else [post]).reshape(-1, 2))
-        scan = perceive(measured, self.spec, expected=self.discs.expected(odometry), posts=posts)
+        scan = perceive(measured, self.spec, foreseen=Foreseen(self.discs.expected(odometry), posts=posts))
         self.discs.add(odometry, scan.discs)
         self.filter.update(scan, odometry)
 

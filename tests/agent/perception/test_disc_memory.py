@@ -5,7 +5,7 @@ import pytest
 
 from agent.perception.config import PerceptionConfig
 from agent.perception.disc_memory import Posts, SeenDiscs
-from agent.perception.perceive import Perception, perceive
+from agent.perception.perceive import Foreseen, Perception, perceive
 from protocol.messages import Observation
 from protocol.wireframe import Wireframe
 from tests.ideal import ideal_lidar, ideal_spec
@@ -85,7 +85,7 @@ def room_with_a_post() -> np.ndarray:
 def test_beams_on_a_post_tell_of_walls() -> None:
     plain = perceive(room_with_a_post(), ideal_spec())
     assert len(plain.discs) == 1
-    told = perceive(room_with_a_post(), ideal_spec(), posts=plain.discs)
+    told = perceive(room_with_a_post(), ideal_spec(), foreseen=Foreseen(posts=plain.discs))
     assert not len(told.discs)
     assert len(told.pieces) > len(plain.pieces)
     assert np.hypot(told.pieces["x"], told.pieces["y"]).min() < 0.8

@@ -9,7 +9,7 @@ import shapely
 
 from agent.corner_scan import CornerScan, to_map_frame
 from agent.perception.config import Segmentation
-from agent.perception.perceive import perceive
+from agent.perception.perceive import Foreseen, perceive
 from protocol.arrays import Floats
 from protocol.geometry import pose_of
 from protocol.messages import RobotSpec
@@ -114,7 +114,7 @@ def view(
     if noise:
         ranges = lidar.measured(ranges, [np.random.default_rng(4)])
     expected = extra.get("before", np.zeros((0, 3))) * (1.0, 1.0, 0.0)
-    return perceive(np.asarray(ranges[0], np.float64), ideal_spec(lidar=spec), expected=expected)
+    return perceive(np.asarray(ranges[0], np.float64), ideal_spec(lidar=spec), foreseen=Foreseen(expected))
 
 
 def test_one_view_gives_all_three_labels() -> None:
@@ -216,7 +216,7 @@ def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_s
     for away, aside in rng.uniform((1.2, -0.1), (2.8, 0.1), (200, 2)):  # half behind the end of a wall
         ranges = lidar.measured(lidar.cast(np.zeros((1, 3)), np.array([(away, aside, 0.105)])), [rng])[0]
         seen, told = (
-            perceive(np.asarray(ranges, np.float64), ideal_spec(lidar=spec), places=places)
+            perceive(np.asarray(ranges, np.float64), ideal_spec(lidar=spec), foreseen=Foreseen(places=places))
             for places in (np.zeros((0, 3)), np.array([(away - 0.1, aside + 0.2, 0.4)]))
         )
         between = [(scan.pieces["x"] > 1.1) & (scan.pieces["x"] < 2.9) for scan in (seen, told)]
@@ -232,7 +232,7 @@ def test_a_post_is_a_wall_beside_a_teammate_that_is_seen() -> None:
         .cast(np.zeros((1, 3)), disc)[0]
         .astype(np.float64),
         ideal_spec(),
-        places=np.array([(1.5, 0.1, 0.8)]),
+        foreseen=Foreseen(places=np.array([(1.5, 0.1, 0.8)])),
     )
     assert len(scan.discs) == 1 and (np.abs(scan.pieces["x"] - 1.5) < 0.02).any()
 
@@ -265,13 +265,13 @@ def test_the_end_of_a_known_wall_is_no_teammate_and_a_teammate_beside_a_wall_is_
         ranges = np.asarray(lidar.measured(lidar.cast(pose), [rng])[0], np.float64)
         known = sides - np.tile(pose[0, :2], 2)
         hidden_without += len(perceive(ranges, ideal_spec()).discs)
-        scan = perceive(ranges, ideal_spec(), known=known)
+        scan = perceive(ranges, ideal_spec(), foreseen=Foreseen(walls=known))
         assert len(scan.discs) == 0
         seen_with += len(scan.pieces) > 0
         beside = np.array([[2.0, 0.075 + 0.2, 0.105]])
         pose = np.array([[1.2, 0.9, 0.0]])
         ranges = np.asarray(lidar.measured(lidar.cast(pose, beside), [rng])[0], np.float64)
-        scan = perceive(ranges, ideal_spec(), known=sides - np.tile(pose[0, :2], 2))
+        scan = perceive(ranges, ideal_spec(), foreseen=Foreseen(walls=sides - np.tile(pose[0, :2], 2)))
         assert np.hypot(*(scan.discs - (beside[0, :2] - pose[0, :2])).T).min() < 0.05
     assert hidden_without > 0
     assert seen_with == 20
@@ -285,7 +285,7 @@ def test_what_fits_a_disc_on_a_known_wall_is_the_wall_and_a_teammate_before_it_i
     for _ in range(40):
         for discs in (None, mate):
             ranges = np.asarray(lidar.measured(lidar.cast(np.zeros((1, 3)), discs), [rng])[0], np.float64)
-            found, judged = (perceive(ranges, spec, known=known).discs for known in (wall[:0], wall))
+            found, judged = (perceive(ranges, spec, foreseen=Foreseen(walls=known)).discs for known in (wall[:0], wall))
             if discs is None:
                 on_wall, left = on_wall + len(found), left + len(judged)
             else:
