@@ -20,6 +20,7 @@ from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
 from agent.perception.perceive import Perception
+from agent.period import Period
 from agent.state import State
 from protocol.geometry import Pose, pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
@@ -70,7 +71,7 @@ class Robot:
         self._map = Drawing()  # the same with merged maps laid over it
         self._told_version = 0  # rises whenever what peers are told may have changed
         self._map_bytes = encode_wireframe(self.wireframe)
-        self._update_ticks = max(1, round(UPDATE_S * spec.lidar.rate_hz))
+        self._update = Period(max(1, round(UPDATE_S * spec.lidar.rate_hz)))
         self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = round(FIRST_LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks left of it
@@ -173,7 +174,7 @@ class Robot:
         places, strangers = self.team.places.lately(tick), self.team.places.strangers_among(tick, heard)
         pose, known = self.filter.pose, self.wireframe
         scan = self.perception.see(observation, way, pose, known, len(heard) > 0, places, strangers=strangers)
-        if tick % self._update_ticks == 0:
+        if self._update.take_due(tick):
             self.filter.update(scan, poses, places)
         else:
             self.filter.move(poses, slips=scan.touching)

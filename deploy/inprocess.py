@@ -7,7 +7,7 @@ from typing import Any
 
 from agent.config import AgentConfig
 from agent.robot import Robot, Step
-from agent.shell.checkpoint import Keeps, due
+from agent.shell.checkpoint import Keeps, period
 from agent.shell.mind import MakeMind, Mind
 from agent.state import State
 from deploy import manifest
@@ -42,6 +42,7 @@ def run(
             welcome = episode.welcome(robot)
             return (make_mind or Robot)(robot, welcome.spec, agent_config, welcome.seed)
 
+        keeping = period(config.spec.lidar.rate_hz)
         faults, kept = schedule(config.robot_ids, config.faults), dict[str, State]()
         minds = {robot: make(robot) for robot in episode.robots}
         while episode.ended is None:
@@ -57,7 +58,7 @@ def run(
                 for robot, step in steps.items():
                     watch(robot, step)
             episode.advance({robot: Outputs(step.sends, step.action, step.map) for robot, step in steps.items()})
-            if config.faults and due(tick, config.spec.lidar.rate_hz):
+            if config.faults and keeping.take_due(tick):
                 kept = {robot: mind.state() for robot, mind in minds.items() if isinstance(mind, Keeps)}
             if progress is not None:
                 progress(episode)

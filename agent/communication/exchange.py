@@ -13,6 +13,7 @@ from typing import NamedTuple
 from agent.communication.config import TalkConfig
 from agent.communication.receiving import Known, PeerViews, ReceivedMap
 from agent.communication.telling import NEVER, Telling, Told
+from agent.period import Period
 from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
@@ -88,8 +89,9 @@ class Exchange:
         self._beacon_due = False
         self._silence_ticks = round(config.silence_s * rate_hz)
         waits_s = config.beacon_s, config.sight_beacon_s, config.map_period_s, config.retry_s, REASSEMBLY_S
-        ticks = [max(1, round(wait_s * rate_hz)) for wait_s in waits_s]
-        self._beacon_ticks, self._sight_ticks, self._period_ticks, self._retry_ticks, self._patience_ticks = ticks
+        beacons, sights, *ticks = [max(1, round(wait_s * rate_hz)) for wait_s in waits_s]
+        self._beacons, self._sight_beacons = Period(beacons), Period(sights)
+        self._period_ticks, self._retry_ticks, self._patience_ticks = ticks
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> tuple[list[News], list[Event]]:
         """Take a tick's messages: news, one of each peer that said something, in the order of `contacts`.
@@ -195,8 +197,8 @@ class Exchange:
         their viewpoints, once a beacon's period.
         """
         sends = []
-        period = self._sight_ticks if in_sight else self._beacon_ticks
-        if self._beacon_due or tick % period == 0 or tick % self._beacon_ticks == 0:
+        regular, sooner = self._beacons.take_due(tick), self._sight_beacons.take_due(tick)
+        if self._beacon_due or regular or (in_sight and sooner):
             sends.append(Send(tick=tick, to=EVERYONE, kind=BEACON, payload=Beacon(tick, pose).encode()))
         self._beacon_due = False
         sends += [Send(tick=tick, to=to, kind=ACK, payload=ack.encode(count)) for to, ack, count in self._answers]
@@ -205,7 +207,7 @@ class Exchange:
             kind, parts = self._due(tick, peer, told_to, told_version)
             sends += [Send(tick=tick, to=peer, kind=kind, payload=part.encode()) for part in parts]
         sends += self._views_to_tell(tick, told_version, looked)
-        if tick % self._beacon_ticks == 0:
+        if regular:
             for peer in self.contacts:
                 sends += self._questions(tick, peer, frames) if asks else []
                 sends += self._frames_to_tell(tick, peer, frames)

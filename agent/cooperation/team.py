@@ -33,6 +33,7 @@ from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
+from agent.period import Period
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import Event, RobotSpec
@@ -70,6 +71,7 @@ class Team:
         self.views = TeamViews()
         """From where merged peers saw what is in their merged maps."""
         self._views_changed = False
+        self._looks, self._circles = Period(self._ticks(LOOK_S)), Period(self._ticks(CIRCLES_S))
         self.events: list[Event] = []
         """What happened in this tick."""
 
@@ -121,7 +123,7 @@ class Team:
                 self._take_beacon(tick, peer, news.since, min(beacon.tick, tick), sighting)  # nobody is ahead of time
             self._take_word(peer.log, news)
         self._take_maps(tick, own)
-        if tick % self._ticks(LOOK_S) == 0:
+        if self._looks.take_due(tick):
             for proposed in self.proposed:
                 self._ask_thirds(proposed)
             if self.config.verification.ground:
@@ -349,7 +351,7 @@ class Team:
         arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
         """
         self._decide(tick, own)
-        if tick % self._ticks(CIRCLES_S) == 0 and self.config.verification.thirds:
+        if self._circles.take_due(tick) and self.config.verification.thirds:
             self._close_circles(own)
         for peer in self.proposed:
             if peer.waits_since is not None and peer.waits_since is not peer.log.first_encounter:

@@ -17,6 +17,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from agent.period import Period
 from agent.shell.mind import Mind
 from agent.state import State
 from protocol.checksum import UNREADABLE, opened, sealed
@@ -43,9 +44,9 @@ class Keeps(Protocol):
         ...
 
 
-def due(tick: int, rate_hz: float) -> bool:
-    """Whether a mind is kept after its step at a tick; rate_hz: ticks a second."""
-    return tick % max(1, round(CHECKPOINT_S * rate_hz)) == 0
+def period(rate_hz: float) -> Period:
+    """When a mind is kept after its step; rate_hz: ticks a second."""
+    return Period(max(1, round(CHECKPOINT_S * rate_hz)))
 
 
 def save(folder: Path, robot: str, run: str, tick: int, state: State) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import zenoh
 
 from agent.config import AgentConfig, JoinConfig
-from agent.shell.checkpoint import Keeps, due, revived, save
+from agent.shell.checkpoint import Keeps, period, revived, save
 from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.access import Credentials
@@ -237,7 +237,8 @@ class Life:
     def __init__(self, mind: Mind, entry: Entry, robot: str, checkpoints: Path | None) -> None:
         """entry: how the robot was let in. checkpoints: the folder where its mind is kept; None keeps nothing."""
         self._mind, self._entry = mind, entry
-        self._robot, self._checkpoints, self._kept = robot, checkpoints, -1
+        self._robot, self._checkpoints = robot, checkpoints
+        self._keeping = period(entry.welcome.spec.lidar.rate_hz)
         self._heard: list[Heard] = []
         self._tick = -1
         """Of the last step; -1 before the first."""
@@ -280,14 +281,10 @@ class Life:
 
     def _keep(self, tick: int) -> None:
         """Keep the mind after its step at a tick, if a checkpoint is due."""
-        welcome = self._entry.welcome
-        if self._checkpoints is None or tick == self._kept or not due(tick, welcome.spec.lidar.rate_hz):
-            return
-        self._kept = tick
-        if not isinstance(self._mind, Keeps):
+        if self._checkpoints is None or not self._keeping.take_due(tick) or not isinstance(self._mind, Keeps):
             return
         try:
-            save(self._checkpoints, self._robot, welcome.run, tick, self._mind.state())
+            save(self._checkpoints, self._robot, self._entry.welcome.run, tick, self._mind.state())
         except OSError as error:  # the robot goes on without
             print(f"{self._robot}: no checkpoint: {error}", file=sys.stderr)
             self._checkpoints = None

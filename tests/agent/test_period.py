@@ -1,0 +1,37 @@
+"""What is due every so many ticks is done, whichever ticks come."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from agent.period import Period
+
+
+@pytest.mark.parametrize(("ticks", "begin"), [(1, 0), (2, 7), (5, 3)])
+def test_where_all_ticks_come_it_is_due_at_multiples(ticks: int, begin: int) -> None:
+    period = Period(ticks)
+    due = [tick for tick in range(begin, begin + 40) if period.take_due(tick)]
+    assert due == [tick for tick in range(begin, begin + 40) if tick % ticks == 0]
+
+
+@given(st.integers(1, 20), st.lists(st.integers(1, 50), min_size=1))
+def test_where_ticks_are_left_out_it_is_due_once_for_each_period_that_passes(ticks: int, steps: list[int]) -> None:
+    period, all_ticks = Period(ticks), [3]
+    for step in steps:
+        all_ticks.append(all_ticks[-1] + step)
+    due = [period.take_due(tick) for tick in all_ticks]
+    assert due[1:] == [b // ticks > a // ticks for a, b in pairwise(all_ticks)]
+
+
+def test_of_a_fast_lidar_whose_odd_scans_come_alone_each_period_counts() -> None:
+    """A driver that passes every second scan of one of 10 Hz: a robot with it never mapped, nor spoke."""
+    period = Period(2)
+    due = [period.take_due(tick) for tick in range(10_001, 10_101, 2)]
+    assert all(due[1:])
+
+
+def test_a_tick_that_comes_twice_is_due_once() -> None:
+    period = Period(5)
+    assert [period.take_due(tick) for tick in (4, 5, 5, 6)] == [False, True, False, False]
