@@ -18,9 +18,9 @@ from rosbags.typesys.store import Typestore
 
 from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
+from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, check_bag
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
-from protocol.document import check_is_file
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
@@ -65,13 +65,15 @@ def definitions(old: bool) -> Typestore:
 def read_bag(file: Path, given: Given) -> LidarLog:
     """The scans of a bag, from the lidar's place by odometry. Raises InputError where none can be used."""
     try:
-        for part in file.iterdir() if file.is_dir() else [file]:
-            check_is_file(part)
-        with Rosbag1(file) if file.suffix == ".bag" else Rosbag2(file) as reader:
-            bag = _read(reader, given)
-        return _log(str(file), bag, given)
+        check_bag(file)
+        with bounded_memory():
+            with Rosbag1(file) if file.suffix == ".bag" else Rosbag2(file) as reader:
+                bag = _read(reader, given)
+            return _log(str(file), bag, given)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
+    except MemoryError:
+        raise InputError(f"{file}: it takes more than {MORE_BYTES >> 30} GB of memory; split it") from None
     except Exception as error:  # the library checks little of bytes that are no bag
         raise InputError(f"{file}: it is no bag, or damaged: {_words(error)}") from None
 
@@ -112,7 +114,7 @@ def _messages(reader: Rosbag1 | Rosbag2, wanted: list[Any], bag: _Bag) -> Iterat
     try:
         yield from reader.messages(wanted)
     except Exception as error:  # as above
-        if not bag.scans:
+        if not bag.scans or isinstance(error, MemoryError):
             raise
         bag.notes.append(f"damaged after {bag.scans} scans, and what follows is left out: {_words(error)}")
 

@@ -1,12 +1,16 @@
 """Bags of ROS: what is read from each kind, and what is skipped, counted and said."""
 
+import bz2
 import math
+import sqlite3
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer
 
 from deploy import cli
 from deploy.recorded.bags import ODOMETRY, SCAN
@@ -190,6 +194,37 @@ def test_a_broken_bag_is_a_sentence(tmp_path: Path, kind: str, damage: Callable[
     with pytest.raises(InputError) as error:
         read(path)
     assert str(error.value).startswith(f"{path}: it is no bag, or damaged: ") and "\n" not in str(error.value)
+
+
+def test_a_small_bag_that_unpacks_to_gigabytes_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deploy.recorded.bag_bounds.MORE_BYTES", 128 << 20)
+    speaker, path = Speaker("rosbag1"), tmp_path / "small.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.BZ2)
+    compress, zeros = writer.compressor, bz2.compress(bytes(64 << 20))
+    writer.compressor = lambda chunk: compress(chunk) + 4 * zeros
+    with writer as bag:
+        one = speaker.scan(100.0, FIVES)
+        connection = bag.add_connection(one.topic, one.kind, typestore=speaker.store)
+        bag.write(connection, round(one.t * 1e9), speaker.encoded(one))
+    assert path.stat().st_size < 10_000
+    with pytest.raises(InputError, match="GB of memory; split it"):
+        read(path)
+    assert len(bytes(512 << 20)) == 512 << 20  # the bound has ended
+
+
+def test_queries_and_aliases_without_an_end_are_refused(tmp_path: Path) -> None:
+    with closing(sqlite3.connect(tmp_path / "endless.db3")) as database:
+        database.execute(
+            "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
+        )
+    with pytest.raises(InputError, match=r"endless\.db3 has a view, and a bag has tables only"):
+        read(tmp_path / "endless.db3")
+    folder = write_bag(tmp_path, "mcap", drive(ROS2))
+    with (folder / "metadata.yaml").open("a") as metadata:
+        metadata.write("a: &a [1, 2]\nb: [*a, *a]\n")
+    with pytest.raises(InputError, match=r"metadata\.yaml has an alias"):
+        read(folder)
 
 
 @pytest.mark.parametrize("kind", KINDS)
