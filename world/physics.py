@@ -1,5 +1,6 @@
 """Differential-drive robots as rigid discs that push against walls and each other (pymunk)."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from world.checkpoint import State, restore_array
 
 STEP_S = 0.02
 """Time of one physics step: at 0.22 m/s a robot moves 4 mm in it."""
+STEP_RADII = 0.5
+"""Radii that a robot drives in one step at most: with 3 it was beyond a wall before it touched it."""
 ITERATIONS = 10
 """Rounds of the contact solver in each step, measured to be enough; pymunk's default."""
 SLOP_M = 1e-3
@@ -32,7 +35,8 @@ class Physics:
 
     def __init__(self, segments: Floats, poses: Floats, spec: RobotSpec, period_s: float) -> None:
         """Walls (n, 4) and start poses (k, 3) in metres, world frame; one `advance` takes period_s."""
-        self._steps = max(1, round(period_s / STEP_S))
+        leaps = math.ceil(spec.max_speed_mps * period_s / (STEP_RADII * spec.radius_m))
+        self._steps = max(1, round(period_s / STEP_S), leaps)
         self.way = np.repeat(np.array(poses, np.float64)[None], self._steps + 1, 0)
         """(s, k, 3) poses at the begin of the last period and after each of its steps (`world.way`)."""
         self._contacts = np.zeros((2, len(poses)), np.int64)

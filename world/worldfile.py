@@ -102,10 +102,14 @@ class World:
         return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()
 
     @cached_property
-    def _open(self) -> BaseGeometry:
+    def _frame(self) -> Polygon:
+        """Where robots may be that no wall keeps in."""
         x0, y0, x1, y1 = self.solid.bounds
-        frame = shapely.box(x0 - FRAME_M, y0 - FRAME_M, x1 + FRAME_M, y1 + FRAME_M)
-        return frame.difference(self.solid)
+        return shapely.box(x0 - FRAME_M, y0 - FRAME_M, x1 + FRAME_M, y1 + FRAME_M)
+
+    @cached_property
+    def _open(self) -> BaseGeometry:
+        return self._frame.difference(self.solid)
 
     @cached_property
     def free(self) -> list[Polygon]:
@@ -167,7 +171,10 @@ class World:
         starts = [] if drawn else self.spawns[:robots].tolist()
         for i, (x, y, _) in enumerate(starts):
             if self.region_of(x, y, radius_m) is None:
-                raise WorldFileError(f"{self.source}: spawns[{i}]: no free space for a robot of radius {radius_m} m")
+                why = f"no free space for a robot of radius {radius_m} m"
+                if not self._frame.contains(Point(x, y).buffer(radius_m)):
+                    why = f"it is outside, farther than {FRAME_M:g} m from the walls"
+                raise WorldFileError(f"{self.source}: spawns[{i}]: {why}")
             for j, (u, v, _) in enumerate(starts[:i]):
                 if math.hypot(x - u, y - v) <= 2 * radius_m:
                     raise WorldFileError(f"{self.source}: spawns[{i}]: overlaps spawns[{j}]")

@@ -56,12 +56,16 @@ def _pose(rows: Floats, k: int) -> Pose:
     return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
+LEAST_WHEELS, MOST_WHEELS = (0.25, -10.0, 0.25), (4.0, 10.0, 4.0)
+"""Bounds of the constants in a checkpoint, far beyond those of any wheels: moves are divided by the size."""
+
+
 class Wheels:
     """What each particle knows of its wheels' constants, and how a motion makes its pose uncertain."""
 
     def __init__(self, spec: OdometrySpec, particles: int, scans_hz: float) -> None:
         """Begin with wheels as they should be. scans_hz: moves a second."""
-        self._spec, self._most = spec, STEADY_S * scans_hz
+        self._spec, self._most = spec, max(STEADY_S * scans_hz, 1.0)
         self._slip = np.array((SLIP_M, SLIP_M, SLIP_RAD)) ** 2 / scans_hz
         self.steady = np.zeros(2)
         """(2,) metres ahead, as the mean of the last moves of one speed, and how many those are."""

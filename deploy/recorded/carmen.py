@@ -99,7 +99,7 @@ def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
 
 def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Pose, float]:
     """Lidar, readings, pose of the lidar, pose of the robot and time of a line. Raises ValueError or IndexError."""
-    flaser = words[0] == FLASER
+    flaser, clockwise = words[0] == FLASER, False
     begin = 2 if flaser else 9
     count = int(words[begin - 1])
     if not 8 <= count <= MAX_BEAMS:
@@ -110,18 +110,22 @@ def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Po
         after = begin + count
     else:
         first, step, limit = math.degrees(float(words[2])), math.degrees(float(words[4])), float(words[5])
+        clockwise, step = step < 0, abs(step)
         after = begin + count + 1 + max(int(words[begin + count]), 0)
     if len(words) < after + 7:
         raise ValueError
     readings = np.array(words[begin : begin + count], np.float64)
     values = [float(word) for word in words[after : after + 6]]
-    if step * (count - 1) > 360:  # the last beam may be the first one again
+    if step * (count - 0.5) > 360:  # the last beam is the first one again
+        count, readings = count - 1, readings[:-1]
+    if step * (count - 0.5) > 360:
         raise _NoLidarError("scans of no possible lidar: their beams are over more than 360 degrees")
     try:
         lidar = LidarSpec(
             beams=count,
             field_of_view_deg=min(step * count, 360.0),
             first_beam_deg=first,
+            clockwise=clockwise,
             range_min_m=NEAR_M,
             range_max_m=limit if given.range_max_m is None else given.range_max_m,
             **OF_LOGS,

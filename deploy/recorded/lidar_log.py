@@ -1,5 +1,6 @@
 """A recorded log as scans with odometry, whatever its format, and what in it could not be used."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -17,6 +18,7 @@ from protocol.wireframe import MAX_COORDINATE_M
 
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
+JUMP_M, JUMP_MPS = 0.5, 10.0  # more than these from one scan to the next, by odometry, is no robot's way
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
@@ -137,7 +139,7 @@ class LidarLog:
         return _contradicted(scan, *self._ends(1)) is None
 
     def note_odd(self) -> None:
-        """Say how often the log pauses, and whether most of its scans were skipped."""
+        """Say how often the log pauses and jumps, and whether most of its scans were skipped or show nothing."""
         if 2 * len(self.scans) < self._added:
             self.notes.append(f"only {len(self.scans)} of {self._added} scans are used")
         times = [scan.time_s for scan in self.scans]
@@ -146,6 +148,12 @@ class LidarLog:
         gaps = [step for step in steps if step > max(GAP_S, GAP_TIMES * usual)]
         if gaps:
             self.notes.append(f"{len(gaps)} gaps of {min(gaps):.1f} to {max(gaps):.1f} s between scans")
+        ways = [math.dist(a.odometry[:2], b.odometry[:2]) for a, b in pairwise(self.scans)]
+        jumps = [way for way, step in zip(ways, steps, strict=True) if way > JUMP_M + JUMP_MPS * step]
+        if jumps:
+            self.notes.append(f"{len(jumps)} jumps of odometry, of up to {max(jumps):.1f} m from scan to scan")
+        if not any(np.isfinite(scan.ranges).any() for scan in self.scans):
+            self.notes.append("no scan hits anything")
 
 
 def _contradicted(scan: Scan, first: Scan | None, last: Scan | None) -> str | None:

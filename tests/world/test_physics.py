@@ -90,6 +90,16 @@ def test_robots_collide_and_push_but_never_overlap() -> None:
     assert poses[0, 0] == pytest.approx(1.5 - SPEC.radius_m, abs=0.01)
 
 
+@pytest.mark.parametrize(("speed", "radius"), [(3.0, 0.02), (10.0, 0.01)])
+def test_no_speed_takes_a_robot_through_a_wall(speed: float, radius: float) -> None:
+    """In steps of more than its own width it was beyond the wall before it touched it."""
+    spec = RobotSpec(max_speed_mps=speed, radius_m=radius)
+    body = Physics(ROOM, np.array([[1.0, 1.0, 1.0]]), spec, 0.2)
+    for _ in range(20):
+        poses = body.advance(np.array([[speed, 0.0]]))
+    assert 0 < poses[0, 0] < 4 and 0 < poses[0, 1] < 3 and body.wall_contacts[0] > 0
+
+
 def test_touching_again_counts_again() -> None:
     body = physics((3.6, 1.5, 0))
     for speed in (0.22, -0.22, 0.22, -0.22):

@@ -198,6 +198,8 @@ def test_drawn_starts_come_from_the_generator_and_adding_one_moves_none() -> Non
 def test_no_room_for_robots() -> None:
     with pytest.raises(WorldFileError, match=r"spawns\[0\]: no free space for a robot of radius"):
         parse(spawns=[[0, 0.15, 0]]).starts(1, RADIUS, np.random.default_rng(0))
+    with pytest.raises(WorldFileError, match=r"spawns\[0\]: it is outside, farther than 1 m from the walls"):
+        parse(boxes=[[5, 0, 0, 0.1, 0.1]], spawns=[[0, 0, 0]]).starts(1, RADIUS, np.random.default_rng(0))
     with pytest.raises(WorldFileError, match=r"spawns\[1\]: overlaps spawns\[0\]"):
         parse(spawns=[[0, 1, 0], [0.1, 1, 0]]).starts(2, RADIUS, np.random.default_rng(0))
     with pytest.raises(WorldFileError, match="no room for 500 robots"):

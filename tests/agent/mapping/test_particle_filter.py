@@ -13,7 +13,7 @@ from agent.mapping.particle_filter import STILL_SCANS, WireframeFilter, systemat
 from agent.perception.disc_memory import SeenDiscs
 from agent.perception.perceive import Foreseen, perceive
 from protocol.geometry import Pose, seen_from, wrapped
-from protocol.messages import LidarSpec, OdometrySpec
+from protocol.messages import LidarSpec, OdometrySpec, RobotSpec
 from protocol.wireframe import Label, Wireframe
 from tests.ideal import EXACT, ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
@@ -454,3 +454,20 @@ def test_from_one_wall_to_the_next_over_a_step_is_no_oblique_wall_however_often_
     for pose in round_tour(*stops, step=0.05):
         walk.see(pose)
     assert most_oblique_deg(walk.filter.wireframe()) < 10
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [("poses", 1e9, "a pose beyond"), ("odometry", 1e9, "a pose beyond"), ("constants", 0.0, "no possible wheels")],
+)
+def test_a_checkpoint_whose_numbers_no_robot_has_is_refused(name: str, value: float, said: str) -> None:
+    """Each was taken, and ended the mind ticks later."""
+    spec = RobotSpec(odometry=OdometrySpec(noisy=True))
+    state = {key: array.copy() for key, array in filter_of(spec).state().items()}
+    state[name].reshape(-1)[0] = value
+    with pytest.raises(ValueError, match=said):
+        filter_of(spec).restore(state)
+
+
+def filter_of(spec: RobotSpec) -> WireframeFilter:
+    return WireframeFilter(FilterConfig(), spec, np.random.SeedSequence(0))

@@ -32,6 +32,16 @@ def drive(ticks: int) -> list[np.ndarray]:
     return ways
 
 
+def test_of_a_lidar_that_takes_long_to_turn_the_last_move_counts() -> None:
+    """Half a move was the most that counted: what the wheels were said to drive grew without bounds."""
+    wheels, joint = Wheels(SPEC, 1, 0.2), np.zeros((1, WALLS, WALLS))
+    joint[:, :6, :6] = wheels.first
+    told = np.tile((0.01, 0.0, 0.0), (100, 1))
+    for k in range(200):
+        wheels.move(np.zeros((1, 3)), joint, told if k % 2 else 0.9 * told)
+    assert 0.8 < wheels.steady[0] < 1.1
+
+
 def joint_of(wheels: Wheels) -> Floats:
     """(1, m, m) joint covariance at the start, without walls."""
     joint = np.zeros((1, WALLS, WALLS))

@@ -53,6 +53,21 @@ def test_a_robotlaser_line_tells_its_lidar(tmp_path: Path) -> None:
     assert np.isposinf(read.scans[0].ranges[399])
 
 
+@pytest.mark.parametrize("step", ["0.017453293", "0.017453292519943295"])
+def test_the_first_beam_that_comes_again_at_the_end_is_left_out(tmp_path: Path, step: str) -> None:
+    """Nine decimals make 360 steps more than a revolution."""
+    head, end = f"ROBOTLASER1 0 0.0 6.2832 {step} 30.0 0.01 0 361", "0 7 7 1.1 2 0 1 2 0 .1 0 .3 .2 9 12.5 host 12.5"
+    read = read_carmen(log(tmp_path, f"{head} {'3 ' * 361}{end}"), Given())
+    assert read.lidar.beams == 360 and len(read.scans[0].ranges) == 360
+    assert read.lidar.bearings() == pytest.approx(np.radians(np.arange(360.0)), abs=1e-6)
+
+
+def test_a_lidar_that_turns_clockwise_is_read(tmp_path: Path) -> None:
+    head, end = "ROBOTLASER1 0 1.5 3.0 -0.01 30.0 0.01 0 300", "0 7 7 1.1 2 0 1 2 0 .1 0 .3 .2 9 12.5 host 12.5"
+    read = read_carmen(log(tmp_path, f"{head} {'3 ' * 300}{end}"), Given())
+    assert read.lidar.bearings()[[0, 299]] == pytest.approx((1.5, 1.5 - 2.99))
+
+
 def test_readings_that_are_no_ranges_say_nothing_or_nothing_there(tmp_path: Path) -> None:
     values = ["nan", "0", "-1", "inf", "81.83", "80", "3.5", *["2"] * 173]
     ranges = read_carmen(log(tmp_path, flaser(0, readings=values)), Given()).scans[0].ranges
@@ -83,7 +98,7 @@ def test_what_is_not_used_is_counted_before_the_first_scan_and_of_another_kind(t
     [
         (robotlaser(0, step=1e300), "over more than 360 degrees"),
         (robotlaser(0, step="inf"), "over more than 360 degrees"),
-        (robotlaser(0, step=-0.01), "field_of_view_deg: input should be greater than or equal to 1"),
+        (robotlaser(0, step=-0.00001), "field_of_view_deg: input should be greater than or equal to 1"),
         (robotlaser(0, limit=1000), "range_max_m: input should be less than or equal to 100"),
         (robotlaser(0, limit="inf"), "range_max_m: input should be"),
         (flaser(0, readings=["1"] * 4097), "fewer than 8 or more than 4096 beams"),
@@ -148,6 +163,14 @@ def test_a_log_of_which_most_is_skipped_says_so(tmp_path: Path) -> None:
 def test_gaps_are_told(tmp_path: Path) -> None:
     times = [0.2 * k for k in range(10)] + [0.2 * k + 0.5 for k in range(10, 20)]
     assert read_carmen(log(tmp_path, *map(flaser, times)), Given()).notes == ["1 gaps of 0.7 to 0.7 s between scans"]
+
+
+def test_jumps_of_odometry_and_scans_of_nothing_are_told(tmp_path: Path) -> None:
+    lines = [flaser(0.2 * k, readings=["81"] * 180, pose=f"{0.1 * k + 40 * (k > 5)} 0 0") for k in range(10)]
+    assert read_carmen(log(tmp_path, *lines), Given()).notes == [
+        "1 jumps of odometry, of up to 40.1 m from scan to scan",
+        "no scan hits anything",
+    ]
 
 
 def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
