@@ -13,7 +13,7 @@ from deploy.report import plan, style
 from deploy.report.curves import curves
 from deploy.report.picture import MAX_SINGLE
 from deploy.report.rundir import Run, mapping
-from deploy.report.story import GLYPHS, MEANINGS, told
+from deploy.report.story import GLYPHS, MEANINGS, left_out, told
 from deploy.report.words import NONE, headline, number, seconds, share, size, subtitle
 from protocol.files import write_whole
 
@@ -116,7 +116,9 @@ def _story(run: Run) -> str:
         f"{escape(event['text'])}</button></li>"
         for event in told(run)
     ]
-    return f'<h2>What robots believed of each other</h2>\n<ol id="story">{"".join(rows)}</ol>' if rows else ""
+    more = left_out(run)
+    rest = f"<p>{more} more events are not told here; events.jsonl has them.</p>" if more else ""
+    return f'<h2>What robots believed of each other</h2>\n<ol id="story">{"".join(rows)}</ol>{rest}' if rows else ""
 
 
 def _singles(run: Run) -> str:

@@ -1,12 +1,13 @@
 """The story of trust in a run: who heard whom, proposed, merged, refused and undid, in sentences."""
 
+from collections import Counter
 from typing import Any
 
 from deploy.report.rundir import Run, mapping
 from deploy.report.words import number
 
 MAX_BONDS = 5000  # events that begin or end something between two robots
-MAX_TOLD = 600  # events on slider and list: the first ones
+MAX_TOLD = 600  # events on slider and list
 GLYPHS = {
     "contact": "◌",
     "proposed": "?",
@@ -38,20 +39,46 @@ MEANINGS = {
 def told(run: Run) -> list[dict[str, Any]]:
     """The events of the story in their order: t, robot, peer, event, glyph, text."""
     made: list[dict[str, Any]] = []
-    for event in run.events:
-        if (name := event["event"]) not in GLYPHS or len(made) >= MAX_TOLD:
-            continue
+    for event in _shared(_of_story(run), MAX_TOLD):
+        name = event["event"]
         peer = {"peer": event["peer"]} if isinstance(event.get("peer"), str) else {}
         one = {"t": round(event["t"], 1), "robot": event["robot"], "event": name, "glyph": GLYPHS[name]}
         made.append(one | peer | {"text": sentence(event)})
     return made
 
 
+def left_out(run: Run) -> int:
+    """How many events of the story are not told."""
+    events = _of_story(run)
+    return len(events) - len(_shared(events, MAX_TOLD))
+
+
+def _of_story(run: Run) -> list[dict[str, Any]]:
+    return [event for event in run.events if event["event"] in GLYPHS]
+
+
+def _shared(events: list[dict[str, Any]], most: int) -> list[dict[str, Any]]:
+    """Of too many events the first ones of each robot, so that none that says much hides the others."""
+    said = Counter(event["robot"] for event in events)
+    share, beyond = 1, most + 1
+    while beyond - share > 1:
+        middle = (share + beyond) // 2
+        fits = sum(min(count, middle) for count in said.values()) <= most
+        share, beyond = (middle, beyond) if fits else (share, middle)
+    kept, counts = [], Counter[str]()
+    for event in events:
+        counts[event["robot"]] += 1
+        if counts[event["robot"]] <= share:
+            kept.append(event)
+    return kept[:most]
+
+
 def bonds(run: Run) -> list[dict[str, Any]]:
     """Between which times pairs hear each other and proposals are on trial: t, robot, peer, event."""
     kinds = ("contact", "lost", "proposed", "accepted", "rejected")
-    events = (event for event in run.events if event["event"] in kinds and isinstance(event.get("peer"), str))
-    return [{"t": round(e["t"], 1), **{key: e[key] for key in ("robot", "peer", "event")}} for e in events][:MAX_BONDS]
+    events = [event for event in run.events if event["event"] in kinds and isinstance(event.get("peer"), str)]
+    shared = _shared(events, MAX_BONDS)
+    return [{"t": round(e["t"], 1), **{key: e[key] for key in ("robot", "peer", "event")}} for e in shared]
 
 
 def sentence(event: dict[str, Any]) -> str:

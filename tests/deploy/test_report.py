@@ -4,6 +4,7 @@ import math
 import re
 import shutil
 import subprocess
+from collections import Counter
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
@@ -19,7 +20,7 @@ from deploy.report import write_report
 from deploy.report.picture import NAMED, draw_coverage
 from deploy.report.plan import overview, slider
 from deploy.report.rundir import Map, Run, Series, read_run
-from deploy.report.story import GLYPHS, MEANINGS
+from deploy.report.story import GLYPHS, MAX_TOLD, MEANINGS, bonds, left_out, told
 from deploy.report.words import share, size
 from world.recorder import TEAM
 
@@ -392,3 +393,12 @@ def test_the_replay_ends_with_the_last_maps_where_the_last_step_is_shorter() -> 
     told = subprocess.run(["node", "-e", asked % found[0]], capture_output=True, text=True, check=True, timeout=30)
     assert [k for k, _ in json.loads(told.stdout)] == [0, 1, 2, 3]
     assert [part for _, part in json.loads(told.stdout)] == pytest.approx([0.0, 0.5, 0.5, 0.0])
+
+
+def test_a_robot_that_says_much_hides_no_others_and_what_is_not_told_is_counted() -> None:
+    said = [("r3", "contact", 0.0)] * 700 + [(robot, "accepted", 50.0 + k) for k in range(20) for robot in ("r1", "r2")]
+    events = [{"t": t, "robot": robot, "event": event, "peer": "r3"} for robot, event, t in said]
+    run = Run(Path("some"), events=events)
+    assert Counter(event["robot"] for event in told(run)) == {"r1": 20, "r2": 20, "r3": MAX_TOLD - 40}
+    assert left_out(run) == 700 + 40 - MAX_TOLD
+    assert {event["robot"] for event in bonds(run)} == {"r1", "r2", "r3"}
