@@ -26,6 +26,8 @@ _EYE_M = 2e-4
 """A line of sight to a piece of wall ends this far before its middle, in free space (as in the scorer)."""
 _BLOCK = 1_000_000
 """Pairs of a pose and a piece of wall that are compared at a time; a pair takes 50 bytes."""
+_SIGHTS = 20_000
+"""Lines of sight that are tried at a time: one a piece at first, as the nearest pose sees nearly all, then more."""
 _JOINT_M = 1e-6
 """A hit this near to the joint of two pieces counts for the second piece; larger than rounding errors."""
 NEVER = np.iinfo(np.int32).max
@@ -67,32 +69,39 @@ def _visible(world: World, reachable: Polygon, ends: Floats, reach_m: float) -> 
     tree = shapely.STRtree(shapely.points(poses))
     visible = np.zeros(len(ends), np.bool_)
     shapely.prepare(world.solid)
+    tried = 0.0
     for distance in (reach_m / 8, reach_m / 4, reach_m / 2, reach_m):
         around = math.pi * (distance + GRID_M) ** 2 / GRID_M**2  # poses, about; bounds the memory of a block
         hidden = np.flatnonzero(~visible)
         for block in np.array_split(hidden, math.ceil(len(hidden) * around / _BLOCK) or 1):
-            visible[block] = _seen(world, tree, poses, eye[block], normal[block], distance)
+            visible[block] = _seen(world, tree, poses, eye[block], normal[block], (tried, distance))
+        tried = distance
     return visible
 
 
-def _seen(world: World, tree: shapely.STRtree, poses: Floats, eye: Floats, normal: Floats, distance: float) -> Bools:
-    """(n,) which eyes (n, 2) on walls with these normals some pose (p, 2) sees from at most this distance."""
-    piece, pose = tree.query(shapely.points(eye), predicate="dwithin", distance=distance)
+def _seen(
+    world: World, tree: shapely.STRtree, poses: Floats, eye: Floats, normal: Floats, between: tuple[float, float]
+) -> Bools:
+    """(n,) which eyes (n, 2) on walls with these normals some pose (p, 2) sees from between these distances."""
+    piece, pose = tree.query(shapely.points(eye), predicate="dwithin", distance=between[1])
     view = poses[pose] - eye[piece]
     away = np.hypot(view[:, 0], view[:, 1])
-    steep = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
-    piece, pose, away = piece[steep], pose[steep], away[steep]
+    asked = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
+    asked &= away > between[0] - _EYE_M
+    piece, pose, away = piece[asked], pose[asked], away[asked]
     order = np.lexsort((away, piece))
     piece, pose = piece[order], pose[order]
     first = np.searchsorted(piece, np.arange(len(eye)))
     count = np.bincount(piece, minlength=len(eye))
-    seen = np.zeros(len(eye), np.bool_)
-    for nth in range(int(count.max(initial=0))):
-        hidden = np.flatnonzero(~seen & (count > nth))
-        if not len(hidden):
-            break
-        sight = shapely.linestrings(np.stack([eye[hidden], poses[pose[first[hidden] + nth]]], 1))
-        seen[hidden] = ~shapely.intersects(world.solid, sight)
+    seen, tried = np.zeros(len(eye), np.bool_), 0
+    while len(hidden := np.flatnonzero(~seen & (count > tried))):
+        more = min(max(tried, 1), max(_SIGHTS // len(hidden), 1))
+        tries = np.minimum(count[hidden] - tried, more)
+        of = np.repeat(hidden, tries)
+        nth = np.arange(len(of)) - np.repeat(np.cumsum(tries) - tries, tries)
+        sight = shapely.linestrings(np.stack([eye[of], poses[pose[first[of] + tried + nth]]], 1))
+        seen[of[~shapely.intersects(world.solid, sight)]] = True
+        tried += more
     return seen
 
 
