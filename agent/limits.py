@@ -2,7 +2,7 @@
 
 import math
 
-from agent.exploration.driving import HORIZON_COMMANDS
+from agent.exploration.config import HORIZON_COMMANDS
 from protocol.messages import RobotSpec
 
 LEAST_VIEW_DEG = 180.0  # with less, a robot does not see the place beside it that it turns into

@@ -8,6 +8,7 @@ from protocol.settings import Chance, Config, Positive
 
 DefaultState = Literal["ours", "least-likely", "random-vertex", "interior-sweep", "perimeter"]
 """What a robot does when no frontier is left: the four of the paper (IV-B), and ours: sweep, then least likely."""
+HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and the next if the answer to a scan is late
 
 
 class ExplorationConfig(Config):

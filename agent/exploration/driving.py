@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.exploration.config import DrivingConfig
+from agent.exploration.config import HORIZON_COMMANDS, DrivingConfig
 from agent.geometry.clearance import distance_to_walls, keeps_clear
 from agent.kernels import kernel
 from protocol.arrays import Floats
@@ -21,7 +21,6 @@ TURN_BESIDE_RAD = 0.5
 an arc the robot cannot give way: without this, robots touched in one of five runs of five robots in maze-15."""
 SLOW_AIR_M = 0.05  # a robot with less air than this to a wall drives slowly
 SLOW_SHARE = 0.5  # share of full speed at which it then drives
-HORIZON_COMMANDS = 2  # commands for which a motion must be free: this one, and the next if the answer to a scan is late
 _ARC_STEPS = 4  # places on that motion that are checked
 MEET_M = 1.2  # a teammate in the way is passed on the right from here on: at full speed both have 2.7 s to move over
 PASS_AIR_M = 0.03  # air when passing, beyond what stops the robot
