@@ -112,7 +112,7 @@ def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:
     (scan,) = told.scans
     assert np.isposinf(scan.ranges).all() and len(scan.ranges) == 90
     assert scan.odometry == pytest.approx(compose(pose_at(100.05), (0.3, 0.0, 0.5)), abs=1e-4)
-    assert not told.notes
+    assert told.notes == ["no scan hits anything"]
     with pytest.raises(InputError, match=r"/front is no topic of .*/LaserScan in it; there is /rear, /scan"):
         read(path, Given(scan_topic="/front"))
 
