@@ -26,7 +26,7 @@ _EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+")
 """Numbers such as 1e-5, which are texts in YAML 1.1, but numbers in JSON."""
 _PAIR = re.compile(r"(?<!\\)((?:\\\\)*)\\u(d[89ab][0-9a-f]{2})\\u(d[c-f][0-9a-f]{2})", re.IGNORECASE)
 """A character beyond 16 bits as JSON escapes it, by two halves that YAML does not take."""
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CORE = "tag:yaml.org,2002:"
 _RESOLVER = yaml.resolver.Resolver()
 _MAKER = yaml.constructor.SafeConstructor()
@@ -90,7 +90,7 @@ def parse_document(text: str) -> Any:
         inside: list[tuple[Any, Any]] = [(top, None)]  # lists and maps that are open; of a map, the key that waits
         key: Any
         left = MAX_VALUES
-        for event in yaml.parse(_PAIR.sub(_whole, text), _LOADER):
+        for event in yaml.parse(_PAIR.sub(_whole, text), LOADER):
             line = event.start_mark.line if event.start_mark else line
             match event:
                 case yaml.AliasEvent():

@@ -87,7 +87,7 @@ def _seen(
     view = poses[pose] - eye[piece]
     away = np.hypot(view[:, 0], view[:, 1])
     asked = (view * normal[piece]).sum(1) > math.sin(GRAZING_RAD) * away
-    asked &= away > between[0] - _EYE_M
+    asked &= away > between[0] - _EYE_M  # what rounding puts on both sides is asked twice, and nothing never
     piece, pose, away = piece[asked], pose[asked], away[asked]
     order = np.lexsort((away, piece))
     piece, pose = piece[order], pose[order]

@@ -38,7 +38,7 @@ from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis
 from agent.mapping.publication import published
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.views import MARGIN_M, View
-from agent.mapping.wheels import FLOOR, LEAST_WHEELS, MOST_WHEELS, Wheels, moves_of, way_from
+from agent.mapping.wheels import FLOOR, Wheels, moves_of, way_from
 from agent.state import LARGEST, State, checked
 from protocol.arrays import Floats, Ints, Records
 from protocol.geometry import Pose, pose_of, wrapped
@@ -325,7 +325,7 @@ class WireframeFilter:
         odometry = checked(state, "odometry", np.zeros(3))
         if max(np.abs(kept["poses"]).max(), np.abs(odometry).max()) > MAX_COORDINATE_M:
             raise ValueError(f"a pose beyond {MAX_COORDINATE_M:g} m")
-        if not ((kept["constants"] >= LEAST_WHEELS) & (kept["constants"] <= MOST_WHEELS)).all():
+        if not self.wheels.are_possible(kept["constants"]):
             raise ValueError("constants of no possible wheels")
         edges, counts = np.frombuffer(state["edges"].tobytes(), EDGE).reshape(len(self.counts), -1), kept["counts"]
         if not ((counts >= 0) & (counts <= edges.shape[1])).all() or edges.shape[1] > 2 * MAX_WALLS:

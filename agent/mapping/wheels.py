@@ -56,8 +56,9 @@ def _pose(rows: Floats, k: int) -> Pose:
     return rows[k, 0], rows[k, 1], rows[k, 2]
 
 
-LEAST_WHEELS, MOST_WHEELS = (0.25, -10.0, 0.25), (4.0, 10.0, 4.0)
-"""Bounds of the constants in a checkpoint, far beyond those of any wheels: moves are divided by the size."""
+LEAST, MOST = (0.25, -1.6, 0.25), (4.0, 1.6, 4.0)
+"""Bounds of the constants in a checkpoint as shares, the difference times the axle: over three deviations of the worst
+wheels that settings allow, and off zero, as moves are divided by the size."""
 
 
 class Wheels:
@@ -77,6 +78,11 @@ class Wheels:
         self.first = np.zeros((6, 6))
         """Covariance of pose and constants at first: the pose is exact."""
         self.first[3:, 3:] = np.diag(first**2)
+
+    def are_possible(self, constants: Floats) -> bool:
+        """Whether constants (p, 3) may be those of any wheels."""
+        shares = constants * (1.0, self._spec.axle_m, 1.0)
+        return bool(((shares >= LEAST) & (shares <= MOST)).all())
 
     def way(self, told: Floats, particle: int) -> Floats:
         """(k + 1, 3) poses, from zero, along which a particle's wheels rolled when they told of these moves (k, 3)."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from protocol.document import check_is_file, read_text
+from protocol.document import LOADER, check_is_file, read_text
 from protocol.errors import InputError
 
 MORE_BYTES = 3 << 30
@@ -31,7 +31,7 @@ def check_bag(file: Path) -> None:
 def _check_metadata(file: Path) -> None:
     """Refuse aliases, by which a few lines stand for billions of values."""
     try:
-        events = yaml.parse(read_text(file), getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        events = yaml.parse(read_text(file), LOADER)
         if any(isinstance(event, yaml.AliasEvent) for event in events):
             raise InputError(f"{METADATA} has an alias: write out what it stands for")
     except yaml.YAMLError as error:
@@ -55,11 +55,11 @@ def bounded_memory() -> Iterator[None]:
     if not status.exists():
         yield
         return
-    before = soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    before = resource.getrlimit(resource.RLIMIT_AS)
     limits = [limit for limit in before if limit != resource.RLIM_INFINITY]
     most = int(status.read_text().split()[0]) * resource.getpagesize() + MORE_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (min([most, *limits]), hard))
+    resource.setrlimit(resource.RLIMIT_AS, (min([most, *limits]), before[1]))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_AS, before)

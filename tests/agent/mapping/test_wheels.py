@@ -42,6 +42,15 @@ def test_of_a_lidar_that_takes_long_to_turn_the_last_move_counts() -> None:
     assert 0.8 < wheels.steady[0] < 1.1
 
 
+def test_the_worst_wheels_that_settings_allow_are_possible() -> None:
+    """A bound in rad a metre refused the checkpoints of robots with short axles."""
+    spec = OdometrySpec(noisy=True, wheel_sd=0.2, axle_sd=0.2, axle_m=0.01)
+    wheels = Wheels(spec, 1, RATE_HZ)
+    sd = np.sqrt(np.diag(wheels.first)[3:])
+    assert wheels.are_possible(wheels.constants + 3 * sd) and wheels.are_possible(wheels.constants - 3 * sd)
+    assert not wheels.are_possible(np.array([[0.0, 0.0, 1.0]]))
+
+
 def joint_of(wheels: Wheels) -> Floats:
     """(1, m, m) joint covariance at the start, without walls."""
     joint = np.zeros((1, WALLS, WALLS))
