@@ -20,7 +20,8 @@ from agent.exploration.driving import STOP, Driver, Motion, ticks_to_drive
 from agent.exploration.goals import OTHER_STAND_M, TEAMMATE, WAITS, Goals, rounded
 from agent.exploration.headway import Headway
 from agent.exploration.homing import Homing
-from agent.exploration.path import GIVE_M, ahead_of, length_of, still_clear
+from agent.exploration.parking import Parking
+from agent.exploration.path import ARRIVED_M, GIVE_M, ahead_of, length_of, still_clear
 from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
 from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
@@ -32,14 +33,11 @@ from protocol.messages import Event, RobotSpec
 LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
 """Seconds near a standing point before a goal counts as unresolved: a map changes its mind after three scans. A face of
 0.1 m becomes a wall after a dozen."""
-ARRIVED_M = 0.08  # nearer is there: nearly what two ticks drive at full speed, so that no robot overshoots
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
 RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
-MOST_SHOWN = 8  # places where a complete robot shows itself: three sightings decide, and who never merges gains no more
-AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
@@ -72,7 +70,7 @@ class Explorer:
         self.goals = Goals(config.attempts, spec)
         self.sweep = Sweep(config.smallest_object_m, spec.lidar)
         self.states = DefaultStates(config, self.sweep, spec.lidar, rng)
-        self.headway, self.homing = Headway(rng, spec.lidar.rate_hz), Homing()
+        self.headway, self.homing, self.parking = Headway(rng, spec.lidar.rate_hz), Homing(), Parking()
         self.complete = False
         self.target: Target | None = None
         self._put_back: Target | None = None
@@ -83,7 +81,6 @@ class Explorer:
         self._decided_tick, self._decided_version = 0, -1
         self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
         self._sd_at_home_m = 0.0  # of its place when it was last there: where that did not help, it is not tried again
-        self._shown: list[Floats] = []  # (2,) each, where it has shown itself since it is complete
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
@@ -227,7 +224,8 @@ class Explorer:
 
     def _resume(self, place: Floats, reason: str) -> None:
         """End `complete`; place: (2,) where something is to be done."""
-        self.complete, self.target, self._shown = False, None, []
+        self.complete, self.target = False, None
+        self.parking.leave()
         self._tell("resumed", reason=reason, place=rounded(place))
 
     # what became of the target
@@ -379,35 +377,22 @@ class Explorer:
         return self.target
 
     def _park(self, scene: Scene, old: Target | None) -> Target:
-        """Go home, or else to an own former place, where others have room to pass.
-
-        A crowd is complete together, around the last corner. Stragglers found nobody there who would have told them
-        all; at home robots stand apart, or wait where all of them began.
-        """
-        own = self.viewpoints.own_places()
-        places = np.vstack((scene.here[None], own))
-        if old is not None and old.task.kind == "park":
-            places = np.vstack((old.task.stand, places))
+        """Where to wait once nothing is left to do; where the old target was that, it may stay."""
         roads = self.surroundings.tight_ways(scene)
-        route = None if old is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
-        route = route or standing.out_of_the_way(places, roads)
-        return self._park_at(scene, scene.here[None] if route is None else route.path, roads)
+        return self._park_at(scene, self.parking.choose(scene.here, self.viewpoints.own_places(), roads, old))
 
-    def _park_at(self, scene: Scene, path: Floats, roads: Roads) -> Target:
-        """Park at the end of a path (k, 2)."""
-        self.target = Target(Task("park", path[-1], path[-1]), path, roads.clearance)
+    def _park_at(self, scene: Scene, place: Target) -> Target:
+        self.target = place
         self.headway.restart(scene.tick)
-        return self.target
+        return place
 
     def _step_aside(self, scene: Scene) -> Target | None:
-        """Park elsewhere, nearby: what stands still may be a post, and is no evidence of where its frame lies."""
-        parked = self.target
-        if parked is None or not parked.within(ARRIVED_M, scene.here) or len(self._shown) >= MOST_SHOWN:
+        """Park elsewhere, nearby, so that who sees the robot can tell it from a post."""
+        if not self.parking.may_step_aside(scene.here, self.target):
             return None
-        self._shown.append(scene.here)
         roads = self.surroundings.tight_ways(scene)
-        route = standing.aside(np.array(self._shown), self.viewpoints.own_places(), roads)
-        return None if route is None else self._park_at(scene, route.path, roads)
+        place = self.parking.aside(scene.here, self.viewpoints.own_places(), roads)
+        return None if place is None else self._park_at(scene, place)
 
     def _barred(self, scene: Scene) -> bool:
         """Whether there would be something to do if no teammate stood in the way."""

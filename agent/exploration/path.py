@@ -7,6 +7,7 @@ import numpy as np
 from agent.geometry.clearance import distance_to_walls, keeps_clear, path_clear
 from protocol.arrays import Floats
 
+ARRIVED_M = 0.08  # nearer is there: nearly what two ticks drive at full speed, so that no robot overshoots
 GIVE_M = 0.03  # a path stays good while walls come this much nearer than its clearance, and may be cut by as much
 _WAYPOINT_M = 0.03  # a waypoint this near is passed
 _START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away

@@ -10,10 +10,11 @@ import shapely
 
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
-from agent.exploration.explorer import AT_HOME_M, Explorer
+from agent.exploration.explorer import Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import REMEMBERED, GoalMemory
+from agent.exploration.parking import AT_HOME_M
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates

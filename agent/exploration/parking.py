@@ -1,0 +1,54 @@
+"""Where a complete robot parks, and where it shows itself to somebody who does not know its frame (ours)."""
+
+import numpy as np
+
+from agent.exploration import standing
+from agent.exploration.agenda import Target, Task
+from agent.exploration.path import ARRIVED_M
+from agent.exploration.planning import Roads
+from protocol.arrays import Floats
+
+MOST_SHOWN = 8  # places where a complete robot shows itself: three sightings decide, and who never merges gains no more
+AT_HOME_M = 2.0  # from there to where a complete robot parks: it may have begun in a doorway
+
+
+class Parking:
+    """The choice of a place to park, and where a robot that has parked has shown itself since."""
+
+    def __init__(self) -> None:
+        self._shown: list[Floats] = []  # (2,) each
+
+    def leave(self) -> None:
+        """The robot has something to do again."""
+        self._shown = []
+
+    def choose(self, here: Floats, own: Floats, roads: Roads, parked: Target | None) -> Target:
+        """Home, or else an own former place (k, 2), where others have room to pass.
+
+        A crowd is complete together, around the last corner. Stragglers found nobody there who would have told them
+        all; at home robots stand apart, or wait where all of them began. here: (2,). parked: the last target, which is
+        kept where it was a place to park.
+        """
+        places = np.vstack((here[None], own))
+        if parked is not None and parked.task.kind == "park":
+            places = np.vstack((parked.task.stand, places))
+        route = None if parked is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
+        route = route or standing.out_of_the_way(places, roads)
+        return _at_end_of(here[None] if route is None else route.path, roads)
+
+    def may_step_aside(self, here: Floats, parked: Target | None) -> bool:
+        """Whether a robot has arrived where it parks, and has not shown itself often enough."""
+        return parked is not None and parked.within(ARRIVED_M, here) and len(self._shown) < MOST_SHOWN
+
+    def aside(self, here: Floats, own: Floats, roads: Roads) -> Target | None:
+        """A place near one where it has parked (2,), apart from all where it has shown itself; None without any.
+
+        What stands still may be a post, and is no evidence of where its frame lies. own: (k, 2) former places.
+        """
+        self._shown.append(here)
+        route = standing.aside(np.array(self._shown), own, roads)
+        return None if route is None else _at_end_of(route.path, roads)
+
+
+def _at_end_of(path: Floats, roads: Roads) -> Target:
+    return Target(Task("park", path[-1], path[-1]), path, roads.clearance)
