@@ -2,20 +2,73 @@
 
 import resource
 import sqlite3
+import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import yaml
 
-from protocol.document import LOADER, check_is_file, read_text
+from protocol.document import LOADER, MAX_DEPTH, check_is_file, read_text
 from protocol.errors import InputError
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd  # which rosbags needs, too
 
 MORE_BYTES = 3 << 30
 """Memory beyond what the process has. The readings of the longest log that is taken are 640 MB; a bag of 10 kB asked
 for 6 GB by its compressed chunk."""
-METADATA = "metadata.yaml"
+METADATA, INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"  # a file of a bag, and what that begins with
 STORED = ("table", "index")  # what a bag in SQLite has; a view may be a query without an end
+PART_BYTES = 1 << 20  # of a compressed file that are unpacked at a time
+
+
+@contextmanager
+def plain(bag: Path) -> Iterator[Path]:
+    """The bag; a copy of it in a folder of its own where whole files of it are compressed, which may be anything.
+
+    Raises InputError, without its name, where they unpack to more than MORE_BYTES.
+    """
+    told = _compressed(bag)
+    if told is None:
+        yield bag
+        return
+    with TemporaryDirectory() as folder:
+        names, left = {PurePath(str(path)).name: None for path in told["relative_file_paths"]}, MORE_BYTES
+        for name in names:
+            left -= _unpack(bag / name, Path(folder) / PurePath(name).stem, left)
+        told |= {"compression_mode": "", "relative_file_paths": [PurePath(name).stem for name in names]}
+        (Path(folder) / METADATA).write_text(yaml.safe_dump({INFORMATION: told}))
+        yield Path(folder)
+
+
+def _compressed(bag: Path) -> dict[str, Any] | None:
+    """What the metadata of a bag whose files are compressed say; None of any other bag."""
+    if not (bag / METADATA).is_file():
+        return None
+    _check_metadata(bag / METADATA)
+    document = yaml.load(read_text(bag / METADATA), LOADER)
+    told = document.get(INFORMATION) if isinstance(document, dict) else None
+    if not isinstance(told, dict) or str(told.get("compression_mode")).lower() != "file":
+        return None
+    return told
+
+
+def _unpack(source: Path, target: Path, most: int) -> int:
+    """Unpack a file of at most so many bytes; how many it has. Raises InputError for more."""
+    check_is_file(source)
+    size = 0
+    with zstd.open(source, "rb") as packed, target.open("wb") as out:
+        while part := packed.read(PART_BYTES):
+            size += len(part)
+            if size > most:
+                raise InputError(f"it unpacks to more than {MORE_BYTES >> 30} GB; split it")
+            out.write(part)
+    return size
 
 
 def check_bag(file: Path) -> None:
@@ -29,11 +82,15 @@ def check_bag(file: Path) -> None:
 
 
 def _check_metadata(file: Path) -> None:
-    """Refuse aliases, by which a few lines stand for billions of values."""
+    """Refuse aliases, by which a few lines stand for billions of values, and what a loader's recursion cannot hold."""
+    depth = 0
     try:
-        events = yaml.parse(read_text(file), LOADER)
-        if any(isinstance(event, yaml.AliasEvent) for event in events):
-            raise InputError(f"{METADATA} has an alias: write out what it stands for")
+        for event in yaml.parse(read_text(file), LOADER):
+            if isinstance(event, yaml.AliasEvent):
+                raise InputError(f"{METADATA} has an alias: write out what it stands for")
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > MAX_DEPTH:
+                raise InputError(f"{METADATA} is nested deeper than {MAX_DEPTH}")
     except yaml.YAMLError as error:
         raise InputError(f"it is no bag, or damaged: {METADATA}: {' '.join(str(error).split()):.200}") from None
 

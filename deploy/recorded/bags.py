@@ -18,7 +18,7 @@ from rosbags.typesys.store import Typestore
 
 from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
-from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, check_bag
+from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, check_bag, plain
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from protocol.errors import InputError
@@ -65,11 +65,12 @@ def definitions(old: bool) -> Typestore:
 def read_bag(file: Path, given: Given) -> LidarLog:
     """The scans of a bag, from the lidar's place by odometry. Raises InputError where none can be used."""
     try:
-        check_bag(file)
-        with bounded_memory():
-            with Rosbag1(file) if file.suffix == ".bag" else Rosbag2(file) as reader:
-                bag = _read(reader, given)
-            return _log(str(file), bag, given)
+        with plain(file) as path:
+            check_bag(path)
+            with bounded_memory():
+                with Rosbag1(path) if path.suffix == ".bag" else Rosbag2(path) as reader:
+                    bag = _read(reader, given)
+                return _log(str(file), bag, given)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except MemoryError:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Rosbag1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2
 
 from deploy.recorded.bags import ODOMETRY, SCAN, definitions
@@ -106,12 +106,17 @@ def yawed(angle: float) -> Turn:
     return 0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)
 
 
-def write_bag(folder: Path, kind: str, said: Iterable[Said], name: str = "drive") -> Path:
+def write_bag(
+    folder: Path, kind: str, said: Iterable[Said], name: str = "drive", whole_files_compressed: bool = False
+) -> Path:
     """Write messages in their order into a bag of a kind; its path as a user would give it."""
     speaker = Speaker(kind)
     path = folder / (f"{name}.bag" if kind == "rosbag1" else name)
     plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-    with Rosbag1(path) if kind == "rosbag1" else Rosbag2(path, version=9, storage_plugin=plugin) as bag:
+    writer = Rosbag1(path) if kind == "rosbag1" else Rosbag2(path, version=9, storage_plugin=plugin)
+    if whole_files_compressed and isinstance(writer, Rosbag2):
+        writer.set_compression(CompressionMode.FILE, CompressionFormat.ZSTD)
+    with writer as bag:
         connections: dict[str, Any] = {}
         for one in said:
             if one.topic not in connections:

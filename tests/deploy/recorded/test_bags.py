@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from rosbags.rosbag1 import Writer
 
 from deploy import cli
@@ -224,6 +225,40 @@ def test_queries_and_aliases_without_an_end_are_refused(tmp_path: Path) -> None:
     with (folder / "metadata.yaml").open("a") as metadata:
         metadata.write("a: &a [1, 2]\nb: [*a, *a]\n")
     with pytest.raises(InputError, match=r"metadata\.yaml has an alias"):
+        read(folder)
+
+
+@pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
+def test_a_bag_whose_files_are_compressed_is_read_like_any_other(tmp_path: Path, kind: str) -> None:
+    plain = read(write_bag(tmp_path, kind, drive(Speaker(kind))))
+    packed = read(write_bag(tmp_path, kind, drive(Speaker(kind)), "packed", whole_files_compressed=True))
+    assert len(packed.scans) == len(plain.scans) > 0
+    assert all((one.ranges == two.ranges).all() for one, two in zip(packed.scans, plain.scans, strict=True))
+
+
+def test_files_that_unpack_to_gigabytes_or_to_an_endless_query_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = write_bag(tmp_path, "sqlite3", drive(ROS2), whole_files_compressed=True)
+    packed = next(file for file in folder.iterdir() if file.suffix == ".zstd")
+    with closing(sqlite3.connect(tmp_path / "endless.db3")) as database:
+        database.execute(
+            "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
+        )
+    packed.write_bytes(zstandard.compress((tmp_path / "endless.db3").read_bytes()))
+    with pytest.raises(InputError, match="has a view, and a bag has tables only"):
+        read(folder)
+    monkeypatch.setattr("deploy.recorded.bag_bounds.MORE_BYTES", 16 << 20)
+    packed.write_bytes(zstandard.compress(bytes(17 << 20)))
+    with pytest.raises(InputError, match="it unpacks to more than"):
+        read(folder)
+
+
+def test_metadata_nested_without_an_end_are_refused(tmp_path: Path) -> None:
+    folder = write_bag(tmp_path, "mcap", drive(ROS2))
+    with (folder / "metadata.yaml").open("a") as metadata:
+        metadata.write("a: " + 100_000 * "[")
+    with pytest.raises(InputError, match="is nested deeper than"):
         read(folder)
 
 
