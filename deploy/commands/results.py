@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from typer import Argument, Option, Typer
+from typer import Argument, Exit, Option, Typer
 
 from deploy.commands.options import Pairs, RunDirectory
 from protocol.command import say
@@ -28,9 +28,8 @@ def finish(run: RunDirectory) -> None:
     from deploy.finish import finish
 
     if finish(run):
-        write_results(run)
-    else:
-        print(f"{printable(str(run))} is finished already")
+        raise Exit(write_results(run))
+    print(f"{printable(str(run))} is finished already")
 
 
 @commands.command(epilog="Example: wireswarm report runs/maze-15-0 --pairs")
@@ -62,8 +61,11 @@ def bandwidth(
         print(json.dumps(documents, indent=1))
 
 
-def write_results(run: Path, pairs: bool = False) -> None:
-    """Write report and bandwidth measurement of a run, as far as can be, and print its summary."""
+def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) -> Status:
+    """Write report and bandwidth measurement of a run, as far as can be, and print its summary.
+
+    Returns the status of the run, or FAILURE for one that ended well and whose results could not all be written.
+    """
     from deploy.report import write_report
     from deploy.terminal.live import print_summary
     from protocol.errors import InputError
@@ -84,6 +86,7 @@ def write_results(run: Path, pairs: bool = False) -> None:
             say(f"no {what}: stopped by a mistake in its program: {type(error).__name__}: {error}")
     print_summary(run, pairs)
     print(printable(str(made.get("report", run))), flush=True)
+    return Status.FAILURE if status == Status.OK and len(made) < len(makers) else status
 
 
 def _has_ended(run: Path) -> bool:

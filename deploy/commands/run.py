@@ -98,10 +98,10 @@ def run(
             say(f"interrupted; `wireswarm report {directory}` draws what there is")
             print_summary(directory, pairs)
             raise Exit(result.status)
-        write_results(directory, pairs)
+        status = write_results(directory, pairs, result.status)
         if not (quiet or view):
             say(f"`{_as_called()} view {directory}` shows it as a moving picture")
-        raise Exit(result.status)
+        raise Exit(status)
 
 
 def _as_called() -> str:

@@ -136,7 +136,7 @@ def world_(
     print(f"ended: {ended}; {printable(str(directory))}", flush=True)
     if status != Status.INTERRUPTED:
         with on_interrupt(partial(leave, directory)):
-            write_results(directory)
+            status = write_results(directory, status=status)
     raise Exit(status)
 
 

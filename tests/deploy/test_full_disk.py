@@ -9,7 +9,13 @@ from typing import Any
 
 import pytest
 
-from tests.tiny import ROOM
+from agent.config import AgentConfig
+from deploy import inprocess
+from deploy.commands.results import write_results
+from protocol.files import UnwritableError
+from protocol.status import Status
+from tests.scripted import Wanderer
+from tests.tiny import ROOM, tiny_config
 
 REPO = Path(__file__).parents[2]
 MOUNTS = subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode == 0
@@ -91,6 +97,20 @@ def test_the_command_says_which_files_a_full_disk_did_not_take(tmp_path: Path) -
     lines = done.stderr.splitlines()
     assert all(line.startswith("wireswarm: ") and line.endswith(": No space left on device") for line in lines)
     assert "disk/out/report.html" in done.stderr and "disk/out/manifest.json" in done.stderr
+
+
+def test_a_run_without_its_report_has_not_ended_as_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(run: Path) -> Path:
+        raise UnwritableError((run / "report.png", "No space left on device"))
+
+    inprocess.run(tiny_config(tmp_path, until=2.0), AgentConfig(), tmp_path / "out", make_mind=Wanderer)
+    assert write_results(tmp_path / "out") == Status.OK
+    monkeypatch.setattr("deploy.report.write_report", refuse)
+    assert write_results(tmp_path / "out") == Status.FAILURE
+    assert write_results(tmp_path / "out", status=Status.INCOMPLETE) == Status.INCOMPLETE
+    assert f"cannot write {tmp_path}/out/report.png: No space left on device" in capsys.readouterr().err
 
 
 @needs_mounts

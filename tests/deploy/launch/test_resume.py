@@ -143,7 +143,7 @@ def test_what_a_killed_world_left_is_finished_once(
             cli.main()
         return end.value.code or 0, *capsys.readouterr()
 
-    monkeypatch.setattr(results, "write_results", lambda run: None)
+    monkeypatch.setattr(results, "write_results", lambda run: 0)
     assert command("finish", str(run))[0] == 0
     summary, fields = (json.loads((run / name).read_text()) for name in ("summary.json", "manifest.json"))
     assert {robot["ended"] for robot in summary["robots"].values()} == {fields["ended"]} == {"interrupted"}
