@@ -42,6 +42,16 @@ def map_(
         tuple[float, float, float] | None,
         Option(help="Where the lidar is on the robot of a bag's Odometry: m, m, degrees.", show_default="by tf"),
     ] = None,
+    revolution_s: Annotated[
+        float | None,
+        Option(
+            "--revolution",
+            help="Seconds that the lidar of a CARMEN log turns for a scan; 0 for scans of one moment.",
+            show_default="by its scans",
+            min=0,
+            max=100,
+        ),
+    ] = None,
     reference: Annotated[
         list[Path] | None,
         Option(help="The lidar's true poses by number of scan, TUM; one a log. They gate the radio and nothing else."),
@@ -74,7 +84,7 @@ def map_(
     if mount is not None and not all(abs(number) <= MAX_NUMBER for number in mount):  # NaN is not
         raise InputError(f"--mount: three numbers of at most {MAX_NUMBER:g} are wanted")
     on_robot = None if mount is None else (mount[0], mount[1], math.radians(mount[2]))
-    team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot))
+    team = read_logs(logs, Given(field_of_view_deg, range_max_m, scan_topic, odometry_topic, on_robot, revolution_s))
     refer(team, reference or [])
     rehearse_carried()
     gc.freeze()  # what is loaded lives on: looking it through for garbage took 60 ms of a scan

@@ -12,6 +12,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
+from deploy.recorded.noise import measured_noise
+from deploy.recorded.revolution import Revolution, seconds_of, unrolled
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
@@ -20,6 +22,10 @@ from protocol.messages import MAX_BEAMS, LidarSpec
 from protocol.settings import MAX_NUMBER
 
 FLASER, ROBOTLASER = "FLASER", "ROBOTLASER1"
+REVOLUTION = "wireswarm_revolution_s"
+"""Name of a PARAM line of ours: seconds that the lidar turns for a scan, negative where readings are told in the
+opposite order of that in which they were taken; 0 for scans of one moment."""
+MAX_REVOLUTION_S = 100.0
 MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and poses are 100,000
 MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
 MAX_HEAD = 1 << 24  # of text before the first scan: settings are some kB, three hours of other lines are this
@@ -48,9 +54,12 @@ def _read(file: Path, given: Given) -> LidarLog:
     log: LidarLog | None = None
     mount: Pose | None = None
     kind, index, skipped = "", -1, Counter[str]()
+    told: Revolution | None = None
     for words, read in _lines(file):
         if log is None and read > MAX_HEAD:
             raise InputError(f"its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
+        if words[:2] == ["PARAM", REVOLUTION]:
+            told = _revolution(words) or told
         if not words or words[0] not in (FLASER, ROBOTLASER):
             continue
         if kind and words[0] != kind:
@@ -78,8 +87,25 @@ def _read(file: Path, given: Given) -> LidarLog:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
         raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
+    if given.revolution_s is not None:
+        told = Revolution(given.revolution_s)
+    found = told or Revolution(seconds_of(log))
+    if found.seconds > 0:
+        unrolled(log, found)
+        measured_noise(log)
+        if told is None:
+            log.notes.append(f"its lidar is taken to turn in {found.seconds:.2f} s (--revolution tells it)")
     log.note_odd()
     return log
+
+
+def _revolution(words: list[str]) -> Revolution | None:
+    """What a PARAM line tells of the lidar's revolution; None where it cannot be."""
+    try:
+        seconds = float(words[2])
+    except (ValueError, IndexError):
+        return None
+    return Revolution(abs(seconds), seconds < 0) if abs(seconds) <= MAX_REVOLUTION_S else None
 
 
 def _lines(file: Path) -> Iterator[tuple[list[str], int]]:

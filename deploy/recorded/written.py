@@ -1,8 +1,9 @@
 """The scans of a run as CARMEN text logs, with the true path beside each: for other mapping programs and their judges.
 
-A log has an ODOM line, then a FLASER line where the lidar looks 180 degrees ahead, else a ROBOTLASER1 line, for each
-scan (carmen.sourceforge.net, "Logger"). Stamps are simulated seconds, at the end of a revolution. Where nothing was
-measured 0 is written, as by the LDS-01, and where nothing came back a range that no lidar of the kind has.
+A log begins with a PARAM line of ours that tells how the lidar turns. For each scan it has an ODOM line, then a FLASER
+line where the lidar looks 180 degrees ahead, else a ROBOTLASER1 line (carmen.sourceforge.net, "Logger"). Stamps are
+simulated seconds, at the end of a revolution. Where nothing was measured 0 is written, as by the LDS-01, and where
+nothing came back a range that no lidar of the kind has.
 """
 
 import math
@@ -13,7 +14,7 @@ import numpy as np
 
 from deploy.bandwidth.books import NoRunError
 from deploy.bandwidth.replay import config_of
-from deploy.recorded.carmen import FLASER, ROBOTLASER, SICK_RANGE_M
+from deploy.recorded.carmen import FLASER, REVOLUTION, ROBOTLASER, SICK_RANGE_M
 from deploy.recorded.runs import kept_files, kept_scans
 from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
@@ -44,13 +45,19 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
             raise NoRunError(f"{run}: no true way for each scan of {source.name}: {error}") from None
         poses = [compose(pose, lidar.mount) for pose in _poses(true)]
         made.append(out / f"{source.stem}.log")
-        write_whole(made[-1], "".join(map(_lines, scans, [lidar] * len(scans))))
+        write_whole(made[-1], "".join((_setting(lidar), *map(_lines, scans, [lidar] * len(scans)))))
         reference = (
             f"{index} {x:.6f} {y:.6f} 0 0 0 {math.sin(theta / 2):.9f} {math.cos(theta / 2):.9f}\n"
             for index, (x, y, theta) in enumerate(poses)
         )
         write_whole(out / f"{source.stem}.ref.tum", "".join(reference))
     return made
+
+
+def _setting(lidar: LidarSpec) -> str:
+    """A line that tells how long the lidar takes for a scan, and in which order."""
+    seconds = (-1 if lidar.clockwise else 1) / lidar.rate_hz if lidar.turning else 0.0
+    return f"PARAM {REVOLUTION} {seconds:g} 0.000 wireswarm 0.000\n"
 
 
 def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:

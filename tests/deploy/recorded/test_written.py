@@ -41,17 +41,16 @@ def test_what_was_measured_comes_back(tmp_path: Path, lidar: dict[str, object], 
     logs = write_carmen(out, tmp_path / "logs")
     assert [log.name for log in logs] == ["r1.log", "r2.log"]
     kept = [json.loads(line) for line in (out / "scans" / "r1.jsonl").read_text().splitlines()]
-    assert len(kept) == 20 and {line.split()[0] for line in logs[0].read_text().splitlines()} == {"ODOM", kind}
+    assert len(kept) == 20 and {line.split()[0] for line in logs[0].read_text().splitlines()} == {"PARAM", "ODOM", kind}
     log = read_carmen(logs[0], Given())
     assert len(log.scans) == 20
     mount = (float(lidar.get("mount_x_m", 0.0)), 0.0, 0.0)  # type: ignore[arg-type]
     for scan, line in zip(log.scans, kept, strict=True):
         readings = np.array([math.nan if one is None else math.inf if one < 0 else one for one in line["ranges"]])
-        readings = readings[::-1] if lidar.get("clockwise") else readings
         np.testing.assert_allclose(scan.ranges, readings, atol=1e-4)
         assert scan.odometry == pytest.approx(compose(tuple(line["odometry"]), mount), abs=1e-5)
         assert scan.time_s == pytest.approx(line["t"])
-    assert np.degrees(log.lidar.bearings())[0] == pytest.approx(0 if kind == "ROBOTLASER1" else -90, abs=1e-5)
+    assert np.degrees(log.lidar.bearings())[0] == pytest.approx(0 if kind == "ROBOTLASER1" else 89, abs=1e-5)
     assert np.ptp(np.degrees(log.lidar.bearings())) == pytest.approx(359 if kind == "ROBOTLASER1" else 179, abs=1e-5)
 
 
@@ -63,11 +62,23 @@ def test_a_run_is_a_log_for_each_robot(tmp_path: Path, lidar: dict[str, object])
     for log, file in zip(logs, write_carmen(out, tmp_path / "logs"), strict=True):
         assert log.lidar.mount_x_m == 0 and not log.skipped
         for scan, written in zip(log.scans, read_carmen(file, Given()).scans, strict=True):
-            readings = scan.ranges[::-1] if lidar.get("clockwise") else scan.ranges
-            np.testing.assert_allclose(readings, written.ranges, atol=1e-4)
+            np.testing.assert_allclose(scan.ranges, written.ranges, atol=1e-4)
             assert scan.odometry == pytest.approx(written.odometry, abs=1e-5)
+            if scan.way is not None and written.way is not None:
+                assert written.way[[0, -1]] == pytest.approx(scan.way, abs=1e-5)
         for before, scan in pairwise(log.scans):
             assert scan.way is not None and scan.way == pytest.approx(np.array((before.odometry, scan.odometry)))
+
+
+def test_scans_of_one_moment_and_a_revolution_that_the_user_tells(tmp_path: Path) -> None:
+    (instant, _) = write_carmen(run(tmp_path, TURTLEBOT | {"turning": False}), tmp_path / "logs")
+    log = read_carmen(instant, Given())
+    assert not log.lidar.turning and all(scan.way is None for scan in log.scans)
+    log = read_carmen(instant, Given(revolution_s=0.1))
+    assert log.lidar.turning
+    half = np.mean([log.scans[9].odometry, log.scans[10].odometry], 0)
+    way = log.scans[10].way
+    assert way is not None and way[0] == pytest.approx(half, abs=1e-5)
 
 
 def test_the_scorer_of_recorded_logs_reads_both_files(tmp_path: Path) -> None:

@@ -1,0 +1,100 @@
+"""Lidars that turn, in logs that do not say so: how they are recognised, and what they err by."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from agent.config import AgentConfig
+from agent.passenger import carried as of_passengers
+from deploy.bench.rings import STEP_S, carried
+from deploy.recorded.lidar_log import OF_LOGS, LidarLog, Scan
+from deploy.recorded.noise import measured_noise
+from deploy.recorded.revolution import Revolution, seconds_of, unrolled
+from deploy.recorded.team import play
+from deploy.sensing import REAL
+from protocol.arrays import Floats
+from protocol.geometry import pose_of, relative
+from protocol.messages import LidarSpec, RobotSpec
+from world.worldfile import from_document
+
+ROOMS = from_document(
+    {
+        "units": "m",
+        "boxes": [
+            *([x, y, 0.0, 6.1, 0.1] for x, y in ((3, 0), (3, 4))),
+            *([x, 2, math.pi / 2, 4.1, 0.1] for x in (0, 6)),
+            [3, 3.2, math.pi / 2, 1.6, 0.1],
+            [4.5, 1.5, 0.0, 0.4, 0.4],
+        ],
+        "spawns": [[1, 1, 0]],
+    }
+)
+
+
+def drive() -> Floats:
+    """(n, 3) a way around the rooms, with turns on the spot, a pose each STEP_S."""
+    corners = [(1.0, 1.0), (5.2, 0.8), (5.2, 3.2), (3.8, 2.2), (2.0, 2.0), (1.0, 3.0), (1.0, 1.0)]
+    way, heading = [np.tile((1.0, 1.0, 0.0), (round(2 / STEP_S), 1))], 0.0
+    for (ax, ay), (bx, by) in pairwise(corners):
+        turn = math.remainder(math.atan2(by - ay, bx - ax) - heading, 2 * math.pi)
+        count = max(2, round(abs(turn) / 1.0 / STEP_S))
+        way.append(np.column_stack((np.full((count, 2), (ax, ay)), heading + np.linspace(0, turn, count))))
+        heading += turn
+        count = round(math.dist((ax, ay), (bx, by)) / 0.2 / STEP_S)
+        way.append(np.column_stack((np.linspace((ax, ay), (bx, by), count), np.full(count, heading))))
+    return np.concatenate(way)
+
+
+def recorded(turning: bool) -> tuple[LidarLog, Floats]:
+    """What a log without a word on its lidar tells of that drive, and the true poses (n, 3) at its scans."""
+    spec = RobotSpec.model_validate(REAL | {"lidar": REAL["lidar"] | {"turning": turning}})
+    log, true = LidarLog(LidarSpec(range_max_m=spec.lidar.range_max_m, **OF_LOGS), "drive"), []
+    for seen, place in carried(ROOMS, drive(), spec, 3):
+        log.add(Scan(seen.tick, 0.2 * seen.tick, log.lidar.cleaned(seen.scan()), seen.odometry))
+        true.append(place)
+    return log, np.array(true)
+
+
+def off_m(log: LidarLog, true: Floats) -> float:
+    """Metres that the mapped path is off, rms, in the frame of its first pose."""
+    (player,) = play([log], of_passengers(AgentConfig()), math.inf, lambda *_: None)
+    places = np.array([relative(pose_of(true[0]), pose_of(pose)) for pose in true])
+    return float(np.sqrt(((player.mind.path()[:, :2] - places[:, :2]) ** 2).sum(1).mean()))
+
+
+def test_a_lidar_that_turns_is_recognised_and_mapped_as_well_as_if_it_had_said_so() -> None:
+    log, true = recorded(turning=True)
+    as_one_moment = off_m(log, true)
+    assert seconds_of(log) == pytest.approx(0.2)
+    unrolled(log, Revolution(0.2))
+    measured_noise(log)
+    assert log.lidar.noise_share == pytest.approx(0.0175, abs=0.002)
+    unrolled_m = off_m(log, true)
+    assert unrolled_m < 0.05 and unrolled_m < 0.5 * as_one_moment
+
+
+def test_scans_of_one_moment_stay_so() -> None:
+    log, _ = recorded(turning=False)
+    assert seconds_of(log) == 0.0
+
+
+def test_who_looks_ahead_or_stands_tells_nothing() -> None:
+    log, _ = recorded(turning=True)
+    log.lidar = log.lidar.model_copy(update={"field_of_view_deg": 180.0})
+    assert seconds_of(log) == 0.0
+    log, _ = recorded(turning=True)
+    log.scans = [scan._replace(odometry=(0.0, 0.0, 0.0)) for scan in log.scans]
+    assert seconds_of(log) == 0.0
+    assert seconds_of(LidarLog(log.lidar, "empty")) == 0.0
+
+
+def test_readings_that_are_told_backwards_come_in_the_order_in_which_they_were_taken() -> None:
+    lidar = LidarSpec(beams=8, field_of_view_deg=180.0, first_beam_deg=-90.0, turning=False)
+    log = LidarLog(lidar, "backwards")
+    for k in range(2):
+        log.add(Scan(k, float(k), np.arange(1.0, 9.0), (0.0, 0.0, 0.0)))
+    unrolled(log, Revolution(0.5, backwards=True))
+    assert log.scans[1].ranges.tolist() == list(range(8, 0, -1))
+    assert log.lidar.bearings() == pytest.approx(lidar.bearings()[::-1]) and log.lidar.turning
