@@ -18,7 +18,8 @@ from agent.mapping.edges import (
     FREE,
     MIN_WALL_M,
     TENTATIVE,
-    free_record,
+    cut_out,
+    doubt,
     keep_share,
     open_end,
     part,
@@ -182,16 +183,11 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
         remove(edges, e)
         return count
     if keep_tail and keep_head:
-        f, count = free_record(edges, count)
+        f, count = cut_out(edges, count, e, low, high)
+        doubt(edges[e])
         if f >= 0:
-            edges[f] = edges[e]
-            edges[f].twin = e + 1
-            if edges[e].link[1] >= 0:
-                edges[edges[e].link[1]].link[0] = f
-                edges[e].link[1] = -1
-            edges[f].link[0] = -1
-            keep_share(edges[f], (head - high) / size)
-            open_end(edges[f], 0, high)
+            doubt(edges[f])
+        return count
     side = 1 if keep_tail else 0
     part(edges, e, side)
     keep_share(edges[e], (low - tail if keep_tail else head - high) / size)

@@ -277,6 +277,31 @@ def open_end(e: Record, side: int, t: float) -> None:
 
 
 @kernel
+def cut_out(edges: Records, count: int, e: int, low: float, high: float) -> tuple[int, int]:
+    """Cut what is between two coordinates out of the middle of a wall, which ends by frontiers there.
+
+    Returns the number of the wall beyond, -1 where there is no room for one, and the new count.
+    """
+    tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
+    f, count = free_record(edges, count)
+    if f >= 0:
+        edges[f] = edges[e]
+        edges[f].twin = e + 1
+        if edges[e].link[1] >= 0:
+            edges[edges[e].link[1]].link[0] = f
+            edges[e].link[1] = -1
+        edges[f].link[0] = -1
+        keep_share(edges[f], (head - high) / (head - tail))
+        set_end(edges[f], 0, FRONTIER, 0.0, 0.0)
+        set_tip(edges[f], 0, high)
+    part(edges, e, 1)
+    keep_share(edges[e], (low - tail) / (head - tail))
+    set_end(edges[e], 1, FRONTIER, 0.0, 0.0)
+    set_tip(edges[e], 1, low)
+    return f, count
+
+
+@kernel
 def remove(edges: Records, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)

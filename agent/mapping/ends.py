@@ -13,7 +13,9 @@ from agent.geometry.lines import MIN_CORNER_SINE, Record, along, meet
 from agent.kernels import kernel
 from agent.mapping.edges import (
     CONFIRMATIONS,
+    MIN_WALL_M,
     WALL,
+    cut_out,
     doubt,
     has_slot,
     join,
@@ -38,6 +40,10 @@ wall is missing, scans see through it."""
 PROLONGED_M = 0.1
 """A corner is a guess where its wall had no hit nearer to it than this: beams are 6 cm apart at the lidar's range, and
 slots between furniture and wall are wider."""
+ENDS_ON_AFTER = 5.0
+"""Views that show a wall to end on another one, before that is cut in two there: a partition stands against it, and
+what goes on behind is another wall. Three of 60 maps of maze-15 had a wall through the end of a partition, and a robot
+in tb3_dqn_stage4 never looked behind one (recall 0.967)."""
 NEAR_TAIL_M = 0.5  # open ends farther apart than this are not tried as a corner
 
 
@@ -123,17 +129,21 @@ def _ends_elsewhere(e: Record, side: int, f: Record) -> bool:
 
 
 @kernel
-def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: float) -> None:
+def see_corner(edges: Records, count: int, e: int, f: int, p: Record, q: Record, patience: float) -> tuple[int, int]:
     """Fuse one view of the head of e meeting the tail of f, which pieces p and q show.
+
+    Returns the new count, and the number of what was cut off one of them, or -1.
 
     A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
     confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
     """
-    if e == f or not may_meet(edges, e, 1, f):
-        return
+    if e == f:
+        return count, -1
     at_e = meet(edges[e], edges[f])[1]
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
+    if not may_meet(edges, e, 1, f):
+        return (count, -1) if guess else _cut_behind_partition(edges, count, e, f)
     linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)
     if (linked or slot) and may_hide_slot(edges[e], edges[f]):
         see_bare(edges[e], 1, gap_e, p.apart[1], p.bearing[1])
@@ -143,24 +153,55 @@ def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: f
             for k, side in ((e, 1), (f, 0)):
                 set_end(edges[k], side, NOMINAL, 0.0, edges[k].strength[side] + 1.0)
         settle_corner(edges, e)
-        return
+        return count, -1
     if slot:
-        return
+        return count, -1
     free = True
     for k, side, at, gap in ((e, 1, at_e, gap_e), (f, 0, meet(edges[f], edges[e])[1], gap_f)):
         off = _corner_off(edges[k], side, at)
         if guess and END_MARGIN_M < off <= gap + END_MARGIN_M:
-            return
+            return count, -1
         if (edges[k].link[side] >= 0 or abs(off) > END_MARGIN_M) and not outlasted(edges[k], side, patience):
             free = False
     if not free:
-        return
+        return count, -1
     for k, side in ((e, 1), (f, 0)):
         former = edges[k].link[side]
         if former >= 0:
             part(edges, k, side)
             doubt(edges[former])
     join(edges, e, f, 0.0 if guess else 1.0)
+    return count, -1
+
+
+@kernel
+def _cut_behind_partition(edges: Records, count: int, e: int, f: int) -> tuple[int, int]:
+    """Cut one of two walls in two where the other one ends on it, and let them share that corner.
+
+    A view that the partition hides from the rest of the wall behind it joined both: a short gap with nothing to be seen
+    in it was taken for wall. Returns the new count, and the number of the new wall, or -1.
+    """
+    if abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE:
+        return count, -1
+    for long, short, side in ((f, e, 0), (e, f, 1)):  # side: at which the long one goes on past the corner
+        corner, at = meet(edges[long], edges[short])[1], meet(edges[short], edges[long])[1]
+        before = (corner - tip_at(edges[long], 1 - side)) * (1.0 if side == 1 else -1.0)
+        if not _ends_elsewhere(edges[long], side, edges[short]) or before < MIN_WALL_M or edges[long].twin > 0:
+            continue
+        if _ends_on(edges[short], 1 - side, at):
+            new, count = cut_out(edges, count, long, corner, corner)
+            if new >= 0:
+                join(edges, e, new if side == 0 else f, 1.0)
+            return count, new
+    return count, -1
+
+
+@kernel
+def _ends_on(e: Record, side: int, corner: float) -> bool:
+    """Whether views have shown often that a wall has an open end where its line meets another one's."""
+    if e.label[side] != OCCLUSION or e.link[side] >= 0 or e.strength[side] < ENDS_ON_AFTER:
+        return False
+    return abs(_corner_off(e, side, corner)) <= END_MARGIN_M
 
 
 @kernel

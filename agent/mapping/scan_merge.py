@@ -86,7 +86,9 @@ def merge_scan(
             _see_open_ends(edges, pieces, walls, k, patience)
         j = pieces[k].link[1]
         if pieces[k].label[1] == NOMINAL and _is_wall(edges, walls[j]) and (tells[k] or tells[j]):
-            see_corner(edges, walls[k], walls[j], pieces[k], pieces[j], patience)
+            count, new = see_corner(edges, count, walls[k], walls[j], pieces[k], pieces[j], patience)
+            if new >= 0:
+                _rename_cut(edges, new, pieces, walls)
     for e in range(count):
         if edges[e].kind == WALL and edges[e].link[1] >= 0:
             settle_corner(edges, e)
@@ -98,6 +100,14 @@ def merge_scan(
 def _is_wall(edges: Records, e: int) -> bool:
     """Whether a piece's record is a wall of the map."""
     return e >= 0 and edges[e].kind == WALL
+
+
+@kernel
+def _rename_cut(edges: Records, new: int, pieces: Records, walls: Ints) -> None:
+    """Let pieces that lie on what was cut off a wall be of the new one."""
+    for k in range(len(pieces)):
+        if walls[k] == edges[new].twin - 1 and along(edges[new], pieces[k].x, pieces[k].y) > tip_at(edges[new], 0):
+            walls[k] = new
 
 
 @kernel
