@@ -33,9 +33,38 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
     edges["ux"], edges["uy"], edges["x"] = (1.0, 0.0), (0.0, 1.0), (0.0, corner_m)
     set_tip(edges[0], 1, 11.0)
     set_tip(edges[1], 0, 0.1)
-    see_corner(edges, 0, 1, pieces[0], pieces[1], 1.0)
+    see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
     assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
+
+
+@pytest.mark.parametrize(("before_m", "views", "cut"), [(0.02, 5.0, True), (0.1, 5.0, False), (0.02, 4.0, False)])
+@pytest.mark.parametrize("head", [True, False])
+def test_a_wall_is_cut_where_a_partition_ends_on_it(before_m: float, views: float, cut: bool, head: bool) -> None:
+    """A robot in tb3_dqn_stage4 took the wall to go on behind a partition, whose other face it never looked at."""
+    edges, pieces = np.zeros(3, EDGE), np.zeros(2, PIECE)
+    edges["kind"][:2], edges["link"], edges["label"] = WALL, -1, FRONTIER
+    edges["hits"], edges["ux"][:2], edges["uy"][:2], edges["x"][:2] = 100.0, (1.0, 0.0), (0.0, 1.0), (0.0, 6.0)
+    long, partition, side = (0, 1, 0) if head else (1, 0, 1)  # which wall comes first, and the end of the partition
+    if not head:
+        edges[:2] = edges[1::-1].copy()
+        edges["uy"][0] = -1.0
+    set_tip(edges[long], 1, 10.0)
+    set_tip(edges[partition], 1 - side, 2.0 if head else -2.0)
+    set_tip(edges[partition], side, before_m if head else -before_m)
+    edges["label"][partition, side], edges["strength"][partition, side] = OCCLUSION, views
+    count, new = see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0)
+    if not cut:
+        assert (count, new) == (2, -1) and (edges["link"] == -1).all() and tip_at(edges[long], 1) == 10.0
+        return
+    assert (count, new) == (3, 2) and edges[new]["twin"] == long + 1
+    corner_of = (long, partition) if head else (partition, new)
+    assert edges["link"][corner_of[0], 1] == corner_of[1] and edges["link"][corner_of[1], 0] == corner_of[0]
+    assert tip_at(edges[long], 0) == 0.0 and tip_at(edges[long], 1) == pytest.approx(6.0)
+    assert tip_at(edges[new], 0) == pytest.approx(6.0) and tip_at(edges[new], 1) == pytest.approx(10.0)
+    beyond, end = (new, 0) if head else (long, 1)
+    assert edges["label"][beyond, end] == FRONTIER and edges["link"][beyond, end] == -1
+    assert edges["hits"][long] + edges["hits"][new] == pytest.approx(100.0)
 
 
 def corner(turn: float) -> np.ndarray:
