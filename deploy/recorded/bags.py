@@ -209,8 +209,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    if lidar.turning:
-        measured_noise(log)
+    measured_noise(log)
     log.note_odd()
     return log
 

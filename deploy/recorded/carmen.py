@@ -92,9 +92,9 @@ def _read(file: Path, given: Given) -> LidarLog:
     found = told or Revolution(seconds_of(log))
     if found.seconds > 0:
         unrolled(log, found)
-        measured_noise(log)
         if told is None:
             log.notes.append(f"its lidar is taken to turn in {found.seconds:.2f} s (--revolution tells it)")
+    measured_noise(log)
     log.note_odd()
     return log
 

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from deploy.recorded.lidar_log import LidarLog
+from deploy.recorded.revolution import ALL_ROUND_DEG
 from protocol.arrays import Floats
 
 FAR_M = 1.0  # nearer ranges err by the constant part
@@ -21,7 +22,13 @@ DIFFERENCE_SD = math.sqrt(6.0)  # of a second difference, in those of a range
 
 
 def measured_noise(log: LidarLog) -> None:
-    """Let a log's lidar err by the share of the range that its scans show, where they show any."""
+    """Let a small lidar, that turns or looks all around, err by the share of the range that its scans show.
+
+    A SICK's scans show what stands in the room: with that as noise, the path of csail-drift is 0.090 m off in place of
+    0.078, and that of intel-drift 0.062 in place of 0.052.
+    """
+    if not log.lidar.turning and log.lidar.field_of_view_deg < ALL_ROUND_DEG:
+        return
     ranges = np.array([scan.ranges for scan in log.scans[:: 1 + len(log.scans) // MOST_SCANS]])
     share = _share(np.where(np.isfinite(ranges), ranges, np.nan))
     if share is not None:
