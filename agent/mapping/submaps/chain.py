@@ -15,6 +15,7 @@ from agent.geometry.matrix3 import inverse
 from agent.kernels import kernel
 from agent.mapping.config import SubmapConfig
 from agent.mapping.layers import Layer
+from agent.mapping.submaps.bend import Bend
 from agent.mapping.submaps.gathered import NONE, Gathered
 from agent.mapping.submaps.length_scale import LengthScale
 from agent.mapping.submaps.loops import AGAIN_PRIOR, CONFIRMED, Submap, find, look_again
@@ -52,9 +53,13 @@ def travelled(by: Pose) -> float:
 class Submaps:
     """The chain, and the pose of the robot in it. Frame: the robot's own, in which the first submap lies at zero."""
 
-    def __init__(self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0) -> None:
-        """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres."""
-        self._config, self._half_view, self._learned = config, half_view, LengthScale(scale_sd)
+    def __init__(
+        self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0, bend_sd: float = 0.0
+    ) -> None:
+        """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres, as a
+        share. bend_sd: rad a metre by which it bends a straight way."""
+        self._config, self._half_view = config, half_view
+        self._length, self._bend = LengthScale(scale_sd), Bend(bend_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
         """(n, 3) poses of the submaps, the present one's last."""
@@ -106,8 +111,8 @@ class Submaps:
 
         scale: metres of it for a metre that the wheels told, as far as who calls has learned that.
         """
-        by = (self._learned.mean * by[0], self._learned.mean * by[1], by[2])
-        self._scale_now = self._learned.mean * scale
+        by = (self._length.mean * by[0], self._length.mean * by[1], by[2] + self._bend.mean * by[0])
+        self._scale_now = self._length.mean * scale
         before = self._local
         guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]
         self._local, self._overruled = guesses[0], []
@@ -119,9 +124,11 @@ class Submaps:
             self._local, known, held, overruled = track(samples, last_view, guesses, prior)
             self._overruled = guesses[:1] if overruled else []
         if held:
-            self._learned.learn(by, before, self._local, prior, known)
+            self._length.learn(by, before, self._local, prior, known)
+            self._bend.learn(by, before, self._local, prior, known)
         else:
-            self._learned.lose()
+            self._length.lose()
+            self._bend.lose()
         self._unsure = _carried(self._unsure, before, self._local) + self._config.way_share * inverse(known)
         travel = travelled(by)
         self._since_merged += travel
