@@ -38,9 +38,14 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
     assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
 
 
-@pytest.mark.parametrize(("before_m", "views", "cut"), [(0.02, 5.0, True), (0.1, 5.0, False), (0.02, 4.0, False)])
+@pytest.mark.parametrize(
+    ("before_m", "views", "length_m", "cut"),
+    [(0.02, 5.0, 2.0, True), (0.1, 5.0, 2.0, False), (0.02, 4.0, 2.0, False), (0.02, 5.0, 0.5, False)],
+)
 @pytest.mark.parametrize("head", [True, False])
-def test_a_wall_is_cut_where_a_partition_ends_on_it(before_m: float, views: float, cut: bool, head: bool) -> None:
+def test_a_wall_is_cut_where_a_partition_ends_on_it(
+    before_m: float, views: float, length_m: float, cut: bool, head: bool
+) -> None:
     """A robot in tb3_dqn_stage4 took the wall to go on behind a partition, whose other face it never looked at."""
     edges, pieces = np.zeros(3, EDGE), np.zeros(2, PIECE)
     edges["kind"][:2], edges["link"], edges["label"] = WALL, -1, FRONTIER
@@ -50,7 +55,7 @@ def test_a_wall_is_cut_where_a_partition_ends_on_it(before_m: float, views: floa
         edges[:2] = edges[1::-1].copy()
         edges["uy"][0] = -1.0
     set_tip(edges[long], 1, 10.0)
-    set_tip(edges[partition], 1 - side, 2.0 if head else -2.0)
+    set_tip(edges[partition], 1 - side, length_m if head else -length_m)
     set_tip(edges[partition], side, before_m if head else -before_m)
     edges["label"][partition, side], edges["strength"][partition, side] = OCCLUSION, views
     count, new = see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0)
