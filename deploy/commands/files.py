@@ -46,7 +46,7 @@ def map_(
         float | None,
         Option(
             "--revolution",
-            help="Seconds that the lidar of a CARMEN log turns for a scan; 0 for scans of one moment.",
+            help="Seconds that the lidar turns for a scan, where a log does not tell; 0 for scans of one moment.",
             show_default="by its scans",
             min=0,
             max=100,

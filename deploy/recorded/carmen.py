@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
-from deploy.recorded.revolution import Revolution, seconds_of, unrolled
+from deploy.recorded.revolution import Revolution, unroll
 from protocol.arrays import Floats
 from protocol.document import check_is_file
 from protocol.errors import InputError
@@ -87,13 +87,7 @@ def _read(file: Path, given: Given) -> LidarLog:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
         raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
-    if given.revolution_s is not None:
-        told = Revolution(given.revolution_s)
-    found = told or Revolution(seconds_of(log))
-    if found.seconds > 0:
-        unrolled(log, found)
-        if told is None:
-            log.notes.append(f"its lidar is taken to turn in {found.seconds:.2f} s (--revolution tells it)")
+    unroll(log, told if given.revolution_s is None else Revolution(given.revolution_s))
     measured_noise(log)
     log.note_odd()
     return log
@@ -105,7 +99,7 @@ def _revolution(words: list[str]) -> Revolution | None:
         seconds = float(words[2])
     except (ValueError, IndexError):
         return None
-    return Revolution(abs(seconds), seconds < 0) if abs(seconds) <= MAX_REVOLUTION_S else None
+    return Revolution(abs(seconds), backwards=seconds < 0) if abs(seconds) <= MAX_REVOLUTION_S else None
 
 
 def _lines(file: Path) -> Iterator[tuple[list[str], int]]:

@@ -38,7 +38,7 @@ class Given(NamedTuple):
     scan_topic: str | None = None  # of bags
     odometry_topic: str | None = None
     mount: Pose | None = None  # m, m, rad: the lidar's on the robot
-    revolution_s: float | None = None  # of the lidar of a CARMEN log; 0 where its scans are of one moment
+    revolution_s: float | None = None  # of the lidar; 0 where its scans are of one moment
 
 
 class Scan(NamedTuple):
