@@ -280,7 +280,7 @@ def open_end(e: Record, side: int, t: float) -> None:
 def cut_out(edges: Records, count: int, e: int, low: float, high: float) -> tuple[int, int]:
     """Cut what is between two coordinates out of the middle of a wall, which ends by frontiers there.
 
-    Returns the number of the wall beyond, -1 where there is no room for one, and the new count.
+    Returns the number of the wall beyond, -1 where there is no room for one and it is lost, and the new count.
     """
     tail, head = tip_at(edges[e], 0), tip_at(edges[e], 1)
     f, count = free_record(edges, count)

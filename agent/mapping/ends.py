@@ -17,6 +17,7 @@ from agent.mapping.edges import (
     WALL,
     cut_out,
     doubt,
+    free_record,
     has_slot,
     join,
     length,
@@ -133,10 +134,13 @@ def _ends_elsewhere(e: Record, side: int, f: Record) -> bool:
 
 
 @kernel
-def see_corner(edges: Records, count: int, e: int, f: int, p: Record, q: Record, patience: float) -> tuple[int, int]:
+def see_corner(
+    edges: Records, count: int, e: int, f: int, p: Record, q: Record, patience: float, own: bool
+) -> tuple[int, int]:
     """Fuse one view of the head of e meeting the tail of f, which pieces p and q show.
 
-    Returns the new count, and the number of what was cut off one of them, or -1.
+    own: whether the robot saw them itself, and not a peer, whose maps cut no wall. Returns the new count, and the
+    number of what was cut off one of them, or -1.
 
     A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
     confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
@@ -147,7 +151,7 @@ def see_corner(edges: Records, count: int, e: int, f: int, p: Record, q: Record,
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
     if not may_meet(edges, e, 1, f):
-        return (count, -1) if guess else _cut_behind_partition(edges, count, e, f)
+        return _cut_behind_partition(edges, count, e, f) if own and not guess else (count, -1)
     linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)
     if (linked or slot) and may_hide_slot(edges[e], edges[f]):
         see_bare(edges[e], 1, gap_e, p.apart[1], p.bearing[1])
@@ -185,17 +189,16 @@ def _cut_behind_partition(edges: Records, count: int, e: int, f: int) -> tuple[i
     A view that the partition hides from the rest of the wall behind it joined both: a short gap with nothing to be seen
     in it was taken for wall. Returns the new count, and the number of the new wall, or -1.
     """
-    if abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE:
+    if abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE or free_record(edges, count)[0] < 0:
         return count, -1
     for long, short, side in ((f, e, 0), (e, f, 1)):  # side: at which the long one goes on past the corner
         corner, at = meet(edges[long], edges[short])[1], meet(edges[short], edges[long])[1]
         before = (corner - tip_at(edges[long], 1 - side)) * (1.0 if side == 1 else -1.0)
-        if not _ends_elsewhere(edges[long], side, edges[short]) or before < MIN_WALL_M or edges[long].twin > 0:
+        if not _ends_elsewhere(edges[long], side, edges[short]) or before < MIN_WALL_M:
             continue
         if _ends_on(edges[short], 1 - side, at):
             new, count = cut_out(edges, count, long, corner, corner)
-            if new >= 0:
-                join(edges, e, new if side == 0 else f, 1.0)
+            join(edges, e, new if side == 0 else f, 1.0)
             return count, new
     return count, -1
 

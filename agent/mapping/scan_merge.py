@@ -86,7 +86,7 @@ def merge_scan(
             _see_open_ends(edges, pieces, walls, k, patience)
         j = pieces[k].link[1]
         if pieces[k].label[1] == NOMINAL and _is_wall(edges, walls[j]) and (tells[k] or tells[j]):
-            count, new = see_corner(edges, count, walls[k], walls[j], pieces[k], pieces[j], patience)
+            count, new = see_corner(edges, count, walls[k], walls[j], pieces[k], pieces[j], patience, own)
             if new >= 0:
                 _rename_cut(edges, new, pieces, walls)
     for e in range(count):

@@ -111,7 +111,8 @@ class Submaps:
 
         scale: metres of it for a metre that the wheels told, as far as who calls has learned that.
         """
-        by = (self._length.mean * by[0], self._length.mean * by[1], by[2] + self._bend.mean * by[0])
+        ahead, aside = self._length.mean * by[0], self._length.mean * by[1]
+        by = (ahead, aside, by[2] + self._bend.mean * ahead)
         self._scale_now = self._length.mean * scale
         before = self._local
         guesses = [np.array(compose(pose_of(pose), by)) for pose in (self._local, *self._overruled)]

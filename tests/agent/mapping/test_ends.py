@@ -33,21 +33,30 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
     edges["ux"], edges["uy"], edges["x"] = (1.0, 0.0), (0.0, 1.0), (0.0, corner_m)
     set_tip(edges[0], 1, 11.0)
     set_tip(edges[1], 0, 0.1)
-    see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0)
+    see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0, True)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
     assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
 
 
 @pytest.mark.parametrize(
-    ("before_m", "views", "length_m", "cut"),
-    [(0.02, 5.0, 2.0, True), (0.1, 5.0, 2.0, False), (0.02, 4.0, 2.0, False), (0.02, 5.0, 0.5, False)],
+    ("before_m", "views", "length_m", "own", "gap_m", "room", "cut"),
+    [
+        (0.02, 5.0, 2.0, True, 0.0, 3, True),
+        (0.1, 5.0, 2.0, True, 0.0, 3, False),  # a cabinet's side
+        (0.02, 4.0, 2.0, True, 0.0, 3, False),
+        (0.02, 5.0, 0.5, True, 0.0, 3, False),
+        (0.02, 5.0, 2.0, False, 0.0, 3, False),  # a peer's word
+        (0.02, 5.0, 2.0, True, 0.2, 3, False),  # a guess
+        (0.02, 5.0, 2.0, True, 0.0, 2, False),
+    ],
 )
 @pytest.mark.parametrize("head", [True, False])
 def test_a_wall_is_cut_where_a_partition_ends_on_it(
-    before_m: float, views: float, length_m: float, cut: bool, head: bool
+    before_m: float, views: float, length_m: float, own: bool, gap_m: float, room: int, cut: bool, head: bool
 ) -> None:
     """A robot in tb3_dqn_stage4 took the wall to go on behind a partition, whose other face it never looked at."""
-    edges, pieces = np.zeros(3, EDGE), np.zeros(2, PIECE)
+    edges, pieces = np.zeros(room, EDGE), np.zeros(2, PIECE)
+    pieces["gap"] = gap_m
     edges["kind"][:2], edges["link"], edges["label"] = WALL, -1, FRONTIER
     edges["hits"], edges["ux"][:2], edges["uy"][:2], edges["x"][:2] = 100.0, (1.0, 0.0), (0.0, 1.0), (0.0, 6.0)
     long, partition, side = (0, 1, 0) if head else (1, 0, 1)  # which wall comes first, and the end of the partition
@@ -58,9 +67,9 @@ def test_a_wall_is_cut_where_a_partition_ends_on_it(
     set_tip(edges[partition], 1 - side, length_m if head else -length_m)
     set_tip(edges[partition], side, before_m if head else -before_m)
     edges["label"][partition, side], edges["strength"][partition, side] = OCCLUSION, views
-    count, new = see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0)
+    count, new = see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0, own)
     if not cut:
-        assert (count, new) == (2, -1) and (edges["link"] == -1).all() and tip_at(edges[long], 1) == 10.0
+        assert (count, new) == (2, -1) and (edges["link"][:2] == -1).all() and tip_at(edges[long], 1) == 10.0
         return
     assert (count, new) == (3, 2) and edges[new]["twin"] == long + 1
     corner_of = (long, partition) if head else (partition, new)
