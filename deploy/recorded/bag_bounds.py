@@ -17,13 +17,15 @@ from protocol.errors import InputError
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
-    from backports import zstd  # which rosbags needs, too
+    from backports import zstd
 
 MORE_BYTES = 3 << 30
 """Memory beyond what the process has. The readings of the longest log that is taken are 640 MB; a bag of 10 kB asked
 for 6 GB by its compressed chunk."""
 METADATA, INFORMATION = "metadata.yaml", "rosbag2_bagfile_information"  # a file of a bag, and what that begins with
+SQLITE = b"SQLite format 3\0"  # what such a file begins with, whatever its name
 STORED = ("table", "index")  # what a bag in SQLite has; a view may be a query without an end
+PACKED = ".zstd"  # of names, as rosbag2 has them
 PART_BYTES = 1 << 20  # of a compressed file that are unpacked at a time
 
 
@@ -39,6 +41,8 @@ def plain(bag: Path) -> Iterator[Path]:
         return
     with TemporaryDirectory() as folder:
         names, left = {PurePath(str(path)).name: None for path in told["relative_file_paths"]}, MORE_BYTES
+        if not all(name.endswith(PACKED) for name in names):
+            raise InputError(f"it is no bag, or damaged: a compressed file of it does not end in {PACKED}")
         for name in names:
             left -= _unpack(bag / name, Path(folder) / PurePath(name).stem, left)
         told |= {"compression_mode": "", "relative_file_paths": [PurePath(name).stem for name in names]}
@@ -67,7 +71,10 @@ def _unpack(source: Path, target: Path, most: int) -> int:
             size += len(part)
             if size > most:
                 raise InputError(f"it unpacks to more than {MORE_BYTES >> 30} GB; split it")
-            out.write(part)
+            try:
+                out.write(part)
+            except OSError as error:
+                raise InputError(f"it cannot be unpacked to {target.parent}: {error.strerror}") from None
     return size
 
 
@@ -77,7 +84,7 @@ def check_bag(file: Path) -> None:
         check_is_file(part)
         if part.name == METADATA:
             _check_metadata(part)
-        elif part.suffix == ".db3":
+        elif _is_sqlite(part):
             _check_tables(part)
 
 
@@ -93,6 +100,11 @@ def _check_metadata(file: Path) -> None:
                 raise InputError(f"{METADATA} is nested deeper than {MAX_DEPTH}")
     except yaml.YAMLError as error:
         raise InputError(f"it is no bag, or damaged: {METADATA}: {' '.join(str(error).split()):.200}") from None
+
+
+def _is_sqlite(file: Path) -> bool:
+    with file.open("rb") as stream:
+        return stream.read(len(SQLITE)) == SQLITE
 
 
 def _check_tables(file: Path) -> None:

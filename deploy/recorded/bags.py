@@ -22,7 +22,7 @@ from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, check_bag, pl
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
-from deploy.recorded.revolution import Revolution, unroll
+from deploy.recorded.revolution import unroll
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
@@ -211,7 +211,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
     if not lidar.turning:
-        unroll(log, None if given.revolution_s is None else Revolution(given.revolution_s))
+        unroll(log, None, given.revolution_s, from_stamp=True)
     measured_noise(log)
     log.note_odd()
     return log

@@ -87,7 +87,7 @@ def _read(file: Path, given: Given) -> LidarLog:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
         raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
-    unroll(log, told if given.revolution_s is None else Revolution(given.revolution_s))
+    unroll(log, told, given.revolution_s)
     measured_noise(log)
     log.note_odd()
     return log

@@ -1,13 +1,12 @@
 """Scans of a log as a lidar that turns has taken them: each beam from where the robot was at its moment (ours).
 
 CARMEN logs do not tell how long a scan takes, nor do bags whose drivers leave `time_increment` out. A SICK's is over in
-13 ms. A small lidar of all directions turns for 0.1 to 0.2 s, in which its robot turns by up to 30 degrees: mapped as
-if they were of one moment, the scans of our own runs gave paths that were off by 0.2 to 1.3 m, and 0.01 to 0.03 m with
-each beam in its place.
+13 ms. A small lidar of all directions turns for 0.1 to 0.2 s, in which its robot turns by up to 30 degrees. Mapped as
+if they were of one moment, such scans bend a path by decimetres to metres (docs/mapping.md).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from statistics import median
 
@@ -20,11 +19,12 @@ from protocol.messages import LidarSpec
 
 KNOTS = 6  # poses along a revolution: every 40 ms for one of 0.2 s
 ALL_ROUND_DEG = 350.0  # who looks at so much must turn; what looks at less is asked for nothing
+APART_S = 0.2  # between two scans that are compared, at least, so that the robot may turn otherwise in each
 TELLING_RAD = math.radians(3.0)
-"""Difference of the turns in two scans in a row from which their shapes differ: by as much at one end of the scan."""
+"""Difference of the turns in two scans from which their shapes differ: by as much at one end of the scan."""
 PAIRS = 100  # of scans that are compared, at most: the first ones that tell
 LEAST_PAIRS = 5
-MOST_BEAMS = 1000  # that are compared, about: all pairs of so many take 20 ms
+MOST_BEAMS = 400  # of a scan that are compared, about: all pairs of so many take 2 ms
 SHARPER = 0.8
 """Share of the distance between such scans that must be left where each beam is given its moment. Of 13 runs in 11
 layouts whose lidar turns 0.41 to 0.60 are left, and 1.4 to 1.9 with stamps taken for the begins of scans; of 5 runs
@@ -42,13 +42,24 @@ class Revolution:
     backwards: bool = False
     """Whether readings are told in the opposite order of that in which they were taken."""
 
+    def __str__(self) -> str:
+        order = ", against the order of its readings" if self.backwards else ""
+        return f"for {self.seconds:.2f} s {'from' if self.after_s else 'up to'} each stamp{order}"
+
 
 ONE_MOMENT = Revolution(0.0)
 
 
-def unroll(log: LidarLog, told: Revolution | None) -> None:
-    """Give each scan of a log the way of the lidar's revolution: as it was told, or else as the scans show it."""
-    revolution = _shown(log) if told is None else told
+def unroll(log: LidarLog, told: Revolution | None, given_s: float | None, from_stamp: bool = False) -> None:
+    """Give each scan of a log the way of the lidar's revolution: as the log tells it, or else as the scans show it.
+
+    given_s: its seconds by the user, whatever the log tells. from_stamp: whether stamps of this kind of log should be
+    those of the begins of scans, where the scans do not show which.
+    """
+    if told is None:
+        revolution = _shown(log, given_s, from_stamp)
+    else:
+        revolution = told if given_s is None else replace(told, seconds=given_s)
     if revolution.seconds <= 0:
         return
     ways = _ways(log.scans, revolution)
@@ -59,43 +70,48 @@ def unroll(log: LidarLog, told: Revolution | None) -> None:
         log.scans[k] = scan._replace(ranges=ranges, way=ways[k])
     log.lidar = _turning(log.lidar, revolution.backwards)
     if told is None:
-        where = "from" if revolution.after_s else "up to"
-        log.notes.append(
-            f"its lidar is taken to turn for {revolution.seconds:.2f} s, {where} each stamp (--revolution tells it)"
-        )
+        log.notes.append(f"its lidar is taken to turn {revolution} (--revolution tells for how long)")
 
 
-def _shown(log: LidarLog) -> Revolution:
+def _shown(log: LidarLog, given_s: float | None, from_stamp: bool) -> Revolution:
     """The revolution of a lidar of all directions, as far as its scans show it.
 
     It makes a scan in each revolution. Whether its beams are of one moment shows where the robot begins or ends to
-    turn: two scans in a row lie on each other only if they are drawn as they were taken.
+    turn: two scans lie on each other only if they are drawn as they were taken.
     """
     steps = [b.time_s - a.time_s for a, b in pairwise(log.scans) if b.time_s > a.time_s]
-    if log.lidar.field_of_view_deg < ALL_ROUND_DEG or not steps:
-        return ONE_MOMENT
-    seconds = median(steps)
-    to_stamp, from_stamp = Revolution(seconds), Revolution(seconds, after_s=seconds)
-    ways, lidar = _ways(log.scans, to_stamp), _turning(log.lidar)
-    tells = np.abs(np.diff(ways[:, -1, 2] - ways[:, 0, 2])) > TELLING_RAD
+    seconds = given_s if given_s is not None else median(steps) if steps else 0.0
+    usual = ONE_MOMENT if given_s is None else Revolution(seconds, seconds if from_stamp else 0.0)
+    if log.lidar.field_of_view_deg < ALL_ROUND_DEG or not steps or seconds <= 0:
+        return usual
+    tried = [Revolution(seconds, after_s, backwards) for backwards in (False, True) for after_s in (0.0, seconds)]
+    ways = {one: _ways(log.scans, one) for one in tried}
+    turns, between = ways[tried[0]][:, -1, 2] - ways[tried[0]][:, 0, 2], max(1, round(APART_S / median(steps)))
+    tells = np.abs(turns[between:] - turns[:-between]) > TELLING_RAD
     pairs = np.flatnonzero(tells | np.append(tells[1:], False))[:PAIRS].tolist()  # up to stamps, or from them on
     if len(pairs) < LEAST_PAIRS:
-        return ONE_MOMENT
-    apart = {
-        ONE_MOMENT: _apart(log.scans, ways, lidar, pairs, turning=False),
-        to_stamp: _apart(log.scans, ways, lidar, pairs),
-        from_stamp: _apart(log.scans, _ways(log.scans, from_stamp), lidar, pairs),
-    }
-    best = min((to_stamp, from_stamp), key=lambda one: apart[one])
-    return best if apart[best] < SHARPER * apart[ONE_MOMENT] else ONE_MOMENT
+        return usual
+    apart = {one: _apart(log, ways[one], one, [(k, k + between) for k in pairs]) for one in tried}
+    best = min(tried, key=lambda one: apart[one])
+    if given_s is not None:
+        return best
+    at_once = _apart(log, ways[tried[0]], ONE_MOMENT, [(k, k + between) for k in pairs])
+    return best if apart[best] < SHARPER * at_once else ONE_MOMENT
 
 
 def _ways(scans: list[Scan], revolution: Revolution) -> Floats:
-    """(n, KNOTS, 3) poses of the lidar by odometry, at equal steps along each scan's revolution."""
+    """(n, KNOTS, 3) poses of the lidar by odometry, at equal steps along each scan's revolution.
+
+    Scans of one stamp stay where odometry has them: nothing tells how the robot moved.
+    """
     times, poses = np.array([scan.time_s for scan in scans]), np.array([scan.odometry for scan in scans])
     poses[:, 2] = np.unwrap(poses[:, 2])
     moments = times[:, None] + revolution.after_s - revolution.seconds * np.linspace(1.0, 0.0, KNOTS)
-    return np.stack([np.interp(moments, times, column) for column in poses.T], -1)
+    ways = np.stack([np.interp(moments, times, column) for column in poses.T], -1)
+    alike = np.append(False, np.diff(times) <= 0)
+    alike[:-1] |= alike[1:]
+    ways[alike] = poses[alike, None]
+    return ways
 
 
 def _turning(lidar: LidarSpec, backwards: bool = False) -> LidarSpec:
@@ -106,20 +122,22 @@ def _turning(lidar: LidarSpec, backwards: bool = False) -> LidarSpec:
     return lidar.model_copy(update=told)
 
 
-def _hits(scan: Scan, way: Floats, lidar: LidarSpec, turning: bool) -> Floats:
-    """(n, 2) where a scan's beams have hit something, in the frame of odometry; of many beams some."""
-    hit = np.flatnonzero(np.isfinite(scan.ranges))[:: 1 + len(scan.ranges) // MOST_BEAMS]
-    at = lidar.moments()[hit] if turning else np.ones(len(hit))
+def _hits(log: LidarLog, k: int, way: Floats, revolution: Revolution) -> Floats:
+    """(n, 2) where beams of a scan have hit something, in the frame of odometry; of many beams some."""
+    ranges, lidar = log.scans[k].ranges, log.lidar
+    hit = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0))[:: 1 + len(ranges) // MOST_BEAMS]
+    moments = _turning(lidar).moments() if revolution.seconds else np.ones(len(ranges))
+    at = (moments[::-1] if revolution.backwards else moments)[hit]
     x, y, heading = (np.interp(at, np.linspace(0.0, 1.0, len(way)), column) for column in way.T)
-    angle, ranges = heading + lidar.bearings()[hit], scan.ranges[hit]
-    return np.column_stack((x + ranges * np.cos(angle), y + ranges * np.sin(angle)))
+    angle = heading + lidar.bearings()[hit]
+    return np.column_stack((x + ranges[hit] * np.cos(angle), y + ranges[hit] * np.sin(angle)))
 
 
-def _apart(scans: list[Scan], ways: Floats, lidar: LidarSpec, pairs: list[int], turning: bool = True) -> float:
-    """Metres from the places of one scan to those of the next, for so many first ones: a median each, their sum."""
+def _apart(log: LidarLog, ways: Floats, revolution: Revolution, pairs: list[tuple[int, int]]) -> float:
+    """Metres from the places of one scan to those of another, for pairs of scans: a median each, their sum."""
     total = 0.0
-    for k in pairs:
-        one, other = (_hits(scans[n], ways[n], lidar, turning) for n in (k, k + 1))
+    for pair in pairs:
+        one, other = (_hits(log, k, ways[k], revolution) for k in pair)
         if len(one) and len(other):
             total += float(np.median(np.hypot(*(one[:, None] - other[None]).transpose(2, 0, 1)).min(1)))
     return total

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import zstandard
 from rosbags.rosbag1 import Writer
 
 from deploy import cli
+from deploy.recorded.bag_bounds import zstd
 from deploy.recorded.bags import ODOMETRY, SCAN
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import Given, LidarLog
@@ -236,21 +236,35 @@ def test_a_bag_whose_files_are_compressed_is_read_like_any_other(tmp_path: Path,
     assert all((one.ranges == two.ranges).all() for one, two in zip(packed.scans, plain.scans, strict=True))
 
 
+@pytest.mark.parametrize("name", ["", "no_suffix.zstd"])
 def test_files_that_unpack_to_gigabytes_or_to_an_endless_query_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     folder = write_bag(tmp_path, "sqlite3", drive(ROS2), whole_files_compressed=True)
     packed = next(file for file in folder.iterdir() if file.suffix == ".zstd")
+    if name:
+        metadata = (folder / "metadata.yaml").read_text().replace(packed.name, name)
+        (folder / "metadata.yaml").write_text(metadata)
+        packed = packed.rename(folder / name)
     with closing(sqlite3.connect(tmp_path / "endless.db3")) as database:
         database.execute(
             "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
         )
-    packed.write_bytes(zstandard.compress((tmp_path / "endless.db3").read_bytes()))
+    packed.write_bytes(zstd.compress((tmp_path / "endless.db3").read_bytes()))
     with pytest.raises(InputError, match="has a view, and a bag has tables only"):
         read(folder)
     monkeypatch.setattr("deploy.recorded.bag_bounds.MORE_BYTES", 16 << 20)
-    packed.write_bytes(zstandard.compress(bytes(17 << 20)))
+    packed.write_bytes(zstd.compress(bytes(17 << 20)))
     with pytest.raises(InputError, match="it unpacks to more than"):
+        read(folder)
+
+
+def test_a_compressed_file_is_named_as_one(tmp_path: Path) -> None:
+    """Others of the same stem would take its place."""
+    folder = write_bag(tmp_path, "mcap", drive(ROS2), whole_files_compressed=True)
+    file = folder / "metadata.yaml"
+    file.write_text(file.read_text().replace(".zstd", ".zst"))
+    with pytest.raises(InputError, match=r"does not end in \.zstd"):
         read(folder)
 
 

@@ -71,32 +71,54 @@ def off_m(log: LidarLog, true: Floats) -> float:
 
 
 @pytest.mark.parametrize("early_s", [0.0, 0.2])
-def test_a_lidar_that_turns_is_recognised_and_mapped_as_if_it_had_said_so(early_s: float) -> None:
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_lidar_that_turns_is_recognised_and_mapped_as_if_it_had_said_so(early_s: float, backwards: bool) -> None:
     """early_s: by which stamps are before the end of the scan, as those of ROS are at its begin."""
     log, true = recorded(turning=True, early_s=early_s)
+    if backwards:
+        told_so = Revolution(0.2, backwards=True)
+        unroll(log, told_so, None)
+        log.lidar = log.lidar.model_copy(update={"turning": False})
+        log.scans = [scan._replace(way=None) for scan in log.scans]
     as_one_moment = off_m(log, true)
-    unroll(log, None)
-    assert log.lidar.turning and "0.20 s, from" in log.notes[0] if early_s else "0.20 s, up to" in log.notes[0]
+    unroll(log, None, None)
+    where = "from each stamp" if early_s else "up to each stamp"
+    assert log.lidar.turning and f"for 0.20 s {where}" in log.notes[0]
+    assert ("against the order" in log.notes[0]) == backwards
     measured_noise(log)
     assert log.lidar.noise_share == pytest.approx(0.0175, abs=0.002)
     unrolled_m = off_m(log, true)
     assert unrolled_m < 0.03 and unrolled_m < 0.7 * as_one_moment
 
 
-def test_scans_of_one_moment_stay_so() -> None:
+def test_scans_of_one_moment_stay_so_unless_the_user_says_otherwise() -> None:
     log, _ = recorded(turning=False)
-    unroll(log, None)
+    unroll(log, None, None)
     assert not log.lidar.turning and not log.notes and all(scan.way is None for scan in log.scans)
+    unroll(log, None, 0.1)
+    assert log.lidar.turning and "for 0.10 s" in log.notes[0]
 
 
 def test_who_looks_ahead_or_stands_tells_nothing() -> None:
     ahead, _ = recorded(turning=True)
-    ahead.lidar = ahead.lidar.model_copy(update={"field_of_view_deg": 180.0})
+    ahead.lidar = ahead.lidar.model_copy(update={"beams": 180, "field_of_view_deg": 180.0})
+    ahead.scans = [scan._replace(ranges=scan.ranges[:180]) for scan in ahead.scans]
     stands, _ = recorded(turning=True)
     stands.scans = [scan._replace(odometry=(0.0, 0.0, 0.0)) for scan in stands.scans]
     for log in (ahead, stands, LidarLog(ahead.lidar, "empty")):
-        unroll(log, None)
+        unroll(log, None, None)
         assert not log.lidar.turning and not log.notes
+
+
+@pytest.mark.parametrize(("from_stamp", "first"), [(False, 0.5), (True, 1.0)])
+def test_where_scans_do_not_show_it_stamps_are_taken_as_they_should_be(from_stamp: bool, first: float) -> None:
+    lidar = LidarSpec(beams=8, field_of_view_deg=180.0, first_beam_deg=-90.0, turning=False)
+    log = LidarLog(lidar, "three")
+    for k in range(3):
+        log.add(Scan(k, float(k), np.ones(8), (float(k), 0.0, 0.0)))
+    unroll(log, None, 0.5, from_stamp)
+    way = log.scans[1].way
+    assert way is not None and way[0, 0] == pytest.approx(first) and way[-1, 0] == pytest.approx(first + 0.5)
 
 
 def test_readings_that_are_told_backwards_come_in_the_order_in_which_they_were_taken() -> None:
@@ -104,6 +126,27 @@ def test_readings_that_are_told_backwards_come_in_the_order_in_which_they_were_t
     log = LidarLog(lidar, "backwards")
     for k in range(2):
         log.add(Scan(k, float(k), np.arange(1.0, 9.0), (0.0, 0.0, 0.0)))
-    unroll(log, Revolution(0.5, backwards=True))
+    unroll(log, Revolution(0.2, backwards=True), 0.5)  # the user tells for how long, and the log in which order
     assert log.scans[1].ranges.tolist() == list(range(8, 0, -1))
     assert log.lidar.bearings() == pytest.approx(lidar.bearings()[::-1]) and log.lidar.turning
+
+
+def test_scans_of_one_stamp_are_taken_where_odometry_has_them() -> None:
+    log = LidarLog(LidarSpec(beams=8, turning=False), "seconds")
+    for k in range(9):
+        log.add(Scan(k, float(k // 3), np.ones(8), (0.1 * k, 0.0, 0.0)))
+    unroll(log, Revolution(0.2), None)
+    assert all(scan.way is not None and (scan.way[:, 0] == scan.odometry[0]).all() for scan in log.scans)
+
+
+@pytest.mark.parametrize(("share", "constant_m", "beams"), [(0.02, 0.0, 360), (0.0, 0.01, 360), (0.0, 0.01, 36)])
+def test_noise_is_told_apart_from_walls_and_from_a_constant_part(share: float, constant_m: float, beams: int) -> None:
+    rng, lidar = np.random.default_rng(0), LidarSpec(beams=beams, turning=False, range_max_m=12.0, noise_share=0.0)
+    log, bearings = LidarLog(lidar, "square room"), lidar.bearings()
+    walls = 4.0 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    for k in range(200):
+        ranges = walls * (1 + share * rng.standard_normal(beams)) + constant_m * rng.standard_normal(beams)
+        ranges[:: 1 + beams // 4] = 0.0  # not measured
+        log.add(Scan(k, float(k), ranges, (0.0, 0.0, 0.0)))
+    measured_noise(log)
+    assert log.lidar.noise_share == pytest.approx(share, abs=0.003)  # corners jump, too
