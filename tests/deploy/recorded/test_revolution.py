@@ -139,7 +139,7 @@ def test_scans_of_one_stamp_are_taken_where_odometry_has_them() -> None:
     assert all(scan.way is not None and (scan.way[:, 0] == scan.odometry[0]).all() for scan in log.scans)
 
 
-@pytest.mark.parametrize(("share", "constant_m", "beams"), [(0.02, 0.0, 360), (0.0, 0.01, 360), (0.0, 0.01, 36)])
+@pytest.mark.parametrize(("share", "constant_m", "beams"), [(0.02, 0.0, 360), (0.0, 0.01, 360), (0.0, 0.01, 90)])
 def test_noise_is_told_apart_from_walls_and_from_a_constant_part(share: float, constant_m: float, beams: int) -> None:
     rng, lidar = np.random.default_rng(0), LidarSpec(beams=beams, turning=False, range_max_m=12.0, noise_share=0.0)
     log, bearings = LidarLog(lidar, "square room"), lidar.bearings()
@@ -149,4 +149,4 @@ def test_noise_is_told_apart_from_walls_and_from_a_constant_part(share: float, c
         ranges[:: 1 + beams // 4] = 0.0  # not measured
         log.add(Scan(k, float(k), ranges, (0.0, 0.0, 0.0)))
     measured_noise(log)
-    assert log.lidar.noise_share == pytest.approx(share, abs=0.003)  # corners jump, too
+    assert log.lidar.noise_share == pytest.approx(share, abs=0.001)
