@@ -23,7 +23,7 @@ MEDIAN_SD = 0.6745  # median of what is normally distributed, without its sign, 
 
 
 def measured_noise(log: LidarLog) -> None:
-    """Let a lidar that looks all around err by a share of the range, as its scans show it, where that is the larger part.
+    """Let a lidar that looks all around err by a share of the range, if its scans show that this is the larger part.
 
     A SICK's scans show what stands in the room: with that as noise, the path of csail-drift is 0.090 m off in place of
     0.078, and that of intel-drift 0.062 in place of 0.052.
