@@ -28,7 +28,7 @@ def measured_noise(log: LidarLog) -> None:
     A SICK's scans show what stands in the room: with that as noise, the path of csail-drift is 0.090 m off in place of
     0.078, and that of intel-drift 0.062 in place of 0.052.
     """
-    if log.lidar.field_of_view_deg < ALL_ROUND_DEG:
+    if log.lidar.field_of_view_deg < ALL_ROUND_DEG or not log.scans:
         return
     ranges = np.array([scan.ranges for scan in log.scans[:: 1 + len(log.scans) // MOST_SCANS]])
     ranges = np.where(np.isfinite(ranges) & (ranges > 0.0), ranges, np.nan)

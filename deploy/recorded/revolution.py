@@ -60,7 +60,7 @@ def unroll(log: LidarLog, told: Revolution | None, given_s: float | None, from_s
         revolution = _shown(log, given_s, from_stamp)
     else:
         revolution = told if given_s is None else replace(told, seconds=given_s)
-    if revolution.seconds <= 0:
+    if revolution.seconds <= 0 or not log.scans:
         return
     ways = _ways(log.scans, revolution)
     for k, scan in enumerate(log.scans):
