@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import shapely
 
 from agent.config import AgentConfig
 from agent.passenger import carried as of_passengers
@@ -26,6 +27,7 @@ ROOMS = from_document(
             *([x, y, 0.0, 6.1, 0.1] for x, y in ((3, 0), (3, 4))),
             *([x, 2, math.pi / 2, 4.1, 0.1] for x in (0, 6)),
             [3, 3.2, math.pi / 2, 1.6, 0.1],
+            [3, 0.75, math.pi / 2, 1.5, 0.1],
             [4.5, 1.5, 0.0, 0.4, 0.4],
         ],
         "spawns": [[1, 1, 0]],
@@ -35,7 +37,7 @@ ROOMS = from_document(
 
 def drive() -> Floats:
     """(n, 3) a way around the rooms, with turns on the spot, a pose each STEP_S."""
-    corners = [(1.0, 1.0), (5.2, 0.8), (5.2, 3.2), (3.8, 2.2), (2.0, 2.0), (1.0, 3.0), (1.0, 1.0)]
+    corners = [(1.0, 1.0), (2.0, 1.95), (5.2, 1.95), (5.2, 3.2), (3.8, 2.2), (2.0, 2.0), (1.0, 3.0), (1.0, 1.0)]
     way, heading = [np.tile((1.0, 1.0, 0.0), (round(2 / STEP_S), 1))], 0.0
     for (ax, ay), (bx, by) in pairwise(corners):
         turn = math.remainder(math.atan2(by - ay, bx - ax) - heading, 2 * math.pi)
@@ -89,6 +91,21 @@ def test_a_lidar_that_turns_is_recognised_and_mapped_as_if_it_had_said_so(early_
     assert log.lidar.noise_share == pytest.approx(0.0175, abs=0.002)
     unrolled_m = off_m(log, true)
     assert unrolled_m < 0.03 and unrolled_m < 0.7 * as_one_moment
+
+
+def test_the_map_of_a_lidar_of_short_range_has_no_wall_across_a_door() -> None:
+    """Hits 2 m apart on a line were one wall, also of a lidar that reaches 3.5 m."""
+    log, true = recorded(turning=True)
+    unroll(log, None, None)
+    (player,) = play([log], of_passengers(AgentConfig()), math.inf, lambda *_: None)
+    start, walls = (
+        pose_of(true[0]),
+        shapely.union_all([shapely.LineString(ends.reshape(2, 2)) for ends in player.mind.drawn().segments()]),
+    )
+    x, y, _ = relative(start, (3.0, 1.95, 0.0))
+    assert walls.distance(shapely.Point(x, y)) > 0.3  # in the doorway of 0.9 m
+    x, y, _ = relative(start, (3.0, 3.2, 0.0))
+    assert walls.distance(shapely.Point(x, y)) < 0.15
 
 
 def test_scans_of_one_moment_stay_so_unless_the_user_says_otherwise() -> None:
