@@ -134,24 +134,17 @@ def _ends_elsewhere(e: Record, side: int, f: Record) -> bool:
 
 
 @kernel
-def see_corner(
-    edges: Records, count: int, e: int, f: int, p: Record, q: Record, patience: float, own: bool
-) -> tuple[int, int]:
+def see_corner(edges: Records, e: int, f: int, p: Record, q: Record, patience: float) -> None:
     """Fuse one view of the head of e meeting the tail of f, which pieces p and q show.
-
-    own: whether the robot saw them itself, and not a peer, whose maps cut no wall. Returns the new count, and the
-    number of what was cut off one of them, or -1.
 
     A wall prolonged over a gap is a guess, as a slot may open before the corner. A guess links open ends, and neither
     confirms a corner nor speaks against an end that lies in the gap. Where all views together show a slot, none joins.
     """
-    if e == f:
-        return count, -1
+    if e == f or not may_meet(edges, e, 1, f):
+        return
     at_e = meet(edges[e], edges[f])[1]
     gap_e, gap_f = p.gap[1], q.gap[0]
     guess = max(gap_e, gap_f) > PROLONGED_M
-    if not may_meet(edges, e, 1, f):
-        return _cut_behind_partition(edges, count, e, f) if own and not guess else (count, -1)
     linked, slot = edges[e].link[1] == f and edges[f].link[0] == e, has_slot(edges, e, f)
     if (linked or slot) and may_hide_slot(edges[e], edges[f]):
         see_bare(edges[e], 1, gap_e, p.apart[1], p.bearing[1])
@@ -161,35 +154,35 @@ def see_corner(
             for k, side in ((e, 1), (f, 0)):
                 set_end(edges[k], side, NOMINAL, 0.0, edges[k].strength[side] + 1.0)
         settle_corner(edges, e)
-        return count, -1
+        return
     if slot:
-        return count, -1
+        return
     free = True
     for k, side, at, gap in ((e, 1, at_e, gap_e), (f, 0, meet(edges[f], edges[e])[1], gap_f)):
         off = _corner_off(edges[k], side, at)
         if guess and END_MARGIN_M < off <= gap + END_MARGIN_M:
-            return count, -1
+            return
         if (edges[k].link[side] >= 0 or abs(off) > END_MARGIN_M) and not outlasted(edges[k], side, patience):
             free = False
     if not free:
-        return count, -1
+        return
     for k, side in ((e, 1), (f, 0)):
         former = edges[k].link[side]
         if former >= 0:
             part(edges, k, side)
             doubt(edges[former])
     join(edges, e, f, 0.0 if guess else 1.0)
-    return count, -1
 
 
 @kernel
-def _cut_behind_partition(edges: Records, count: int, e: int, f: int) -> tuple[int, int]:
-    """Cut one of two walls in two where the other one ends on it, and let them share that corner.
+def cut_behind_partition(edges: Records, count: int, e: int, f: int, p: Record, q: Record) -> tuple[int, int]:
+    """Cut one of two walls in two where the other one ends on it, and let them share the corner that p and q show.
 
     A view that the partition hides from the rest of the wall behind it joined both: a short gap with nothing to be seen
-    in it was taken for wall. Returns the new count, and the number of the new wall, or -1.
+    in it was taken for wall. A guess cuts nothing. Returns the new count, and the number of the new wall, or -1.
     """
-    if abs(meet(edges[e], edges[f])[0]) < MIN_CORNER_SINE or free_record(edges, count)[0] < 0:
+    turns, guess = abs(meet(edges[e], edges[f])[0]) >= MIN_CORNER_SINE, max(p.gap[1], q.gap[0]) > PROLONGED_M
+    if not turns or guess or free_record(edges, count)[0] < 0:
         return count, -1
     for long, short, side in ((f, e, 0), (e, f, 1)):  # side: at which the long one goes on past the corner
         corner, at = meet(edges[long], edges[short])[1], meet(edges[short], edges[long])[1]

@@ -36,7 +36,15 @@ from agent.mapping.edges import (
     take_hits,
     tip_at,
 )
-from agent.mapping.ends import END_MARGIN_M, close_open_corners, inner_ends_give_way, may_meet, see_corner, see_end
+from agent.mapping.ends import (
+    END_MARGIN_M,
+    close_open_corners,
+    cut_behind_partition,
+    inner_ends_give_way,
+    may_meet,
+    see_corner,
+    see_end,
+)
 from agent.mapping.tentative import become_wall, cuts_corner, is_bent, take_piece, wall_probability
 from protocol.arrays import Floats, Ints, Records
 
@@ -86,8 +94,9 @@ def merge_scan(
             _see_open_ends(edges, pieces, walls, k, patience)
         j = pieces[k].link[1]
         if pieces[k].label[1] == NOMINAL and _is_wall(edges, walls[j]) and (tells[k] or tells[j]):
-            count, new = see_corner(edges, count, walls[k], walls[j], pieces[k], pieces[j], patience, own)
-            if new >= 0:
+            see_corner(edges, walls[k], walls[j], pieces[k], pieces[j], patience)
+            if own:  # a peer's map cuts no wall
+                count, new = cut_behind_partition(edges, count, walls[k], walls[j], pieces[k], pieces[j])
                 _rename_cut(edges, new, pieces, walls)
     for e in range(count):
         if edges[e].kind == WALL and edges[e].link[1] >= 0:
@@ -104,8 +113,8 @@ def _is_wall(edges: Records, e: int) -> bool:
 
 @kernel
 def _rename_cut(edges: Records, new: int, pieces: Records, walls: Ints) -> None:
-    """Let pieces that lie on what was cut off a wall be of the new one."""
-    for k in range(len(pieces)):
+    """Let pieces that lie on what was cut off a wall be of the new one; -1: nothing was cut."""
+    for k in range(len(pieces) if new >= 0 else 0):
         if walls[k] == edges[new].twin - 1 and along(edges[new], pieces[k].x, pieces[k].y) > tip_at(edges[new], 0):
             walls[k] = new
 

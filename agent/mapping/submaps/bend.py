@@ -6,13 +6,11 @@ that is wider than the lidar reaches, nothing else tells.
 
 import math
 
+from agent.mapping.submaps.stretches import Stretches
 from protocol.arrays import Floats
 from protocol.geometry import Pose, pose_of, relative, wrapped
 
-STRETCH_M = 1.0  # of way, at least, that is compared at once: headings of neighbouring scans share their errors
-LOST_M = 10.0  # of way without a heading that walls hold, after which a new stretch begins
 HELD_RAD = math.radians(2.0)  # standard deviation up to which walls hold a scan's heading
-SIGMAS = 3.0  # of a turn's error: what differs by more was matched to another wall, or the wheels slipped
 
 
 class Bend:
@@ -20,41 +18,31 @@ class Bend:
 
     def __init__(self, sd: float) -> None:
         """sd: about 0 at first; 0 where it is known."""
-        self.mean, self._variance = 0.0, sd**2
-        self.lose()
+        self._stretches = Stretches(0.0, sd, HELD_RAD)
+        self._off = self._ahead = 0.0  # rad of turns that odometry does not tell, and metres ahead
+
+    @property
+    def mean(self) -> float:
+        """Radians that are added to the odometry's turn for each metre ahead."""
+        return self._stretches.mean
 
     def lose(self) -> None:
         """Nothing tells where the robot looks: a new stretch begins at the next scan that walls hold."""
-        self._begin(math.inf)
-
-    def _begin(self, variance: float) -> None:
-        self._off, self._ahead, self._way, self._odometry, self._first = 0.0, 0.0, 0.0, 0.0, variance
+        self._stretches.begin(math.inf)
+        self._off = self._ahead = 0.0
 
     def learn(self, by: Pose, before: Floats, matched: Floats, prior: Floats, information: Floats) -> None:
         """Take a step: by odometry, with the present mean in it, and its two poses, (3,).
 
         prior, information: (3, 3) of the pose that odometry tells, and of the matched one, which has the prior in it.
         """
-        if self._variance == 0.0:
+        if self._stretches.known:
             return
         self._off += wrapped(relative(pose_of(before), pose_of(matched))[2] - by[2] + self.mean * by[0])
         self._ahead += by[0]
-        self._way += math.hypot(by[0], by[1])
-        self._odometry += 1.0 / float(prior[2, 2])
-        lost = math.isinf(self._first) or self._way > LOST_M
-        if not lost and self._way < STRETCH_M:
+        if not self._stretches.may_end(math.hypot(by[0], by[1]), 1.0 / float(prior[2, 2])):
             return
         walls = float(information[2, 2] - prior[2, 2])
         held = 1.0 / walls if walls > 0.0 else math.inf
-        if lost:
-            self._begin(held if held <= HELD_RAD**2 else math.inf)
-        elif held <= HELD_RAD**2:
-            off = self._off - self.mean * self._ahead
-            variance = self._odometry + self._first + held + self._ahead**2 * self._variance
-            if off**2 > SIGMAS**2 * variance:
-                self.lose()
-                return
-            gain = self._ahead * self._variance / variance
-            self.mean += gain * off
-            self._variance -= gain * self._ahead * self._variance
-            self._begin(held)
+        if self._stretches.end(held, self._off - self.mean * self._ahead, self._ahead):
+            self._off = self._ahead = 0.0

@@ -8,7 +8,7 @@ import pytest
 from agent.corner_scan import FRONTIER, NOMINAL, OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL, join, set_tip, tip_at
-from agent.mapping.ends import close_open_corners, inner_ends_give_way, see_corner, see_end
+from agent.mapping.ends import close_open_corners, cut_behind_partition, inner_ends_give_way, see_corner, see_end
 from agent.mapping.scan_merge import merge_scan
 from agent.mapping.slots import see_bare, show_slot
 from agent.mapping.tentative import become_wall, wall_probability
@@ -33,26 +33,25 @@ def test_what_stands_before_a_long_wall_forms_no_corner_with_it_far_from_its_end
     edges["ux"], edges["uy"], edges["x"] = (1.0, 0.0), (0.0, 1.0), (0.0, corner_m)
     set_tip(edges[0], 1, 11.0)
     set_tip(edges[1], 0, 0.1)
-    see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0, True)
+    see_corner(edges, 0, 1, pieces[0], pieces[1], 1.0)
     assert tip_at(edges[0], 1) == pytest.approx(end_m)
     assert tip_at(edges[1], 0) == pytest.approx(0.1 if end_m > corner_m else 0.0)
 
 
 @pytest.mark.parametrize(
-    ("before_m", "views", "length_m", "own", "gap_m", "room", "cut"),
+    ("before_m", "views", "length_m", "gap_m", "room", "cut"),
     [
-        (0.02, 5.0, 2.0, True, 0.0, 3, True),
-        (0.1, 5.0, 2.0, True, 0.0, 3, False),  # a cabinet's side
-        (0.02, 4.0, 2.0, True, 0.0, 3, False),
-        (0.02, 5.0, 0.5, True, 0.0, 3, False),
-        (0.02, 5.0, 2.0, False, 0.0, 3, False),  # a peer's word
-        (0.02, 5.0, 2.0, True, 0.2, 3, False),  # a guess
-        (0.02, 5.0, 2.0, True, 0.0, 2, False),
+        (0.02, 5.0, 2.0, 0.0, 3, True),
+        (0.1, 5.0, 2.0, 0.0, 3, False),  # a cabinet's side
+        (0.02, 4.0, 2.0, 0.0, 3, False),
+        (0.02, 5.0, 0.5, 0.0, 3, False),
+        (0.02, 5.0, 2.0, 0.2, 3, False),  # a guess
+        (0.02, 5.0, 2.0, 0.0, 2, False),
     ],
 )
 @pytest.mark.parametrize("head", [True, False])
 def test_a_wall_is_cut_where_a_partition_ends_on_it(
-    before_m: float, views: float, length_m: float, own: bool, gap_m: float, room: int, cut: bool, head: bool
+    before_m: float, views: float, length_m: float, gap_m: float, room: int, cut: bool, head: bool
 ) -> None:
     """A robot in tb3_dqn_stage4 took the wall to go on behind a partition, whose other face it never looked at."""
     edges, pieces = np.zeros(room, EDGE), np.zeros(2, PIECE)
@@ -67,7 +66,7 @@ def test_a_wall_is_cut_where_a_partition_ends_on_it(
     set_tip(edges[partition], 1 - side, length_m if head else -length_m)
     set_tip(edges[partition], side, before_m if head else -before_m)
     edges["label"][partition, side], edges["strength"][partition, side] = OCCLUSION, views
-    count, new = see_corner(edges, 2, 0, 1, pieces[0], pieces[1], 1.0, own)
+    count, new = cut_behind_partition(edges, 2, 0, 1, pieces[0], pieces[1])
     if not cut:
         assert (count, new) == (2, -1) and (edges["link"][:2] == -1).all() and tip_at(edges[long], 1) == 10.0
         return
@@ -79,6 +78,26 @@ def test_a_wall_is_cut_where_a_partition_ends_on_it(
     beyond, end = (new, 0) if head else (long, 1)
     assert edges["label"][beyond, end] == FRONTIER and edges["link"][beyond, end] == -1
     assert edges["hits"][long] + edges["hits"][new] == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_partition_that_a_peer_has_told_cuts_no_wall(own: bool) -> None:
+    edges, pieces, walls = np.zeros(3, EDGE), np.zeros(3, PIECE), np.array((0, 1, 0))
+    edges["kind"][:2], edges["link"], edges["label"], edges["own"] = WALL, -1, FRONTIER, 1
+    edges["ux"][:2], edges["uy"][:2], edges["x"][:2] = (1, 0), (0, 1), (0, 6)
+    edges["hits"], edges["xx"][0], edges["yy"][1] = 100.0, 10.0, 10.0
+    set_tip(edges[0], 1, 10.0)
+    set_tip(edges[1], 0, 0.02)
+    set_tip(edges[1], 1, 2.0)
+    edges["label"][1, 0], edges["strength"][1, 0] = OCCLUSION, 5.0
+    pieces["hits"], pieces["spread"], pieces["end"] = 20.0, 2.0, (-0.5, 0.5)
+    pieces["x"], pieces["y"], pieces["ux"], pieces["uy"] = (5.5, 6.0, 8.0), (0.0, 0.5, 0.0), (1, 0, 1), (0, 1, 0)
+    pieces["label"], pieces["link"] = FRONTIER, -1
+    pieces["label"][0, 1], pieces["label"][1, 0], pieces["link"][0, 1], pieces["link"][1, 0] = NOMINAL, NOMINAL, 1, 0
+    gates = Gates(0.01, OFFSET_GATE_M)
+    count = merge_scan(edges, 2, pieces, walls, np.full(3, -1.0), gates, 1.0, own)
+    assert count == (3 if own else 2) and edges["link"][0, 1] == (1 if own else -1)
+    assert walls.tolist() == [0, 1, 2 if own else 0]  # the last one lies beyond
 
 
 def corner(turn: float) -> np.ndarray:
