@@ -30,31 +30,39 @@ PART_BYTES = 1 << 20  # of a compressed file that are unpacked at a time
 
 
 @contextmanager
-def plain(bag: Path) -> Iterator[Path]:
-    """The bag; a copy of it in a folder of its own where whole files of it are compressed, which may be anything.
+def checked(bag: Path) -> Iterator[Path]:
+    """A bag's file or folder, looked at; where whole files of it are compressed, a folder with what they unpack to.
 
-    Raises InputError, without its name, where they unpack to more than MORE_BYTES.
+    Raises InputError, without its name, also where they unpack to more than MORE_BYTES.
     """
+    for part in sorted(bag.iterdir()) if bag.is_dir() else [bag]:
+        check_is_file(part)
+        if part.name == METADATA:
+            _check_metadata(part)
+        elif _is_sqlite(part):
+            _check_tables(part)
     told = _compressed(bag)
     if told is None:
         yield bag
         return
     with TemporaryDirectory() as folder:
-        names, left = {PurePath(str(path)).name: None for path in told["relative_file_paths"]}, MORE_BYTES
+        names = dict.fromkeys(PurePath(str(path)).name for path in told["relative_file_paths"])
         if not all(name.endswith(PACKED) for name in names):
             raise InputError(f"it is no bag, or damaged: a compressed file of it does not end in {PACKED}")
-        for name in names:
-            left -= _unpack(bag / name, Path(folder) / PurePath(name).stem, left)
-        told |= {"compression_mode": "", "relative_file_paths": [PurePath(name).stem for name in names]}
+        plain, left = [Path(folder) / PurePath(name).stem for name in names], MORE_BYTES
+        for name, part in zip(names, plain, strict=True):
+            left -= _unpack(bag / name, part, left)
+            if _is_sqlite(part):
+                _check_tables(part)
+        told |= {"compression_mode": "", "relative_file_paths": [part.name for part in plain]}
         (Path(folder) / METADATA).write_text(yaml.safe_dump({INFORMATION: told}))
         yield Path(folder)
 
 
 def _compressed(bag: Path) -> dict[str, Any] | None:
-    """What the metadata of a bag whose files are compressed say; None of any other bag."""
+    """What the metadata of a bag whose files are compressed say, which are checked; None of any other bag."""
     if not (bag / METADATA).is_file():
         return None
-    _check_metadata(bag / METADATA)
     document = yaml.load(read_text(bag / METADATA), LOADER)
     told = document.get(INFORMATION) if isinstance(document, dict) else None
     if not isinstance(told, dict) or str(told.get("compression_mode")).lower() != "file":
@@ -76,16 +84,6 @@ def _unpack(source: Path, target: Path, most: int) -> int:
             except OSError as error:
                 raise InputError(f"it cannot be unpacked to {target.parent}: {error.strerror}") from None
     return size
-
-
-def check_bag(file: Path) -> None:
-    """Look at a bag's file, or its folder, before it is read. Raises InputError, without its name."""
-    for part in sorted(file.iterdir()) if file.is_dir() else [file]:
-        check_is_file(part)
-        if part.name == METADATA:
-            _check_metadata(part)
-        elif _is_sqlite(part):
-            _check_tables(part)
 
 
 def _check_metadata(file: Path) -> None:

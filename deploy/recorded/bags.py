@@ -18,17 +18,16 @@ from rosbags.typesys.store import Typestore
 
 from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
-from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, check_bag, plain
+from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, checked
 from deploy.recorded.frames import Frames
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
-from deploy.recorded.revolution import unroll
+from deploy.recorded.revolution import KNOTS, unroll
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
 
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-KNOTS = 6  # poses of odometry along a revolution of the lidar: every 40 ms for one of 0.2 s
 FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
 MOUNTED = "the lidar"  # its frame where the user tells its mount: its own frame may be the robot's
 
@@ -67,12 +66,10 @@ def definitions(old: bool) -> Typestore:
 def read_bag(file: Path, given: Given) -> LidarLog:
     """The scans of a bag, from the lidar's place by odometry. Raises InputError where none can be used."""
     try:
-        with plain(file) as path:
-            check_bag(path)
-            with bounded_memory():
-                with Rosbag1(path) if path.suffix == ".bag" else Rosbag2(path) as reader:
-                    bag = _read(reader, given)
-                return _log(str(file), bag, given)
+        with checked(file) as path, bounded_memory():
+            with Rosbag1(path) if path.suffix == ".bag" else Rosbag2(path) as reader:
+                bag = _read(reader, given)
+            return _log(str(file), bag, given)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except MemoryError:

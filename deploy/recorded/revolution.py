@@ -85,18 +85,16 @@ def _shown(log: LidarLog, given_s: float | None, from_stamp: bool) -> Revolution
     if log.lidar.field_of_view_deg < ALL_ROUND_DEG or not steps or seconds <= 0:
         return usual
     tried = [Revolution(seconds, after_s, backwards) for backwards in (False, True) for after_s in (0.0, seconds)]
-    ways = {one: _ways(log.scans, one) for one in tried}
-    turns, between = ways[tried[0]][:, -1, 2] - ways[tried[0]][:, 0, 2], max(1, round(APART_S / median(steps)))
+    ways = _ways(log.scans, tried[0])
+    turns, between = ways[:, -1, 2] - ways[:, 0, 2], max(1, round(APART_S / median(steps)))
     tells = np.abs(turns[between:] - turns[:-between]) > TELLING_RAD
-    pairs = np.flatnonzero(tells | np.append(tells[1:], False))[:PAIRS].tolist()  # up to stamps, or from them on
-    if len(pairs) < LEAST_PAIRS:
+    first = np.flatnonzero(tells | np.append(tells[1:], False))[:PAIRS].tolist()  # up to stamps, or from them on
+    if len(first) < LEAST_PAIRS:
         return usual
-    apart = {one: _apart(log, ways[one], one, [(k, k + between) for k in pairs]) for one in tried}
+    pairs = [(k, k + between) for k in first]
+    apart = {one: _apart(log, one, pairs) for one in tried}
     best = min(tried, key=lambda one: apart[one])
-    if given_s is not None:
-        return best
-    at_once = _apart(log, ways[tried[0]], ONE_MOMENT, [(k, k + between) for k in pairs])
-    return best if apart[best] < SHARPER * at_once else ONE_MOMENT
+    return best if given_s is not None or apart[best] < SHARPER * _apart(log, ONE_MOMENT, pairs) else ONE_MOMENT
 
 
 def _ways(scans: list[Scan], revolution: Revolution) -> Floats:
@@ -122,22 +120,21 @@ def _turning(lidar: LidarSpec, backwards: bool = False) -> LidarSpec:
     return lidar.model_copy(update=told)
 
 
-def _hits(log: LidarLog, k: int, way: Floats, revolution: Revolution) -> Floats:
-    """(n, 2) where beams of a scan have hit something, in the frame of odometry; of many beams some."""
-    ranges, lidar = log.scans[k].ranges, log.lidar
-    hit = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0))[:: 1 + len(ranges) // MOST_BEAMS]
-    moments = _turning(lidar).moments() if revolution.seconds else np.ones(len(ranges))
-    at = (moments[::-1] if revolution.backwards else moments)[hit]
-    x, y, heading = (np.interp(at, np.linspace(0.0, 1.0, len(way)), column) for column in way.T)
-    angle = heading + lidar.bearings()[hit]
-    return np.column_stack((x + ranges[hit] * np.cos(angle), y + ranges[hit] * np.sin(angle)))
-
-
-def _apart(log: LidarLog, ways: Floats, revolution: Revolution, pairs: list[tuple[int, int]]) -> float:
+def _apart(log: LidarLog, revolution: Revolution, pairs: list[tuple[int, int]]) -> float:
     """Metres from the places of one scan to those of another, for pairs of scans: a median each, their sum."""
-    total = 0.0
+    moments = _turning(log.lidar).moments() if revolution.seconds else np.ones(log.lidar.beams)
+    moments = moments[::-1] if revolution.backwards else moments
+    ways, bearings, total = _ways(log.scans, revolution), log.lidar.bearings(), 0.0
     for pair in pairs:
-        one, other = (_hits(log, k, ways[k], revolution) for k in pair)
+        one, other = (_hits(log.scans[k].ranges, ways[k], bearings, moments) for k in pair)
         if len(one) and len(other):
             total += float(np.median(np.hypot(*(one[:, None] - other[None]).transpose(2, 0, 1)).min(1)))
     return total
+
+
+def _hits(ranges: Floats, way: Floats, bearings: Floats, moments: Floats) -> Floats:
+    """(n, 2) where beams (b,) of a scan have hit something, in the frame of odometry; of many beams some."""
+    hit = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0))[:: 1 + len(ranges) // MOST_BEAMS]
+    x, y, heading = (np.interp(moments[hit], np.linspace(0.0, 1.0, len(way)), column) for column in way.T)
+    angle = heading + bearings[hit]
+    return np.column_stack((x + ranges[hit] * np.cos(angle), y + ranges[hit] * np.sin(angle)))

@@ -98,10 +98,8 @@ def test_the_map_of_a_lidar_of_short_range_has_no_wall_across_a_door() -> None:
     log, true = recorded(turning=True)
     unroll(log, None, None)
     (player,) = play([log], of_passengers(AgentConfig()), math.inf, lambda *_: None)
-    start, walls = (
-        pose_of(true[0]),
-        shapely.union_all([shapely.LineString(ends.reshape(2, 2)) for ends in player.mind.drawn().segments()]),
-    )
+    start, ends = pose_of(true[0]), player.mind.drawn().segments().reshape(-1, 2, 2)
+    walls = shapely.union_all(shapely.linestrings(ends))
     x, y, _ = relative(start, (3.0, 1.95, 0.0))
     assert walls.distance(shapely.Point(x, y)) > 0.3  # in the doorway of 0.9 m
     x, y, _ = relative(start, (3.0, 3.2, 0.0))
