@@ -148,7 +148,7 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     """Which of two walls a piece is of that is on both within noise: e, unless one stands before the other.
 
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
-    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies along that, up to a corner.
+    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies along that up to a corner.
     """
     if not related(edges[e]) or not related(edges[f]):
         return e
@@ -163,14 +163,18 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
 
 @kernel
 def _lies_up_to_corner(f: Record, e: Record, p: Record) -> bool:
-    """Whether a piece lies along wall f, which has a corner towards wall e on its line, and hardly along e.
+    """Whether a piece lies along wall f, more than along wall e on its line, and f has a corner before e.
 
-    Walls on both sides of a partition became one, as one was mapped 8 cm too long and took the views of the other.
+    Walls on both sides of a partition became one, as the one had taken a piece of the other, or was mapped 8 cm too
+    long, and then took its views. The centroid of a wall that was cut may lie in the other part: its ends tell where it
+    is.
     """
-    side = 1 if along(f, e.x, e.y) > 0.0 else 0
-    if f.label[side] != NOMINAL or _shared(e, p, along(e, p.x, p.y)) > GOES_ON_M:
+    middle = along(f, 0.5 * (e.tip[0, 0] + e.tip[1, 0]), 0.5 * (e.tip[0, 1] + e.tip[1, 1]))
+    side = 1 if middle > 0.5 * (tip_at(f, 0) + tip_at(f, 1)) else 0
+    is_past = middle > tip_at(f, 1) if side == 1 else middle < tip_at(f, 0)
+    if f.label[side] != NOMINAL or not is_past:
         return False
-    return bool(p.end[1] - p.end[0] - _shared(f, p, along(f, p.x, p.y)) <= GOES_ON_M)
+    return bool(_shared(f, p, along(f, p.x, p.y)) > _shared(e, p, along(e, p.x, p.y)))
 
 
 class Lines(NamedTuple):
