@@ -132,7 +132,7 @@ class Passenger:
 
 def _bridge_m(lidar: LidarSpec) -> float:
     """Metres between neighbouring hits of one line up to which there is wall."""
-    apart_m = lidar.range_max_m * math.radians(lidar.field_of_view_deg) / lidar.beams
+    apart_m = lidar.range_max_m * lidar.beam_step
     return min(max(FAR_BEAMS * apart_m, BRIDGE_M), FAR_BRIDGE_M)
 
 

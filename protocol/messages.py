@@ -155,9 +155,14 @@ class LidarSpec(Message, use_attribute_docstrings=True):
         """Where the lidar is on its robot, and where it points."""
         return self.mount_x_m, self.mount_y_m, math.radians(self.mount_yaw_deg)
 
+    @property
+    def beam_step(self) -> float:
+        """Radians from a beam to the next one."""
+        return math.radians(self.field_of_view_deg) / self.beams
+
     def bearings(self) -> Floats:
         """(beams,) rad from the robot's heading at a beam's moment, counter-clockwise, the mount's yaw included."""
-        step = math.radians(self.field_of_view_deg) / self.beams * (-1 if self.clockwise else 1)
+        step = self.beam_step * (-1 if self.clockwise else 1)
         return math.radians(self.mount_yaw_deg + self.first_beam_deg) + step * np.arange(self.beams, dtype=np.float64)
 
     def half_view(self) -> float:

@@ -137,7 +137,7 @@ class Sweep:
     def __init__(self, smallest_object_m: float, lidar: LidarSpec) -> None:
         self.sample_m = smallest_object_m
         self.range = RANGE_SHARE * lidar.range_max_m
-        beam, beams = math.radians(lidar.field_of_view_deg) / lidar.beams, OBJECT_BEAMS + EDGE_BEAMS * (lidar.mixed > 0)
+        beam, beams = lidar.beam_step, OBJECT_BEAMS + EDGE_BEAMS * (lidar.mixed > 0)
         self.radius = min(smallest_object_m / (beams * beam), self.range)
         """Distance in metres at which the smallest object gets enough beams to be seen."""
         self._stood: list[tuple[float, float]] = []

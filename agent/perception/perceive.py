@@ -229,7 +229,7 @@ def _touching(ranges: Floats, spec: RobotSpec) -> bool:
     """Whether the body may touch something: much of the view (beams,) is nearer than its edge, or than any range."""
     lidar = spec.lidar
     near = _number_near(ranges, spec.radius_m + range_noise(lidar), lidar.range_min_m >= spec.radius_m)
-    return near * math.radians(lidar.field_of_view_deg) / lidar.beams > TOUCH_RAD
+    return near * lidar.beam_step > TOUCH_RAD
 
 
 @kernel

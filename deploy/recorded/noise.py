@@ -32,7 +32,7 @@ def measured_noise(log: LidarLog) -> None:
         return
     ranges = np.array([scan.ranges for scan in log.scans[:: 1 + len(log.scans) // MOST_SCANS]])
     ranges = np.where(np.isfinite(ranges) & (ranges > 0.0), ranges, np.nan)
-    share, at_m = _share(ranges, math.radians(log.lidar.field_of_view_deg) / log.lidar.beams)
+    share, at_m = _share(ranges, log.lidar.beam_step)
     if share * at_m > CLEARLY * log.lidar.noise_m:
         log.lidar = log.lidar.model_copy(update={"noise_share": round(min(share, MOST_SHARE), 4)})
 

@@ -73,8 +73,8 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
     odometry = f"ODOM {body} 0 0 0 {stamp}\n"
     if ahead:
         return f"{odometry}{FLASER} {len(readings)} {' '.join(readings)} {seen_from} {body} {stamp}\n"
-    view = math.radians(lidar.field_of_view_deg)
-    kind = f"0 {_first(lidar):.9f} {view:.9f} {view / lidar.beams:.9f} {lidar.range_max_m:g} {lidar.noise_m:g} 0"
+    view = f"{_first(lidar):.9f} {math.radians(lidar.field_of_view_deg):.9f} {lidar.beam_step:.9f}"
+    kind = f"0 {view} {lidar.range_max_m:g} {lidar.noise_m:g} 0"
     rest = f"0 {seen_from} {body} 0 0 0 0 0 {stamp}"
     return f"{odometry}{ROBOTLASER} {kind} {len(readings)} {' '.join(readings)} {rest}\n"
 

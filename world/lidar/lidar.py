@@ -48,7 +48,7 @@ class Lidar:
         self._order = slice(None, None, -1 if spec.clockwise else 1)
         self._bearings = spec.bearings()[self._order]
         self._turn = Turning(spec, self._bearings, spec.moments()[self._order])
-        self._step = math.radians(spec.field_of_view_deg) / spec.beams
+        self._step = spec.beam_step
         self._cos, self._sin = np.cos(self._bearings), np.sin(self._bearings)
         self._cells: dict[tuple[int, int, int], Ints] = {}
 

@@ -192,7 +192,7 @@ def diagnostics_of(robot: str, level: int, sentence: str, figures: dict[str, obj
 
 def scan_of(lidar: LidarSpec, ranges: Floats, stamp_s: float, frame: str) -> Any:
     """sensor_msgs/LaserScan of ranges (beams,), m, whose last beam is taken at the stamp."""
-    step = math.radians(lidar.field_of_view_deg) / lidar.beams * (-1 if lidar.clockwise else 1)
+    step = lidar.beam_step * (-1 if lidar.clockwise else 1)
     first, period_s = math.radians(lidar.first_beam_deg), 1 / lidar.rate_hz
     between_s = period_s * abs(step) / (2 * math.pi) if lidar.turning else 0.0
     return _make(
