@@ -15,6 +15,7 @@ from agent.cooperation.team import Team
 from agent.corner_scan import BRIDGE_M
 from agent.mapping.drawing import Drawing
 from agent.mapping.submaps.chain import Submaps, travelled
+from agent.mapping.submaps.crossings import overrun_of
 from agent.mapping.submaps.wireframe import wireframe_of
 from agent.mapping.wheels import way_from
 from agent.perception.perceive import Perception
@@ -55,6 +56,7 @@ class Passenger:
         self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD, ODOMETRY_BEND_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, np.random.default_rng(0))
+        self._overrun_m = overrun_of(spec.lidar)
         self._told = Drawing()  # the own map, as peers are told it
         self._since_own = math.inf  # metres of way
         self._way = 0.0  # metres
@@ -119,11 +121,11 @@ class Passenger:
 
     def drawn(self) -> Wireframe:
         """The map of own scans, in the own frame."""
-        return wireframe_of(self.submaps.walls())
+        return wireframe_of(self.submaps.walls(), self._overrun_m)
 
     def wireframe(self) -> Wireframe:
         """The map with those of merged peers, in the own frame."""
-        return wireframe_of(self.submaps.walls([peer.laid.layer for peer in self.team.merged]))
+        return wireframe_of(self.submaps.walls([peer.laid.layer for peer in self.team.merged]), self._overrun_m)
 
     def path(self) -> Floats:
         """(scans, 3) pose at each scan by what is known now, in the own frame."""

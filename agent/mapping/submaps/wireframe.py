@@ -10,6 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
+from agent.mapping.submaps.crossings import ended
 from agent.mapping.submaps.matching import share_beside, tiles_of
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
@@ -31,14 +32,16 @@ class Joined(NamedTuple):
     following: Ints  # (n,) the wall whose tail is this one's head, or -1
 
 
-def joined(walls: Records) -> Joined:
+def joined(walls: Records, overrun_m: float = 0.0) -> Joined:
     """What is sure of merged segments (n,) of SEGMENT, in their frame: each wall once.
 
-    The shortest are left away, so that the radio can tell the map.
+    The shortest are left away, so that the radio can tell the map. overrun_m: how far walls run on past where they end,
+    as of `overrun_of`; 0: they are left as they are.
     """
-    walls = walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)]
-    walls = walls[np.argsort(walls["low"] - walls["high"], kind="stable")]
+    walls = _longest_first(walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)])
     walls = walls[_stand_once(walls)]
+    if overrun_m > 0.0:
+        walls = _longest_first(ended(walls, overrun_m))
     while True:
         tips, following = _tips(walls), np.full(len(walls), -1)
         if len(walls):
@@ -50,9 +53,9 @@ def joined(walls: Records) -> Joined:
         walls = walls[: len(walls) - max(1, too_many // 2)]
 
 
-def wireframe_of(segments: Records) -> Wireframe:
-    """The map of merged segments (n,) of SEGMENT, in their frame."""
-    walls, tips, following = joined(segments)
+def wireframe_of(segments: Records, overrun_m: float) -> Wireframe:
+    """The map of merged segments (n,) of SEGMENT, in their frame; overrun_m: as of `joined`."""
+    walls, tips, following = joined(segments, overrun_m)
     points, labels, edges = chained(tips, _labels(following), following)
     likelihood = (walls["seen"] / (walls["seen"] + 1)).astype(np.float32)
     return Wireframe(points, labels, edges, likelihood, np.ones(len(walls), np.bool_))
@@ -61,7 +64,7 @@ def wireframe_of(segments: Records) -> Wireframe:
 def records_of(segments: Records) -> Records:
     """The same as walls (m,) of EDGE for the filter, whose next scans soon outweigh lines that submaps know to 1 cm.
 
-    Its corners follow their lines, so walls whose lines hardly cross have none.
+    Its corners follow their lines, so walls whose lines hardly cross have none. The next scans tell where walls end.
     """
     walls, tips, following = joined(segments)
     ux, uy = walls["ux"], walls["uy"]
@@ -79,6 +82,11 @@ def records_of(segments: Records) -> Records:
     out["link"][following[heads], 0] = heads
     out["strength"][out["link"] >= 0] = 1.0
     return out
+
+
+def _longest_first(walls: Records) -> Records:
+    """Walls (n,) by their length."""
+    return walls[np.argsort(walls["low"] - walls["high"], kind="stable")]
 
 
 def _labels(following: Ints) -> Labels:

@@ -354,7 +354,7 @@ def test_segments_of_several_maps_are_united_once() -> None:
 
 
 def test_a_wireframe_of_segments_has_corners_where_ends_meet() -> None:
-    wireframe = wireframe_of(ROOM)
+    wireframe = wireframe_of(ROOM, 0.0)
     wireframe.check()
     assert len(wireframe.points) == len(wireframe.edges) == 6
     assert (wireframe.labels == 0).all()
@@ -363,4 +363,4 @@ def test_a_wireframe_of_segments_has_corners_where_ends_meet() -> None:
 def test_a_wireframe_leaves_out_the_short_and_what_one_look_showed() -> None:
     walls = segments((0, 0, 6, 0), (1, 1, 1.1, 1), (2, 1, 4, 1))
     walls["seen"][2] = 1.0
-    assert np.allclose(apply(np.zeros(3), wireframe_of(walls).points), [[0, 0], [6, 0]])
+    assert np.allclose(apply(np.zeros(3), wireframe_of(walls, 0.0).points), [[0, 0], [6, 0]])
