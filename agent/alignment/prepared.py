@@ -26,7 +26,7 @@ class PreparedMap:
 
 def prepare(wireframe: Wireframe, config: AlignmentConfig) -> PreparedMap | None:
     """A map ready to be aligned; None where it is larger than the configuration allows. Must have passed `check`."""
-    if int(wireframe.own.sum()) > config.max_vertices:
+    if int(wireframe.own.sum()) > config.max_walls:
         return None
     found = corners(wireframe)
     return PreparedMap(found, index_walls(found.walls, found.juts))

@@ -111,7 +111,7 @@ def test_a_mirrored_map_is_another_building() -> None:
 def test_small_and_large_maps_wait() -> None:
     room = chain([(0, 0), (3, 0), (3, 2), (1, 2), (1, 3), (0, 3), (0, 0)])
     assert found(room, room).reason == "small"
-    assert found(maze(0), maze(0), max_vertices=20).reason == "large"
+    assert found(maze(0), maze(0), max_walls=20).reason == "large"
     assert found(Wireframe(), Wireframe()).reason == "small"
 
 
