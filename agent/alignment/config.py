@@ -17,8 +17,8 @@ class AlignmentConfig(Config):
     min_corners: Annotated[int, Field(ge=2, le=20_000)] = 16
     """True corners that each map must have, as smaller maps fit anywhere. Measured: 86 % right at 12, 93 % at 16."""
     max_walls: Annotated[int, Field(ge=2, le=20_000)] = 1500
-    """Walls of its own that a map may have; larger ones are refused, as work grows with the square. A building of 600 m2
-    has 200."""
+    """Walls of its own that a map may have. Larger ones are refused, as work grows with the square; a building of
+    600 m2 has 200."""
     min_inliers: Annotated[int, Field(ge=2, le=20_000)] = 6
     """Corners of both maps that must match; four, where three times `min_score_m` of wall agree."""
     min_score_m: NotNegative = 4.0

@@ -15,11 +15,11 @@ from protocol.arrays import Floats, Ints, Records
 from protocol.messages import LidarSpec
 
 OVERRUN_SIGMAS = 5.0
-"""Deviations of the lidar's farthest ranges by which a wall runs on past its end, at most: with 3, of three drives'
-maps 0.90 is wall, with 4, 5 and 6 0.92. With 0.35 m for a SICK, whose ranges err by 1 cm, a map of freiburg-079 lost a
-quarter of its walls to clutter that crosses them."""
-MOST_OVERRUN_M = 0.35  # the same in metres: other lidars reach farther, and walls that long are no overrun
-SHORT_OF_M = 0.12  # how far a wall that ends another one may itself be short of the crossing
+"""Deviations of the lidar's farthest ranges by which a wall runs on past its end, at most. With 4, 5 and 6, 0.92 of the
+maps of three drives is wall that is there, with 3 0.91. With 0.35 m for a SICK, whose ranges err by 1 cm, a map of
+freiburg-079 lost a quarter of its walls to clutter that crosses them."""
+MOST_OVERRUN_M = 0.35  # the same in metres, for lidars that reach farther: what is longer is wall
+CORNER_M = 0.12  # ends this near to each other, or to a crossing, are there, so that cupboards are chains, not heaps
 LEAST_SINE = 0.5  # of a turn: where two walls nearly on a line cross, noise moves the crossing far along them
 THICK_M = 0.5  # of a partition, at most: faces farther apart may be of two, with a wall between them
 
@@ -71,7 +71,7 @@ def _places_on(wall: Record, ending: Records, end: str) -> Floats:
 def _ends(walls: Records, overrun_m: float) -> tuple[Floats, Ints]:
     """(n, 2) where walls (n,) end, metres along each from its centroid, and (n, 2) the wall that ends it, or -1."""
     at, by = np.empty((len(walls), 2)), np.full((len(walls), 2), -1)
-    tiling, listed = tiled(walls, SHORT_OF_M).tiles
+    tiling, listed = tiled(walls, CORNER_M).tiles
     for a in range(len(walls)):
         e = walls[a]
         at[a, 0], at[a, 1] = e.low, e.high
@@ -79,7 +79,7 @@ def _ends(walls: Records, overrun_m: float) -> tuple[Floats, Ints]:
             outward, end, most = 2.0 * side - 1.0, at[a, side], min(overrun_m, 0.5 * (at[a, 1] - at[a, 0]))
             column = int((e.x + end * e.ux - tiling.x) * tiling.per_m)
             row = int((e.y + end * e.uy - tiling.y) * tiling.per_m)
-            tile, over = row * tiling.columns + column, -SHORT_OF_M
+            tile, over = row * tiling.columns + column, -CORNER_M
             for b in listed[listed[tile] : listed[tile + 1]]:
                 crossing = meet(e, walls[b])[1]
                 if over < outward * (end - crossing) <= most and _ends_there(e, walls[b], crossing, outward, overrun_m):
@@ -100,5 +100,5 @@ def _ends_there(e: Record, f: Record, crossing: float, outward: float, overrun_m
         return False
     behind, before = (t - f.low, f.high - t) if outward > 0.0 else (f.high - t, t - f.low)  # of e, and on its free side
     if turn > 0.0:
-        return bool(behind >= -SHORT_OF_M and before > overrun_m)
+        return bool(behind >= -CORNER_M and before > overrun_m)
     return bool(abs(behind) <= overrun_m)

@@ -10,7 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
-from agent.mapping.submaps.crossings import ended
+from agent.mapping.submaps.crossings import CORNER_M, ended
 from agent.mapping.submaps.matching import share_beside, tiles_of
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
@@ -20,7 +20,6 @@ SEEN = 2.0  # looks from different places that must have shown a wall: legs and 
 LENGTH_M = 0.17  # shorter ones are the clutter on desks: cluttered offices with them take more than 8 kB
 TWICE_M = 0.07  # a wall that lies so near beside longer ones that face the same way is drawn already
 TWICE_SHARE = 0.6  # of its length
-CORNER_M = 0.12  # a head and a tail this near are one corner, so that curves and cupboards are chains, not heaps
 HITS = 1.0  # that a wall of submaps is worth: 1 cm
 
 
