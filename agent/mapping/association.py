@@ -148,12 +148,12 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     """Which of two walls a piece is of that is on both within noise: e, unless one stands before the other.
 
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
-    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies along that up to a corner.
+    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies more along that, up to a corner.
     """
     if not related(edges[e]) or not related(edges[f]):
         return e
     if not is_beside(edges[e], edges[f], gates):
-        return f if _lies_up_to_corner(edges[f], edges[e], p) else e
+        return f if _lies_more_along(edges[f], edges[e], p) else e
     front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
     shared = _shared(edges[front], p, along(edges[front], p.x, p.y))
     if shared <= GOES_ON_M:
@@ -162,7 +162,7 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
 
 
 @kernel
-def _lies_up_to_corner(f: Record, e: Record, p: Record) -> bool:
+def _lies_more_along(f: Record, e: Record, p: Record) -> bool:
     """Whether a piece lies along wall f, more than along wall e on its line, and f has a corner before e.
 
     Walls on both sides of a partition became one, as the one had taken a piece of the other, or was mapped 8 cm too

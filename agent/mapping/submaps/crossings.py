@@ -8,8 +8,9 @@ submaps take it to go on there.
 import numpy as np
 
 from agent.corner_scan import noise_at
-from agent.geometry.lines import Record, along, meet
+from agent.geometry.lines import Record, above, along, meet
 from agent.kernels import kernel
+from agent.mapping.edges import MIN_WALL_M
 from agent.mapping.submaps.tiles import tiled
 from protocol.arrays import Floats, Ints, Records
 from protocol.messages import LidarSpec
@@ -32,73 +33,75 @@ def overrun_of(lidar: LidarSpec) -> float:
 def ended(walls: Records, overrun_m: float) -> Records:
     """Walls (n,) of SEGMENT without what runs on past crossings, and in parts where partitions stand on them: (m,).
 
-    overrun_m: as of `overrun_of`.
+    overrun_m: as of `overrun_of`. An end takes half of its wall at most; parts that are no walls are left away.
     """
-    ends, by = _ends(walls, overrun_m)
+    at, by = _ends(walls, overrun_m)
     out = walls.copy()
-    out["low"], out["high"] = ends.T
-    parts = [out]
-    for f in np.unique(by[by >= 0]):
-        gaps = _partitions_on(out, f, by)
-        if len(gaps):
-            rest = np.repeat(out[f : f + 1], len(gaps))
-            rest["low"], rest["high"] = gaps[:, 1], [*gaps[1:, 0], out["high"][f]]
-            out["high"][f] = gaps[0, 0]
-            parts.append(rest)
-    return np.concatenate(parts)
+    out["low"], out["high"] = at.T
+    behind, gaps = _partitions(out, by)
+    parts = out[behind]
+    for k in range(len(gaps) - 1, -1, -1):  # from each wall's head to its tail
+        parts["low"][k], parts["high"][k] = gaps[k, 1], out["high"][behind[k]]
+        out["high"][behind[k]] = gaps[k, 0]
+    out = np.concatenate((out, parts))
+    long_enough: Records = out[out["high"] - out["low"] >= MIN_WALL_M]
+    return long_enough
 
 
-def _partitions_on(walls: Records, f: int, by: Ints) -> Floats:
-    """(k, 2) where partitions that stand on wall f of (n,) begin and end, metres along it from its centroid.
+def _partitions(walls: Records, by: Ints) -> tuple[Ints, Floats]:
+    """Where partitions stand on walls (n,): (k,) the wall, and (k, 2) from where to where along it, in order; metres.
 
-    by: (n, 2) the wall that ends each tail and head. Along f, a partition is a face that leaves f, and next one that
-    comes back to it.
+    by: (n, 2) the wall that ends each tail and head, or -1. Along a wall, a partition is a face that leaves it,
+    and next one that comes back. Thin boards whose faces noise has swapped are none.
     """
-    leave, come = (_places_on(walls[f], walls[by[:, side] == f], end) for side, end in enumerate(("low", "high")))
-    before = np.searchsorted(leave, come) - 1
-    first = np.diff(before, prepend=-1) > 0  # that comes back after a face that leaves
-    gaps = np.column_stack((leave[before[first]], come[first]))
-    return gaps[gaps[:, 1] - gaps[:, 0] <= THICK_M]
-
-
-def _places_on(wall: Record, ending: Records, end: str) -> Floats:
-    """(k,) where ends of walls (k,), `low` or `high`, are along a wall, in order."""
-    x, y = ending["x"] + ending[end] * ending["ux"], ending["y"] + ending[end] * ending["uy"]
-    return np.sort((x - wall["x"]) * wall["ux"] + (y - wall["y"]) * wall["uy"])
+    ends, side = np.nonzero(by >= 0)
+    faces, of = walls[ends], by[ends, side]
+    end = np.where(side == 1, faces["high"], faces["low"])
+    x, y = faces["x"] + end * faces["ux"] - walls["x"][of], faces["y"] + end * faces["uy"] - walls["y"][of]
+    t = x * walls["ux"][of] + y * walls["uy"][of]
+    order = np.lexsort((t, of))
+    of, t, comes = of[order], t[order], side[order] == 1
+    pair = (of[1:] == of[:-1]) & ~comes[:-1] & comes[1:] & (np.diff(t) <= THICK_M)
+    leave = np.flatnonzero(pair)
+    return of[leave], np.column_stack((t[leave], t[leave + 1]))
 
 
 @kernel
 def _ends(walls: Records, overrun_m: float) -> tuple[Floats, Ints]:
     """(n, 2) where walls (n,) end, metres along each from its centroid, and (n, 2) the wall that ends it, or -1."""
     at, by = np.empty((len(walls), 2)), np.full((len(walls), 2), -1)
-    tiling, listed = tiled(walls, CORNER_M).tiles
+    near = max(overrun_m, CORNER_M)  # of an end: all crossings that may be it; from there as far to where a wall begins
+    tiling, listed = tiled(walls, 2.0 * near).tiles
     for a in range(len(walls)):
         e = walls[a]
         at[a, 0], at[a, 1] = e.low, e.high
         for side in range(2):
             outward, end, most = 2.0 * side - 1.0, at[a, side], min(overrun_m, 0.5 * (at[a, 1] - at[a, 0]))
-            column = int((e.x + end * e.ux - tiling.x) * tiling.per_m)
-            row = int((e.y + end * e.uy - tiling.y) * tiling.per_m)
-            tile, over = row * tiling.columns + column, -CORNER_M
+            x, y, over = e.x + end * e.ux, e.y + end * e.uy, -CORNER_M
+            tile = int((y - tiling.y) * tiling.per_m) * tiling.columns + int((x - tiling.x) * tiling.per_m)
             for b in listed[listed[tile] : listed[tile + 1]]:
-                crossing = meet(e, walls[b])[1]
-                if over < outward * (end - crossing) <= most and _ends_there(e, walls[b], crossing, outward, overrun_m):
-                    over = outward * (end - crossing)
-                    at[a, side], by[a, side] = crossing, b
+                if abs(above(walls[b], x, y)) > near:
+                    continue
+                sine, crossing = meet(e, walls[b])
+                passed = outward * (end - crossing)
+                if over < passed <= most and _ends_there(e, walls[b], outward * sine, crossing, outward, overrun_m):
+                    over, at[a, side], by[a, side] = passed, crossing, b
     return at, by
 
 
 @kernel
-def _ends_there(e: Record, f: Record, crossing: float, outward: float, overrun_m: float) -> bool:
+def _ends_there(e: Record, f: Record, turn: float, crossing: float, outward: float, overrun_m: float) -> bool:
     """Whether wall f ends wall e where both cross, `crossing` metres along e; outward: 1 at its head, -1 at its tail.
 
-    Free space is on the left of both. A face that turns towards the free space before e hides what is behind it, at a
-    corner as in the middle of f. One that turns away from it is a corner where f begins, and else stands behind e.
+    turn: the sine of the turn at that corner, positive towards the free space, which is on the left of both walls. A
+    face that turns towards it hides what is behind, at a corner as in the middle of f, if there is more of it before e
+    than it may run on itself. One that turns away is a corner, or else stands behind e: it must begin there, and
+    that of the room behind begins a partition of 0.1 m farther off.
     """
-    turn, t = meet(e, f)[0] * outward, along(f, e.x + crossing * e.ux, e.y + crossing * e.uy)
     if abs(turn) < LEAST_SINE:
         return False
-    behind, before = (t - f.low, f.high - t) if outward > 0.0 else (f.high - t, t - f.low)  # of e, and on its free side
+    t = along(f, e.x + crossing * e.ux, e.y + crossing * e.uy)
+    since, left = (t - f.low, f.high - t) if outward > 0.0 else (f.high - t, t - f.low)  # of f, as it comes from e
     if turn > 0.0:
-        return bool(behind >= -CORNER_M and before > overrun_m)
-    return bool(abs(behind) <= overrun_m)
+        return bool(since >= -CORNER_M and left > overrun_m)
+    return bool(-0.5 * CORNER_M <= since <= overrun_m and left > 0.0)

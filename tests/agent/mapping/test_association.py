@@ -118,22 +118,22 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
 
 
 @pytest.mark.parametrize(
-    ("label", "end_m", "hits_m", "from_m", "taken"),
+    ("label", "ends_m", "hits_m", "from_m", "taken"),
     [
-        (NOMINAL, 0.08, -1.0, 0.0, 1),  # the wall before the corner is mapped 8 cm too long
-        (NOMINAL, 0.08, 1.5, 0.0, 1),  # and is what was left when the rest was cut off, where most of its hits were
-        (NOMINAL, 0.0, -1.0, -0.15, 1),  # the piece is prolonged past the corner by a beam
-        (NOMINAL, 0.0, -1.0, -3.0, 0),  # it shows more of the other wall
-        (FRONTIER, 0.08, -1.0, 0.0, 0),  # where nothing parts them, both are one wall
-        (NOMINAL, 3.0, 1.0, 0.0, 0),  # there is no corner between the two
+        (NOMINAL, (-4.0, 0.08), -1.0, 0.0, 1),  # the wall before the corner is mapped 8 cm too long
+        (NOMINAL, (-4.0, 0.08), 1.5, 0.0, 1),  # and is what was left when the rest was cut off, where most hits were
+        (NOMINAL, (-4.0, 0.0), -1.0, -0.15, 1),  # the piece is prolonged past the corner by a beam
+        (NOMINAL, (-4.0, 0.0), -1.0, -3.0, 0),  # it shows more of the other wall
+        (FRONTIER, (-4.0, 0.08), -1.0, 0.0, 0),  # where nothing parts them, both are one wall
+        (NOMINAL, (0.2, 1.5), 1.0, 0.0, 0),  # there is no corner between the two: a shelf before a wall
     ],
 )
 def test_of_two_walls_on_a_line_a_piece_is_of_the_one_along_it_up_to_its_corner(
-    label: int, end_m: float, hits_m: float, from_m: float, taken: int
+    label: int, ends_m: tuple[float, float], hits_m: float, from_m: float, taken: int
 ) -> None:
     """Walls on both sides of a partition became one, as the one took views of the other."""
     walls, piece = walls_of(2, 0.01), np.zeros(1, PIECE)
-    walls["tip"], walls["x"] = [[(-4.0, 0.0), (end_m, 0.0)], [(0.0, 0.0), (2.0, 0.0)]], (hits_m, 1.0)
+    walls["tip"], walls["x"] = [[(ends_m[0], 0.0), (ends_m[1], 0.0)], [(0.0, 0.0), (2.0, 0.0)]], (hits_m, 1.0)
     walls["label"][1, 0], walls["y"][1] = label, 0.003
     half = 0.5 * (2.2 - from_m)  # past the other end of the wall, which is open
     piece["hits"], piece["x"], piece["ux"], piece["spread"], piece["end"] = 2.0, 2.2 - half, 1.0, 0.7, (-half, half)
