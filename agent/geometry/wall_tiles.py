@@ -77,6 +77,17 @@ def tiles_of_boxes(boxes: Floats) -> Tiles:
     return Tiles(tiling, listed)
 
 
+@kernel
+def boxes_at(tiles: Tiles, x: float, y: float) -> Ints:
+    """Numbers of the boxes that reach into the tile of a point, rising; none where it is outside of all tiles."""
+    at = tiles.tiling
+    column, row = (x - at.x) * at.per_m, (y - at.y) * at.per_m
+    if not (0.0 <= column < at.columns and 0.0 <= row < at.rows):
+        return tiles.listed[:0]
+    tile = int(row) * at.columns + int(column)
+    return tiles.listed[tiles.listed[tile] : tiles.listed[tile + 1]]
+
+
 @shared_kernel
 def wall_tiles(walls: Floats) -> WallTiles:
     """The tiles of walls (m, 4)."""

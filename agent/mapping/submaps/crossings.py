@@ -9,8 +9,10 @@ import numpy as np
 
 from agent.corner_scan import noise_at
 from agent.geometry.lines import Record, above, along, meet
+from agent.geometry.wall_tiles import boxes_at
 from agent.kernels import kernel
 from agent.mapping.edges import MIN_WALL_M
+from agent.mapping.submaps.segments import tips_of
 from agent.mapping.submaps.tiles import tiled
 from protocol.arrays import Floats, Ints, Records
 from protocol.messages import LidarSpec
@@ -55,10 +57,9 @@ def _partitions(walls: Records, by: Ints) -> tuple[Ints, Floats]:
     and next one that comes back. Thin boards whose faces noise has swapped are none.
     """
     ends, side = np.nonzero(by >= 0)
-    faces, of = walls[ends], by[ends, side]
-    end = np.where(side == 1, faces["high"], faces["low"])
-    x, y = faces["x"] + end * faces["ux"] - walls["x"][of], faces["y"] + end * faces["uy"] - walls["y"][of]
-    t = x * walls["ux"][of] + y * walls["uy"][of]
+    of, places = by[ends, side], tips_of(walls)[ends, side]
+    wall = walls[of]
+    t = (places[:, 0] - wall["x"]) * wall["ux"] + (places[:, 1] - wall["y"]) * wall["uy"]
     order = np.lexsort((t, of))
     of, t, comes = of[order], t[order], side[order] == 1
     pair = (of[1:] == of[:-1]) & ~comes[:-1] & comes[1:] & (np.diff(t) <= THICK_M)
@@ -71,15 +72,14 @@ def _ends(walls: Records, overrun_m: float) -> tuple[Floats, Ints]:
     """(n, 2) where walls (n,) end, metres along each from its centroid, and (n, 2) the wall that ends it, or -1."""
     at, by = np.empty((len(walls), 2)), np.full((len(walls), 2), -1)
     near = max(overrun_m, CORNER_M)  # of an end: all crossings that may be it; from there as far to where a wall begins
-    tiling, listed = tiled(walls, 2.0 * near).tiles
+    tiles = tiled(walls, 2.0 * near).tiles
     for a in range(len(walls)):
         e = walls[a]
         at[a, 0], at[a, 1] = e.low, e.high
         for side in range(2):
             outward, end, most = 2.0 * side - 1.0, at[a, side], min(overrun_m, 0.5 * (at[a, 1] - at[a, 0]))
             x, y, over = e.x + end * e.ux, e.y + end * e.uy, -CORNER_M
-            tile = int((y - tiling.y) * tiling.per_m) * tiling.columns + int((x - tiling.x) * tiling.per_m)
-            for b in listed[listed[tile] : listed[tile + 1]]:
+            for b in boxes_at(tiles, x, y):
                 if abs(above(walls[b], x, y)) > near:
                     continue
                 sine, crossing = meet(e, walls[b])

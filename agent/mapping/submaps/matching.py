@@ -7,6 +7,7 @@ import numpy as np
 
 from agent.geometry.lines import above, along, placed
 from agent.geometry.matrix3 import inverse, times
+from agent.geometry.wall_tiles import boxes_at
 from agent.kernels import kernel, shared_kernel
 from agent.mapping.submaps.segments import samples_along
 from agent.mapping.submaps.tiles import SegmentTiles, tiled
@@ -46,13 +47,7 @@ def tiles_of(walls: Records) -> SegmentTiles:
 def nearest_wall(tiles: SegmentTiles, x: float, y: float, ux: float, uy: float, gate: float) -> tuple[int, float]:
     """Wall that a sample lies on, or -1, and its signed distance from that wall's line, metres."""
     best, found, distance = gate, -1, 0.0
-    at, listed = tiles.tiles.tiling, tiles.tiles.listed
-    column, row = (x - at.x) * at.per_m, (y - at.y) * at.per_m
-    if not (0.0 <= column < at.columns and 0.0 <= row < at.rows):
-        return found, distance
-    tile = int(row) * at.columns + int(column)
-    for j in range(listed[tile], listed[tile + 1]):
-        k = listed[j]
+    for k in boxes_at(tiles.tiles, x, y):
         w = tiles.walls[k]
         if w.ux * ux + w.uy * uy < FACING:
             continue

@@ -56,6 +56,13 @@ def segments_in(layer: Layer) -> Records:
     return out
 
 
+def tips_of(segments: Records) -> Floats:
+    """(n, 2, 2) tail and head of each segment, metres."""
+    ends = np.stack((segments["low"], segments["high"]), 1)[:, :, None]
+    middle, along = (np.stack((segments[x], segments[y]), 1)[:, None] for x, y in (("x", "y"), ("ux", "uy")))
+    return np.asarray(middle + ends * along, np.float64)
+
+
 @kernel
 def moved(segments: Records, pose: Floats) -> Records:
     """Segments (n,) of the frame of a pose (3,), in the frame in which the pose is given."""

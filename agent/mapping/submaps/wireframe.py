@@ -8,11 +8,12 @@ import numpy as np
 from agent.corner_scan import FRONTIER, NOMINAL
 from agent.geometry.chains import chained
 from agent.geometry.lines import MIN_CORNER_SINE, above, along, meet
+from agent.geometry.wall_tiles import boxes_at
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
 from agent.mapping.submaps.crossings import CORNER_M, ended
 from agent.mapping.submaps.matching import FACING, share_beside, tiles_of
-from agent.mapping.submaps.segments import samples_along
+from agent.mapping.submaps.segments import samples_along, tips_of
 from agent.mapping.submaps.tiles import tiled
 from protocol.arrays import Bools, Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
@@ -48,7 +49,7 @@ def joined(walls: Records, overrun_m: float = 0.0) -> Joined:
     if overrun_m > 0.0:
         walls = _longest_first(ended(walls[~_seen_through(walls)], overrun_m))
     while True:
-        tips, following = _tips(walls), np.full(len(walls), -1)
+        tips, following = tips_of(walls), np.full(len(walls), -1)
         if len(walls):
             following = _followers(tips)
             _meet_at_corners(walls, tips, following)
@@ -103,13 +104,6 @@ def _labels(following: Ints) -> Labels:
     return labels
 
 
-def _tips(walls: Records) -> Floats:
-    """(n, 2, 2) tail and head of each wall."""
-    ends = np.stack((walls["low"], walls["high"]), 1)[:, :, None]
-    middle, along = (np.stack((walls[x], walls[y]), 1)[:, None] for x, y in (("x", "y"), ("ux", "uy")))
-    return np.asarray(middle + ends * along, np.float64)
-
-
 @kernel
 def _stand_once(walls: Records) -> Bools:
     """Which walls (n,), longest first, do not lie beside longer ones for the most part."""
@@ -128,14 +122,13 @@ def _stand_once(walls: Records) -> Bools:
 def _seen_through(walls: Records) -> Bools:
     """Which walls (n,) stand for the most part before others that were seen far more often: they would hide those."""
     out = np.zeros(len(walls), np.bool_)
-    tiling, listed = tiled(walls, BEFORE_M).tiles
+    tiles = tiled(walls, BEFORE_M).tiles
     for k in range(len(walls)):
         e, samples, before = walls[k], samples_along(walls[k : k + 1]), 0
         often = RARELY * e.hits / (e.high - e.low)
         for j in range(len(samples)):
             x, y = samples[j, 0], samples[j, 1]
-            tile = int((y - tiling.y) * tiling.per_m) * tiling.columns + int((x - tiling.x) * tiling.per_m)
-            for b in listed[listed[tile] : listed[tile + 1]]:
+            for b in boxes_at(tiles, x, y):
                 f = walls[b]
                 if f.hits < often * (f.high - f.low) or f.ux * e.ux + f.uy * e.uy < FACING:
                     continue
