@@ -386,15 +386,16 @@ def _beyond(piece: Record, scan: RangeScan, beam: int) -> float:
 
 @kernel
 def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tuple[int, int]:
-    """Label by prediction of a piece's end at a beam that is no corner, and the beam that decided.
+    """Label by prediction of a piece's end at a beam that is no corner, and the beam that its wall does not reach.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
-    something nearer, or nothing could be seen there, the wall is merely hidden or out of range.
+    something nearer, or nothing could be seen there, the wall is merely hidden or out of range. Where a beam may have
+    dropped out, a second one has to confirm that the wall is not there, but it is the first that shows how far it goes.
     """
     beams, n = scan.beams, len(scan.hidden)
     a, b, _ = fit_line(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent, before, noise = 0, beams.ranges[beam % n], scan.noise[beam % n]
+    silent, first_silent, before, noise = 0, -1, beams.ranges[beam % n], scan.noise[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
         k = (beam + (2 * side - 1) * ahead) % n
         c, s = beams.directions[k, 0], beams.directions[k, 1]
@@ -410,10 +411,11 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
             if predicted > scan.range_max - EDGE_OF_RANGE_SIGMAS * sd:
                 return FRONTIER, k
             silent += 1
+            first_silent = k if silent == 1 else first_silent
             if silent == scan.silence:
-                return OCCLUSION, k
+                return OCCLUSION, first_silent
         elif r > predicted + NOISE_SIGMAS * sd:
-            return OCCLUSION, k
+            return OCCLUSION, first_silent if silent else k
         elif r < predicted - NOISE_SIGMAS * sd:
             apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(beams.step), 0.0))
             # a hit no nearer than the beams are apart is where something meets the wall, and ends it
