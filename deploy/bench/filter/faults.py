@@ -37,8 +37,8 @@ class Fault:
     """A place, what is done to the walls of a particle there, and how the map is judged."""
 
     place: Floats  # (2,) its middle, in free space
-    normal: Floats | None  # (2,) towards the side from which it is seen; None from all
     samples: Floats  # (s, 2) points in free space beside all that is judged
+    normals: Floats  # (s, 2) towards the side from which the wall at each sample is seen; zero where there is no wall
     inject: Callable[[Records, int], int | None]
     """Spoil one particle's records (count in use) and return the new count; None where it has no such wall."""
     gone: Callable[[Wireframe], bool | np.bool_]  # whether the map agrees with the truth at the place
@@ -68,7 +68,13 @@ def _false_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gener
         edges[e] = wall
         return count
 
-    return Fault((tail + head) / 2, None, samples, inject, lambda found: not _covered(samples, unit, found).any())
+    return Fault(
+        (tail + head) / 2,
+        samples,
+        np.zeros_like(samples),
+        inject,
+        lambda found: not _covered(samples, unit, found).any(),
+    )
 
 
 def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -91,8 +97,8 @@ def _missing_wall(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
             edges[k]["probation"] = probation
         return count
 
-    samples = judged + OFF_M * normal
-    return Fault(middle + OFF_M * normal, normal, samples, inject, lambda found: _covered(judged, unit, found).all())
+    samples, normals = judged + OFF_M * normal, np.tile(normal, (len(judged), 1))
+    return Fault(middle + OFF_M * normal, samples, normals, inject, lambda found: _covered(judged, unit, found).all())
 
 
 def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -131,7 +137,8 @@ def _false_gap(edges: Records, truth: Truth, near: Floats, rng: np.random.Genera
         across = np.stack([begin - 0.05 * unit, end + 0.05 * unit])  # must lie near one wall
         return any(bool((_away(across, unit, wall[None]) < NEAR_M).all()) for wall in wireframe.segments())
 
-    return Fault(middle + OFF_M * normal, normal, judged + OFF_M * normal, inject, gone)
+    normals = np.tile(normal, (len(judged), 1))
+    return Fault(middle + OFF_M * normal, judged + OFF_M * normal, normals, inject, gone)
 
 
 def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Generator) -> Fault | None:
@@ -177,8 +184,8 @@ def _moved_corner(edges: Records, truth: Truth, near: Floats, rng: np.random.Gen
         return bool(is_there and walls and not any(_covered(some, unit, wireframe).any() for some, unit in false))
 
     inward = (normal_e + normal_f) / np.hypot(*(normal_e + normal_f))
-    samples = np.vstack([before + OFF_M * normal_e, after + OFF_M * normal_f])
-    return Fault(corner + OFF_M * inward, None, samples, inject, gone)
+    normals = np.vstack([np.tile(normal_e, (len(before), 1)), np.tile(normal_f, (len(after), 1))])
+    return Fault(corner + OFF_M * inward, np.vstack([before, after]) + OFF_M * normals, normals, inject, gone)
 
 
 KINDS = {

@@ -14,12 +14,13 @@ from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import HERE, ScanRecording, record
 from deploy.bench.filter.storage import CELLS_PER_BYTE, _cell_for
-from deploy.bench.filter.trials import STAYS, WITHIN, _scans_until_gone
+from deploy.bench.filter.trials import STAYS, WITHIN, _draw_seen, _scans_until_gone, measure_faults
 from deploy.bench.tables import Table, columns, row_of
 from deploy.metrics import score
 from deploy.occupancy_grid import OccupancyGrid
 from protocol.messages import LidarSpec
 from world import worldfile
+from world.coverage import GRAZING_RAD
 from world.lidar.lidar import Lidar
 
 
@@ -76,6 +77,27 @@ def test_a_fault_makes_a_right_map_wrong_and_leaves_it_sound(recording: ScanReco
     pytest.fail(f"only {made} places for {kind}")
 
 
+def test_scans_that_see_a_moved_corner_see_both_of_its_walls_no_flatter_than_the_scorer_asks(
+    recording: ScanRecording,
+) -> None:
+    """A corner that was seen along one of its walls cannot be mended: no beam meets that wall."""
+    mind = recording.new_filter()
+    for tick in range(len(recording.scans)):
+        recording.show(mind, tick)
+    drawn = _draw_seen("moved-corner", mind, recording, len(recording.scans), np.random.default_rng(0))
+    assert drawn is not None
+    fault, views = drawn
+    assert views.sum() >= WITHIN + STAYS and len(np.unique(fault.normals.round(6), axis=0)) == 2
+    for x, y, _ in np.array(recording.poses)[views]:
+        away = (x, y) - fault.samples
+        assert ((away * fault.normals).sum(1) > math.sin(GRAZING_RAD) * np.hypot(*away.T)).all()
+
+
+def test_trials_that_find_no_place_until_the_end_are_made_on_the_way_back() -> None:
+    found = measure_faults("apartment", trials=4, particles=None, scopes=["all"], limit_s=40.0)["found"]
+    assert {kind: len(some["all"]) for kind, some in found.items()} == dict.fromkeys(KINDS, 4)
+
+
 def assert_sound(edges: np.ndarray[Any, Any]) -> None:
     """Links go both ways, linked ends are in one place, and every wall's sums lie along its line."""
     for k, wall in enumerate(edges):
@@ -120,7 +142,8 @@ class Scripted:
 def test_a_fault_is_gone_when_the_map_stays_right(
     recording: ScanRecording, script: list[bool], scans: int | None
 ) -> None:
-    fault = Fault(np.zeros(2), None, np.zeros((0, 2)), lambda edges, count: count, lambda wireframe: bool(wireframe))
+    nothing = np.zeros((0, 2))
+    fault = Fault(np.zeros(2), nothing, nothing, lambda edges, count: count, lambda wireframe: bool(wireframe))
     views = np.zeros(len(recording.scans), np.bool_)
     views[::2] = True  # only these count
     steps = (right for one in script for right in (one, False))
