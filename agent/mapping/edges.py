@@ -255,25 +255,36 @@ def part(edges: Records, e: int, side: int) -> None:
 
 
 @kernel
+def put_on_probation(e: Record) -> None:
+    """Let a few misses in a row drop a wall, until it is hit again (ours).
+
+    What was on probation already keeps its misses: a stump was cut every few scans, and so was there for good.
+    """
+    if e.probation == 0:
+        e.misses = 0.0
+    e.probation, e.through = 1, 0.0
+
+
+@kernel
 def doubt(e: Record) -> None:
     """Take back what confirmed a wall: it is not shown until it is hit again, and a few misses drop it (ours).
 
     What is left of a wall that was cut, or that lost its corner to another, may lie inside solid, where no view
-    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there. What was doubted already
-    and is cut once more keeps its misses: a stump was cut every few scans, and so was there for good.
+    speaks against it. A true wall is soon hit again: the ends beside it draw the robot there.
     """
-    if e.probation == 0:
-        e.misses = 0.0
-    e.probation = 1
-    e.seen, e.due, e.through = 0.0, 0.0, 0.0
+    put_on_probation(e)
+    e.seen, e.due = 0.0, 0.0
 
 
 @kernel
-def open_end(e: Record, side: int, t: float) -> None:
-    """Let a wall end at coordinate t by a frontier, and doubt what is left of it."""
+def open_end(e: Record, side: int, t: float, doubtful: bool) -> None:
+    """Let a wall end at coordinate t by a frontier, on probation. doubtful: whether it is no more shown until then."""
     set_end(e, side, FRONTIER, 0.0, 0.0)
     set_tip(e, side, t)
-    doubt(e)
+    if doubtful:
+        doubt(e)
+    else:
+        put_on_probation(e)
 
 
 @kernel

@@ -8,7 +8,7 @@ import pytest
 from agent.corner_scan import FRONTIER, OCCLUSION, PIECE, Sight
 from agent.mapping.bodies import NO_TEAMMATES, Bodies
 from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, _usurped, contradict
-from agent.mapping.edges import EDGE, WALL, doubt, length, set_tip
+from agent.mapping.edges import EDGE, WALL, doubt, is_published, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
 from protocol.messages import LidarSpec
 from tests.agent.mapping.test_particle_filter import Walk, ring, round_tour
@@ -60,6 +60,25 @@ def test_a_wall_that_is_cut_divides_its_hits() -> None:
     for part in edges[:2]:
         assert part["hits"] == pytest.approx(100.0 * length(part) / 6.0)
         assert part["xx"] == pytest.approx(3.0 * part["hits"])
+
+
+@pytest.mark.parametrize(("seen_through_to", "is_shown"), [(22.0, True), (90.0, False)])
+def test_a_wall_that_was_a_little_too_long_is_shown_on(seen_through_to: float, is_shown: bool) -> None:
+    """One of 1 m, hit by 450 scans, was shown no more for 0.13 m, and nothing led the robot back to it."""
+    edges = np.zeros(2, EDGE)
+    edges["link"], edges["label"] = -1, FRONTIER
+    wall = edges[0]
+    wall["kind"], wall["ux"], wall["y"], wall["hits"], wall["xx"] = WALL, -1.0, 1.0, 100.0, 300.0
+    wall["seen"], wall["due"] = 9.0, 9.0
+    for side, t in enumerate((-3.0, 3.0)):
+        set_tip(wall, side, t)
+    through = np.array([[math.radians(15.0), math.radians(seen_through_to), math.inf]])
+    view = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), Sight(through, np.zeros((0, 3)), 3.5, 0.01, 0.0), 0.02, 0.01, 0.0)
+    nobody = Bodies(np.zeros((0, 2)), NO_TEAMMATES, 0.1)
+    for _ in range(math.ceil(CUT_AFTER)):
+        assert contradict(edges, 1, view, np.zeros(0, np.int64), nobody, 1.0) == 1
+    assert 0.0 < length(wall) < 5.9 and wall["probation"] == 1
+    assert is_published(wall) == is_shown
 
 
 def test_a_stump_that_is_cut_once_more_keeps_its_misses() -> None:
