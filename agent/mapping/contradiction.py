@@ -35,8 +35,8 @@ BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 CUT_AFTER = 3.0  # scans that see through the same part of a wall before it is cut out
 MOST = 0.75
-"""Share of a wall that must be left for it to be the same wall, only shorter, and shown on. A wall of 1 m that scans had
-hit 450 times was shown no more because it had been 0.13 m too long, and no frontier led back there."""
+"""Share of a wall that must be left for it to be the same one, only shorter, and shown on. One of 1 m, hit by 450
+scans, was shown no more, as it had been 0.13 m too long, and the way back to it had been given up."""
 DROP_AFTER = 8.0  # scans in a row that should have hit a wall on probation and did not, before it is removed
 DROP_GROWTH = 0.3  # further scans for each that hit a wall which has left probation, up to CONFIRMATIONS hits
 SURE_AFTER = 4.0  # scans that hit a wall before it leaves probation

@@ -1,8 +1,8 @@
 """How soon a filter mends discrete faults: injected in mid-run, then the same scans as before, there and back.
 
 A scan sees the place of a fault if all of the place is within the lidar's range and in line of sight in the truth, and
-every wall that is judged there is seen no flatter than at the scorer's 8 degrees. A fault is gone at the first of ten such scans in a row
-after each of which the map agrees with the truth at the place.
+every wall that is judged there is seen no flatter than at the scorer's 8 degrees. A fault is gone at the first of ten
+such scans in a row after each of which the map agrees with the truth at the place.
 """
 
 import copy
