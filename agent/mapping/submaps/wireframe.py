@@ -7,26 +7,18 @@ import numpy as np
 
 from agent.corner_scan import FRONTIER, NOMINAL
 from agent.geometry.chains import chained
-from agent.geometry.lines import MIN_CORNER_SINE, above, along, meet
-from agent.geometry.wall_tiles import boxes_at
+from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
 from agent.mapping.submaps.crossings import CORNER_M, ended
-from agent.mapping.submaps.matching import FACING, share_beside, tiles_of
-from agent.mapping.submaps.segments import samples_along, tips_of
-from agent.mapping.submaps.tiles import tiled
-from protocol.arrays import Bools, Floats, Ints, Labels, Records
+from agent.mapping.submaps.segments import tips_of
+from agent.mapping.submaps.smears import lie_across, stand_before, stand_once
+from protocol.arrays import Floats, Ints, Labels, Records
 from protocol.grid_map import MAX_TOLD
 from protocol.wireframe import Wireframe
 
 SEEN = 2.0  # looks from different places that must have shown a wall: legs and people stand in one
 LENGTH_M = 0.17  # shorter ones are the clutter on desks: cluttered offices with them take more than 8 kB
-TWICE_M = 0.07  # a wall that lies so near beside longer ones that face the same way is drawn already
-TWICE_SHARE = 0.6  # of its length
-BEFORE_M = 0.3  # that a wall may stand before one that it would hide: far scans show such, turned by some degrees
-RARELY = 20.0
-"""Times that each metre of that other wall must have been seen more often. In `office` such walls were seen twice to
-four times, in 60 to 120 scans that showed the wall behind them; without them 0.92 of the map is wall, before 0.90."""
 HITS = 1.0  # that a wall of submaps is worth: 1 cm
 
 
@@ -45,9 +37,10 @@ def joined(walls: Records, overrun_m: float = 0.0) -> Joined:
     as of `overrun_of`; 0: they are left as they are, for scans that follow to put right.
     """
     walls = _longest_first(walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)])
-    walls = walls[_stand_once(walls)]
+    walls = walls[stand_once(walls)]
     if overrun_m > 0.0:
-        walls = _longest_first(ended(walls[~_seen_through(walls)], overrun_m))
+        walls = _longest_first(ended(walls[~stand_before(walls)], overrun_m))
+        walls = walls[~lie_across(walls, overrun_m)]
     while True:
         tips, following = tips_of(walls), np.full(len(walls), -1)
         if len(walls):
@@ -102,41 +95,6 @@ def _labels(following: Ints) -> Labels:
     labels[following >= 0, 1] = NOMINAL
     labels[following[following >= 0], 0] = NOMINAL
     return labels
-
-
-@kernel
-def _stand_once(walls: Records) -> Bools:
-    """Which walls (n,), longest first, do not lie beside longer ones for the most part."""
-    kept, out = walls.copy(), np.zeros(len(walls), np.bool_)
-    tiles = tiles_of(kept)
-    for k in range(len(walls)):
-        kept[k].ux = kept[k].uy = 0.0  # so it faces no other one
-    for k in range(len(walls)):
-        if share_beside(tiles, walls[k : k + 1], TWICE_M) < TWICE_SHARE:
-            kept[k] = walls[k]
-            out[k] = True
-    return out
-
-
-@kernel
-def _seen_through(walls: Records) -> Bools:
-    """Which walls (n,) stand for the most part before others that were seen far more often: they would hide those."""
-    out = np.zeros(len(walls), np.bool_)
-    tiles = tiled(walls, BEFORE_M).tiles
-    for k in range(len(walls)):
-        e, samples, before = walls[k], samples_along(walls[k : k + 1]), 0
-        often = RARELY * e.hits / (e.high - e.low)
-        for j in range(len(samples)):
-            x, y = samples[j, 0], samples[j, 1]
-            for b in boxes_at(tiles, x, y):
-                f = walls[b]
-                if f.hits < often * (f.high - f.low) or f.ux * e.ux + f.uy * e.uy < FACING:
-                    continue
-                if -TWICE_M <= above(f, x, y) <= BEFORE_M and f.low <= along(f, x, y) <= f.high:
-                    before += 1
-                    break
-        out[k] = before >= TWICE_SHARE * len(samples)
-    return out
 
 
 @kernel
