@@ -10,6 +10,7 @@ from agent.mapping.bodies import NO_TEAMMATES, Bodies
 from agent.mapping.contradiction import CUT_AFTER, DROP_AFTER, _usurped, contradict
 from agent.mapping.edges import EDGE, WALL, doubt, is_published, length, set_tip
 from agent.mapping.views import MARGIN_M, ON, UNSEEN, View, look_at
+from protocol.arrays import Records
 from protocol.messages import LidarSpec
 from tests.agent.mapping.test_particle_filter import Walk, ring, round_tour
 
@@ -42,8 +43,8 @@ def test_what_lies_far_behind_a_short_piece_that_is_seen_flat_is_not_on_it() -> 
     assert look_at(4.0, 0.8, view, 0.0)[0] == UNSEEN
 
 
-def test_a_wall_that_is_cut_divides_its_hits() -> None:
-    """They were copied to both parts and added when these were joined: a wall that was cut for ever had 269 million."""
+def wall_ahead() -> Records:
+    """A wall of 6 m that begins to the right, 1 m before a robot at the origin, and room for three more."""
     edges = np.zeros(4, EDGE)
     edges["link"], edges["label"] = -1, FRONTIER
     wall = edges[0]
@@ -51,6 +52,12 @@ def test_a_wall_that_is_cut_divides_its_hits() -> None:
     wall["seen"], wall["due"] = 9.0, 9.0
     for side, t in enumerate((-3.0, 3.0)):
         set_tip(wall, side, t)
+    return edges
+
+
+def test_a_wall_that_is_cut_divides_its_hits() -> None:
+    """They were copied to both parts and added when these were joined: a wall that was cut for ever had 269 million."""
+    edges = wall_ahead()
     sight = Sight(np.array([[math.radians(70.0), math.radians(110.0), math.inf]]), np.zeros((0, 3)), 3.5, 0.01, 0.0)
     view, count = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), sight, MARGIN_M, 0.01, 0.0), 1
     nobody = Bodies(np.zeros((0, 2)), NO_TEAMMATES, 0.1)
@@ -65,13 +72,8 @@ def test_a_wall_that_is_cut_divides_its_hits() -> None:
 @pytest.mark.parametrize(("seen_through_to", "is_shown"), [(22.0, True), (90.0, False)])
 def test_a_wall_that_was_a_little_too_long_is_shown_on(seen_through_to: float, is_shown: bool) -> None:
     """One of 1 m, hit by 450 scans, was shown no more for 0.13 m, and nothing led the robot back to it."""
-    edges = np.zeros(2, EDGE)
-    edges["link"], edges["label"] = -1, FRONTIER
+    edges = wall_ahead()
     wall = edges[0]
-    wall["kind"], wall["ux"], wall["y"], wall["hits"], wall["xx"] = WALL, -1.0, 1.0, 100.0, 300.0
-    wall["seen"], wall["due"] = 9.0, 9.0
-    for side, t in enumerate((-3.0, 3.0)):
-        set_tip(wall, side, t)
     through = np.array([[math.radians(15.0), math.radians(seen_through_to), math.inf]])
     view = View((0.0, 0.0, 0.0), np.zeros(0, PIECE), Sight(through, np.zeros((0, 3)), 3.5, 0.01, 0.0), 0.02, 0.01, 0.0)
     nobody = Bodies(np.zeros((0, 2)), NO_TEAMMATES, 0.1)
