@@ -14,9 +14,8 @@ from agent.config import AgentConfig
 from agent.cooperation.team import Team
 from agent.corner_scan import BRIDGE_M
 from agent.mapping.drawing import Drawing
-from agent.mapping.submaps.chain import OdometryErrors, Submaps, travelled
+from agent.mapping.submaps.chain import Submaps, travelled
 from agent.mapping.submaps.crossings import overrun_of
-from agent.mapping.submaps.stretches import Constant
 from agent.mapping.submaps.wireframe import wireframe_of
 from agent.mapping.wheels import way_from
 from agent.perception.perceive import Perception
@@ -25,9 +24,9 @@ from protocol.geometry import Pose, compose, pose_of, relative
 from protocol.messages import Event, Heard, LidarSpec, Observation, RobotSpec, Send
 from protocol.wireframe import Wireframe
 
-UNKNOWN_WHEELS = OdometryErrors(scale=Constant(1.0, 0.03), bend=Constant(0.0, 0.09))
-"""In the logs a metre that odometry tells is off by 2 %, 5 % was seen. A straight way is bent so by wheels that err by
-1 % each, 0.16 m apart."""
+ODOMETRY_SCALE_SD = 0.03  # of a metre that odometry tells: by 2 % in the logs, 5 % was seen
+ODOMETRY_BEND_SD = 0.09
+"""rad a metre by which it bends a straight way: of wheels that err by 1 % each, 0.16 m apart."""
 FAR_BRIDGE_M = 2.0
 """Between neighbouring hits of one line, up to which there is wall. A log's lidar of few beams meets walls far ahead
 that sparsely, and without those hits little tells its heading in a corridor. A robot that drives comes near enough to
@@ -51,11 +50,10 @@ WITHOUT_A_BODY = {"discs": False, "ground": False, "time_out_s": 1e9}
 class Passenger:
     """Perception, mapping and cooperation of a robot without its driving."""
 
-    def __init__(self, spec: RobotSpec, config: AgentConfig, odometry: OdometryErrors = UNKNOWN_WHEELS) -> None:
-        """The pose at the first observation is the origin of its frame. config: as by `carried`. odometry: what is
-        known of it before the way."""
+    def __init__(self, spec: RobotSpec, config: AgentConfig) -> None:
+        """The pose at the first observation is the origin of its frame. config: as by `carried`."""
         self.perception = Perception(config.perception, spec, alone=True, bridge_m=_bridge_m(spec.lidar))
-        self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), odometry)
+        self.submaps = Submaps(config.filter.submaps, spec.lidar.half_view(), ODOMETRY_SCALE_SD, ODOMETRY_BEND_SD)
         self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
         self.team = Team(config.cooperation, config.alignment, spec, np.random.default_rng(0))
         self._overrun_m = overrun_of(spec.lidar)

@@ -16,7 +16,6 @@ from warnings import catch_warnings
 import numpy as np
 
 from agent.config import AgentConfig
-from agent.mapping.submaps.chain import OdometryErrors
 from agent.passenger import Passenger
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
@@ -28,10 +27,6 @@ from protocol.messages import EVERYONE, Event, Heard, Observation, OdometrySpec,
 RATES_HZ = 0.01, 100.0  # of a lidar, as a LidarSpec may have them
 AS_TOLD = OdometrySpec(noisy=False)
 """Odometry for whose errors nothing is made ready: how far a log's is off is in `agent.passenger`."""
-LEARN_M = 30.0
-"""Of a log's way, the first metres, which are mapped twice. Wheels that differ by 1 % bend them before anything tells
-that, and their walls stood twice in maps, 0.1 m apart (a drive in `maze-15`: precision 0.94, now 0.99). With 10 m a
-drive in `office` had 0.90, with 30 m 0.93, with 100 m 0.92."""
 MAX_REFERENCE_BYTES = 100_000_000  # a million poses
 
 
@@ -137,8 +132,7 @@ def play(
         lidar = log.lidar.model_copy(update={"rate_hz": 1 / period_s})
         spec = RobotSpec(lidar=lidar, odometry=AS_TOLD, radio_range_m=range_m if gated else None)
         ticks = _ticks((times[k] - begins[k]) / period_s)
-        mind = Passenger(spec, config, _learned(log, spec, config))
-        players.append(Player(f"r{k + 1}", log, mind, ticks, places[k]))
+        players.append(Player(f"r{k + 1}", log, Passenger(spec, config), ticks, places[k]))
     order = sorted((tick, k) for k, player in enumerate(players) for tick in player.ticks)
     for tick, turns in groupby(order, key=lambda turn: turn[0]):
         said = [(k, players[k].step(tick, period_s)) for _, k in turns]
@@ -146,18 +140,6 @@ def play(
             _deliver(tick, players, players[k], sends, range_m)
             progress(players[k].name, players[k].done)
     return players
-
-
-def _learned(log: LidarLog, spec: RobotSpec, config: AgentConfig) -> OdometryErrors:
-    """What is wrong with a log's odometry, as its first metres tell a mind of their own."""
-    mind, way_m, last = Passenger(spec, config), 0.0, log.scans[0].odometry
-    for tick, scan in enumerate(log.scans):
-        way_m += math.dist(scan.odometry[:2], last[:2])
-        if way_m > LEARN_M:
-            break
-        mind.step(_observation(tick, scan, log.scans[0].odometry))
-        last = scan.odometry
-    return mind.submaps.odometry
 
 
 def _ticks(moments: Floats) -> list[int]:

@@ -6,7 +6,7 @@ that is wider than the lidar reaches, nothing else tells.
 
 import math
 
-from agent.mapping.submaps.stretches import Constant, Stretches
+from agent.mapping.submaps.stretches import Stretches
 from protocol.arrays import Floats
 from protocol.geometry import Pose, pose_of, relative, wrapped
 
@@ -16,19 +16,15 @@ HELD_RAD = math.radians(2.0)  # standard deviation up to which walls hold a scan
 class Bend:
     """Radians a metre, as a Gaussian: each stretch between held scans measures it."""
 
-    def __init__(self, first: Constant) -> None:
-        self._stretches = Stretches(first, HELD_RAD)
+    def __init__(self, sd: float) -> None:
+        """sd: about 0 at first; 0 where it is known."""
+        self._stretches = Stretches(0.0, sd, HELD_RAD)
         self._off = self._ahead = 0.0  # rad of turns that odometry does not tell, and metres ahead
 
     @property
     def mean(self) -> float:
         """Radians that are added to the odometry's turn for each metre ahead."""
         return self._stretches.mean
-
-    @property
-    def constant(self) -> Constant:
-        """As it is known now."""
-        return self._stretches.constant
 
     def lose(self) -> None:
         """Nothing tells where the robot looks: a new stretch begins at the next scan that walls hold."""

@@ -7,7 +7,6 @@ the pose graph settles, and one map is merged from their walls.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from agent.mapping.submaps.matching import SAMPLE_SD_M, TRUST, share_beside, til
 from agent.mapping.submaps.merging import united
 from agent.mapping.submaps.pose_graph import Edges, covariances_from, relaxed
 from agent.mapping.submaps.segments import moved, samples_along, segments_in, segments_of
-from agent.mapping.submaps.stretches import Constant
 from agent.mapping.submaps.tracking import track
 from protocol.arrays import Floats, Records
 from protocol.geometry import Pose, apply, compose, inverted, pose_of, relative
@@ -47,16 +45,6 @@ HELD_BY = 2.0
 a loop along it by a fourth of a sample: loops that were believed there were 1.6 to 4.4 m off."""
 
 
-class OdometryErrors(NamedTuple):
-    """What is constantly wrong with a robot's odometry."""
-
-    scale: Constant  # metres of way for a metre that it tells
-    bend: Constant  # rad that it leaves out in each metre ahead
-
-
-EXACT = OdometryErrors(Constant(1.0, 0.0), Constant(0.0, 0.0))
-
-
 def travelled(by: Pose) -> float:
     """Metres of a motion, a turn counting half its radians: by which views and merged scans are told apart."""
     return math.hypot(by[0], by[1]) + 0.5 * abs(by[2])
@@ -65,10 +53,13 @@ def travelled(by: Pose) -> float:
 class Submaps:
     """The chain, and the pose of the robot in it. Frame: the robot's own, in which the first submap lies at zero."""
 
-    def __init__(self, config: SubmapConfig, half_view: float = math.pi, odometry: OdometryErrors = EXACT) -> None:
-        """half_view: rad to either side of the heading that the lidar sees. odometry: as it is known before the way."""
+    def __init__(
+        self, config: SubmapConfig, half_view: float = math.pi, scale_sd: float = 0.0, bend_sd: float = 0.0
+    ) -> None:
+        """half_view: rad to either side of the heading that the lidar sees. scale_sd: of the odometry's metres, as a
+        share. bend_sd: rad a metre by which it bends a straight way."""
         self._config, self._half_view = config, half_view
-        self._length, self._bend = LengthScale(odometry.scale), Bend(odometry.bend)
+        self._length, self._bend = LengthScale(scale_sd), Bend(bend_sd)
         self._window = np.array((config.search_m, config.search_m, math.radians(config.search_deg)))
         self.poses = np.zeros((1, 3))
         """(n, 3) poses of the submaps, the present one's last."""
@@ -104,11 +95,6 @@ class Submaps:
     def pose(self) -> Pose:
         """Of the robot, in its own frame."""
         return compose(pose_of(self.poses[-1]), pose_of(self._local))
-
-    @property
-    def odometry(self) -> OdometryErrors:
-        """As the way has told them so far."""
-        return OdometryErrors(self._length.constant, self._bend.constant)
 
     @property
     def nbytes(self) -> int:

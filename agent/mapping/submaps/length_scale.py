@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from agent.mapping.submaps.stretches import Constant, Stretches
+from agent.mapping.submaps.stretches import Stretches
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative
 
@@ -17,19 +17,15 @@ HELD_M = 0.06  # standard deviation along the way up to which walls hold a scan
 class LengthScale:
     """Metres of way for a metre that odometry tells, as a Gaussian: each stretch between held scans measures it."""
 
-    def __init__(self, first: Constant) -> None:
-        self._stretches = Stretches(first, HELD_M)
+    def __init__(self, sd: float) -> None:
+        """sd: of the scale about 1 at first; 0 where it is known."""
+        self._stretches = Stretches(1.0, sd, HELD_M)
         self._begin()
 
     @property
     def mean(self) -> float:
         """Metres for a metre."""
         return self._stretches.mean
-
-    @property
-    def constant(self) -> Constant:
-        """As it is known now."""
-        return self._stretches.constant
 
     def lose(self) -> None:
         """Nothing tells where the robot is: a new stretch begins at the next scan that walls hold."""

@@ -1,7 +1,6 @@
 """A constant error of odometry, measured by each stretch of way between two scans that walls hold (ours)."""
 
 import math
-from typing import NamedTuple
 
 STRETCH_M = 1.0
 """Of way, at least, that is compared at once. Odometry's error grows as the root of the way: steps of 0.1 m err by a
@@ -11,25 +10,13 @@ LOST_M = 10.0  # of way without a scan that walls hold, after which a new stretc
 SIGMAS = 3.0  # of a measurement's error: what differs by more was matched to another wall, or the wheels slipped
 
 
-class Constant(NamedTuple):
-    """What is known of a constant."""
-
-    mean: float
-    sd: float  # 0 where it is known
-
-
 class Stretches:
     """The constant as a Gaussian, and the stretch under way; sums along that are those of whoever measures it."""
 
-    def __init__(self, first: Constant, held_sd: float) -> None:
-        """first: the constant before any stretch. held_sd: up to which walls hold what is measured."""
-        self.mean, self._variance, self._held = first.mean, first.sd**2, held_sd**2
+    def __init__(self, mean: float, sd: float, held_sd: float) -> None:
+        """sd: of the constant at first; 0 where it is known. held_sd: up to which walls hold what is measured."""
+        self.mean, self._variance, self._held = mean, sd**2, held_sd**2
         self.begin(math.inf)
-
-    @property
-    def constant(self) -> Constant:
-        """As it is known now."""
-        return Constant(self.mean, math.sqrt(self._variance))
 
     @property
     def known(self) -> bool:

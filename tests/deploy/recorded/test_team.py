@@ -3,7 +3,6 @@
 import gzip
 import json
 import math
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,12 @@ import pytest
 from agent.config import AgentConfig
 from agent.passenger import carried
 from deploy.bench.rings import laps, ring
-from deploy.recorded import team
 from deploy.recorded.lidar_log import LidarLog, Scan
 from deploy.recorded.mapping import map_logs
-from deploy.recorded.team import LEARN_M, cut, play, refer
+from deploy.recorded.team import cut, play, refer
 from protocol.arrays import Floats
 from protocol.errors import InputError
-from protocol.geometry import apply, compose, pose_of, relative, wrapped
+from protocol.geometry import apply, pose_of, relative
 from tests.carried import DRIFT, HALF_TURN, observations, outline, ring_corridor
 
 SIDE = 14.0
@@ -75,30 +73,6 @@ def test_logs_of_one_building_merge_where_they_fit(tmp_path: Path) -> None:
     for robot in ("r1", "r2"):
         merged, own = (json.loads((tmp_path / "maps" / f"{robot}{end}.json").read_text()) for end in ("", ".own"))
         assert len(merged["edges"]) >= len(own["edges"]) > 10
-
-
-@pytest.mark.parametrize(("learn_m", "least_deg", "most_deg"), [(0.0, 20.0, 30.0), (LEARN_M, 0.0, 4.0)])
-def test_what_a_log_tells_of_its_wheels_is_known_from_its_first_metre(
-    learn_m: float, least_deg: float, most_deg: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A log begins in the middle of a hall and then goes along its wall, which tells that the wheels bend its way."""
-    monkeypatch.setattr(team, "LEARN_M", learn_m)
-    lidar, hall = HALF_TURN.model_copy(update={"range_max_m": 3.5}), outline((0, 0), (14, 0), (14, 14), (0, 14))
-    poses, bend = [(3.8, 7.0, 0.0)], 0.07
-    for metres, turn in ((6.2, 0.0), (0.0, -0.5 * math.pi), (5.5, 0.0), (0.0, -0.5 * math.pi), (8.0, 0.0)):
-        parts = round(max(metres / 0.2, abs(turn) / 0.1))
-        for _ in range(parts):
-            poses.append(compose(poses[-1], (metres / parts, 0.0, turn / parts)))
-    way = np.array(poses)
-    odometry = [poses[0]]
-    for before, after in pairwise(poses):
-        x, y, turned = relative(before, after)
-        odometry.append(compose(odometry[-1], (x, y, turned - bend * x)))
-    seen = observations(np.array(hall), way, lidar, DRIFT, 1)
-    scans = [Scan(k, float(k), one.scan(), told) for k, (one, told) in enumerate(zip(seen, odometry, strict=True))]
-    (player,) = play([LidarLog(lidar, "hall", scans)], carried(AgentConfig()), 8.0, lambda *_: None)
-    in_the_open = player.mind.path()[:31, 2]
-    assert least_deg <= abs(math.degrees(wrapped(in_the_open[-1] - in_the_open[0]))) <= most_deg
 
 
 def test_without_sharing_maps_are_told_and_nothing_is_made_of_them() -> None:

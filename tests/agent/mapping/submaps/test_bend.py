@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from agent.mapping.submaps.bend import Bend
-from agent.mapping.submaps.stretches import Constant
 from protocol.geometry import compose, pose_of
 
 BENT = 0.08  # rad a metre: wheels that differ by 1.3 %
@@ -16,7 +15,7 @@ MATCH_SD = math.radians(0.3)  # rad that walls know a heading by
 
 def learned(step: float, metres: float = 100.0, held: bool = True, slip: int = 0, sd: float = 0.09) -> float:
     """The bend after so many metres in steps of a way of bends; every so many steps (slip) the robot is turned."""
-    bend, rng = Bend(Constant(0.0, sd)), np.random.default_rng(0)
+    bend, rng = Bend(sd), np.random.default_rng(0)
     prior = np.diag((1e4, 1e4, 1 / (TRUSTED_SD**2 * step + math.radians(0.3) ** 2)))
     walls = np.diag((1e6, 1e6, MATCH_SD**-2 if held else 1e-3))
     true, at = (0.0, 0.0, 0.0), np.zeros(3)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from agent.mapping.submaps.length_scale import LengthScale
-from agent.mapping.submaps.stretches import Constant
 from protocol.arrays import Floats
 from protocol.geometry import compose
 
@@ -19,7 +18,7 @@ DRIFT_SD = 0.03  # m per sqrt(m) by which odometry errs
 
 def learned(step: float, walls: Floats = HELD, turn: float = 0.3, slip: int = 0, sd: float = 0.03) -> float:
     """The scale after 200 m in steps, m, that turn by so many radians a metre; every so many (slip) goes nowhere."""
-    scale, rng = LengthScale(Constant(1.0, sd)), np.random.default_rng(0)
+    scale, rng = LengthScale(sd), np.random.default_rng(0)
     still = 0.01
     prior = np.diag((1 / (PLACE_SD**2 * step + still**2), 1 / (PLACE_SD**2 * step + still**2), 1e4))
     true, at = (0.0, 0.0, 0.0), np.zeros(3)
@@ -51,7 +50,7 @@ def test_where_no_wall_holds_a_scan_along_the_way_nothing_is_learned() -> None:
 
 
 def test_what_happened_while_the_place_was_lost_tells_no_length() -> None:
-    scale, prior = LengthScale(Constant(1.0, 0.03)), np.diag((100.0, 100.0, 1e4))
+    scale, prior = LengthScale(0.03), np.diag((100.0, 100.0, 1e4))
     for k in range(40):
         before, after = np.array((k, 0.0, 0.0)), np.array((k + 0.9, 0.0, 0.0))
         scale.learn((1.0, 0.0, 0.0), before, after, prior, prior + HELD)
