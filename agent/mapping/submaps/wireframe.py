@@ -10,6 +10,7 @@ from agent.geometry.chains import chained
 from agent.geometry.lines import MIN_CORNER_SINE, meet
 from agent.kernels import kernel
 from agent.mapping.edges import CONFIRMATIONS, EDGE, WALL
+from agent.mapping.submaps.board_tips import with_tips
 from agent.mapping.submaps.crossings import CORNER_M, ended
 from agent.mapping.submaps.segments import tips_of
 from agent.mapping.submaps.smears import lie_across, stand_before, stand_once
@@ -39,16 +40,19 @@ def joined(walls: Records, overrun_m: float = 0.0) -> Joined:
     walls = _longest_first(walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)])
     walls = walls[stand_once(walls)]
     if overrun_m > 0.0:
-        walls = _longest_first(ended(walls[~stand_before(walls)], overrun_m))
-        walls = walls[~lie_across(walls, overrun_m)]
+        walls = walls[~stand_before(walls) & ~lie_across(walls, overrun_m)]
+        walls = _longest_first(ended(walls, overrun_m))
     while True:
         tips, following = tips_of(walls), np.full(len(walls), -1)
+        shown = walls
         if len(walls):
             following = _followers(tips)
-            _meet_at_corners(walls, tips, following)
-        too_many = 2 * len(walls) - int((following >= 0).sum()) - MAX_TOLD
+            if overrun_m > 0.0:
+                shown, tips, following = with_tips(walls, tips, following)
+            _meet_at_corners(shown, tips, following)
+        too_many = 2 * len(shown) - int((following >= 0).sum()) - MAX_TOLD
         if too_many <= 0:
-            return Joined(walls, tips, following)
+            return Joined(shown, tips, following)
         walls = walls[: len(walls) - max(1, too_many // 2)]
 
 

@@ -1,8 +1,11 @@
 """What noise draws beside walls, before them and across them is none; what is built there stays."""
 
+import math
+
 import numpy as np
 import pytest
 
+from agent.mapping.submaps.segments import moved
 from agent.mapping.submaps.smears import lie_across
 from agent.mapping.submaps.wireframe import wireframe_of
 from tests.agent.mapping.submaps.test_chain import segments
@@ -10,23 +13,38 @@ from tests.agent.mapping.submaps.test_chain import segments
 OVERRUN_M = 0.3
 
 
+def across(turn_deg: float, before: float = 0.5, size: float = 0.4) -> tuple[float, float, float, float]:
+    """A line across a wall along x, turned by so much against it, with that share of it before the wall."""
+    x, y = size * math.cos(math.radians(turn_deg)), size * math.sin(math.radians(turn_deg))
+    return 3.0 - before * x, before * y, 3.0 + (1 - before) * x, -(1 - before) * y
+
+
 @pytest.mark.parametrize(
     ("line", "times", "is_smear"),
     [
-        ((3.0, 0.1, 3.3, -0.1), 4.0, True),
-        ((3.0, 0.1, 3.3, -0.1), 3.9, False),  # seen too often
-        ((3.1, 0.1, 3.1, -0.1), 4.0, False),  # square: the face of a partition's tip
-        ((3.0, 0.2, 3.3, 0.05), 4.0, False),  # before the wall
-        ((2.8, 0.2, 3.4, -0.1), 4.0, False),  # longer than noise draws
-        ((5.9, 0.1, 6.2, -0.1), 4.0, False),  # past the wall's end
+        (across(40.0), 4.0, True),
+        (across(40.0), 3.9, False),  # seen too often
+        (across(65.0), 4.0, True),
+        (across(75.0), 4.0, False),  # square: the face of a partition's tip
+        (across(40.0, 0.85), 4.0, True),
+        (across(40.0, 0.95), 4.0, False),  # runs on past the wall
+        (across(40.0, 0.05), 4.0, False),
+        (across(40.0, 0.5, 0.59), 4.0, True),
+        (across(40.0, 0.5, 0.61), 4.0, False),  # longer than noise draws
+        ((2.0, 0.4, 2.3, 0.2), 4.0, False),  # before the wall
+        ((5.9, 0.1, 6.2, -0.1), 4.0, False),  # past its end
     ],
 )
-def test_a_line_obliquely_across_a_wall_that_was_seen_more_often_is_a_smear(
+def test_a_line_obliquely_across_a_wall_that_was_seen_more_often_is_none(
     line: tuple[float, float, float, float], times: float, is_smear: bool
 ) -> None:
-    for walls in (segments((0, 0, 6, 0), line), segments((0, 0, 6, 0), line)[::-1]):
-        walls["hits"] = (walls["high"] - walls["low"]) * np.where(walls["high"] - walls["low"] > 1, times, 1.0)
-        assert lie_across(walls, OVERRUN_M).tolist() == [is_smear and wall["high"] < 1.0 for wall in walls]
+    walls = segments((0, 0, 6, 0), line)
+    walls["hits"][0] *= times + 1e-9
+    for turn in np.arange(0.0, 6.3, 0.3):
+        turned = moved(walls, np.array((1.0, -2.0, turn)))
+        assert lie_across(turned, OVERRUN_M).tolist() == [False, is_smear]
+        assert lie_across(turned[::-1].copy(), OVERRUN_M).tolist() == [is_smear, False]
+        assert len(wireframe_of(turned, OVERRUN_M).edges) == 2 - is_smear
 
 
 @pytest.mark.parametrize(
