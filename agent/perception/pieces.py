@@ -107,10 +107,10 @@ def _with_corners(scan: RangeScan, cuts: Ints, ends: Ints, totals: Floats, worth
         for side in range(2):
             p = pieces[k]
             if p.label[side] != NOMINAL:
-                p.label[side], decided = _predicted_label(scan, ends[k, side], side, totals[k])
+                p.label[side], decided, beyond = _predicted_label(scan, ends[k, side], side, totals[k])
                 if p.label[side] == OCCLUSION:  # it may lie anywhere up to the ray that shows its wall's absence
                     p.face[side] = _on_small_face(p, scan, ends[k, side], side)
-                    p.slack[side] = abs(_on_ray(p, scan.beams, decided) - p.end[side])
+                    p.slack[side] = abs(_on_ray(p, scan.beams, beyond) - p.end[side])
                     p.stray[side] = scan.grows and _is_stray(p, scan, decided, side)
     return pieces
 
@@ -385,12 +385,13 @@ def _beyond(piece: Record, scan: RangeScan, beam: int) -> float:
 
 
 @kernel
-def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tuple[int, int]:
-    """Label by prediction of a piece's end at a beam that is no corner, and the beam that its wall does not reach.
+def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tuple[int, int, int]:
+    """Label by prediction of a piece's end at a beam that is no corner, the beam that decided, and the first beam that
+    the wall does not reach.
 
     The fitted line is prolonged to the next beam: if that went farther, the wall ends before it; if it hit
-    something nearer, or nothing could be seen there, the wall is merely hidden or out of range. Where a beam may have
-    dropped out, a second one has to confirm that the wall is not there, but it is the first that shows how far it goes.
+    something nearer, or nothing could be seen there, the wall is merely hidden or out of range. A silent beam that may
+    have dropped out decides nothing, but once another has, it shows how far the wall goes.
     """
     beams, n = scan.beams, len(scan.hidden)
     a, b, _ = fit_line(sums)
@@ -402,22 +403,24 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
         away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
         u = (a * c + b * s) / away if away > 0.0 else 0.0  # 1 / range at which the beam meets the line
         if scan.hidden[k] or u <= 1.0 / scan.range_max:
-            return FRONTIER, k
+            return FRONTIER, k, k
         predicted = 1.0 / u
         spread = predicted**2 * math.sqrt((c * c * sums[2] - 2 * c * s * sums[1] + s * s * sums[0]) / det)
         sd = math.hypot(noise, spread)
         r = beams.ranges[k]
         if not math.isfinite(r):
             if predicted > scan.range_max - EDGE_OF_RANGE_SIGMAS * sd:
-                return FRONTIER, k
+                return FRONTIER, k, k
             silent += 1
             first_silent = k if silent == 1 else first_silent
             if silent == scan.silence:
-                return OCCLUSION, first_silent
+                return OCCLUSION, k, first_silent
         elif r > predicted + NOISE_SIGMAS * sd:
-            return OCCLUSION, first_silent if silent else k
+            return OCCLUSION, k, first_silent if silent else k
         elif r < predicted - NOISE_SIGMAS * sd:
             apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(beams.step), 0.0))
             # a hit no nearer than the beams are apart is where something meets the wall, and ends it
-            return (OCCLUSION if ahead == 1 and predicted - r < apart else FRONTIER), k
-    return FRONTIER, k
+            return (OCCLUSION if ahead == 1 and predicted - r < apart else FRONTIER), k, k
+        else:
+            silent = 0
+    return FRONTIER, k, k

@@ -1,6 +1,7 @@
 """Perception against the truth: corners within noise, ends labelled by what the wall does, teammates left out."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import shapely
 from agent.corner_scan import CornerScan, to_map_frame
 from agent.perception.config import Segmentation
 from agent.perception.perceive import Foreseen, perceive
-from protocol.arrays import Floats
+from protocol.arrays import Floats, Records
 from protocol.geometry import pose_of
 from protocol.messages import RobotSpec
 from protocol.wireframe import Label
@@ -305,16 +306,37 @@ def test_a_far_piece_shows_where_it_ends_however_noisy_its_beams_are() -> None:
         assert (np.abs(piece["end"]) < 0.16).all() and (np.abs(piece["end"]) + piece["slack"] > 0.14).all()
 
 
-@pytest.mark.parametrize("dropout", [0.0, 0.02])
-def test_a_wall_ends_before_the_first_beam_from_which_nothing_came_back(dropout: float) -> None:
-    """Where one may have dropped out, it takes two to tell; ends seemed 0.24 of their slack too far out so, and a
-    corridor with doors came out 1 % too short."""
+def seen_from_the_middle(dropout: float, past: Callable[[Floats], None]) -> Records:
+    """Pieces of a panel of 0.3 m, 2.5 m away; `past` sets the ranges of the beams past its head, from the next on."""
     bearings = ideal_spec().lidar.bearings() - 0.5 * math.pi
     panel = np.where(np.abs(2.5 * np.tan(bearings)) < 0.15, 2.5 / np.cos(bearings), np.inf)
     panel[panel < 0] = np.inf
-    piece = perceive(panel, ideal_spec(lidar=ideal_lidar(dropout=dropout)), alone=True).pieces[0]
+    past(panel[np.flatnonzero(np.isfinite(panel))[-1] + 1 :])
+    lidar = ideal_lidar(dropout=dropout, noise_share=0.0175)
+    return perceive(panel, ideal_spec(lidar=lidar), alone=True).pieces
+
+
+@pytest.mark.parametrize("farther", [False, True])
+@pytest.mark.parametrize("dropout", [0.0, 0.02])
+def test_a_wall_ends_before_the_first_beam_from_which_nothing_came_back(dropout: float, farther: bool) -> None:
+    """Where one may have dropped out, it takes two to tell; ends seemed 0.24 of their slack too far out so, and a
+    corridor with doors came out 1 % too short."""
+
+    def past(ranges: Floats) -> None:
+        if farther:
+            ranges[1] = 3.3
+
+    piece = seen_from_the_middle(dropout, past)[0]
     assert set(piece["label"].tolist()) == {int(Label.OCCLUSION)}
     assert (piece["slack"] < 1.05 * 2.5 * BEAM).all() and (piece["slack"] > 0.0).all()
+
+
+def test_a_stray_beam_is_one_too_after_one_that_may_have_dropped_out() -> None:
+    def past(ranges: Floats) -> None:
+        ranges[1], ranges[2:8] = 2.5 + 5.5 * 0.0175 * 2.5, 2.52
+
+    first = seen_from_the_middle(0.02, past)[0]
+    assert first["stray"].tolist() == [0, 1] and (first["slack"] < 1.05 * 2.5 * BEAM).all()
 
 
 def test_ends_in_the_middle_of_a_wall_are_known_as_strays() -> None:
