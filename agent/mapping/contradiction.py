@@ -34,7 +34,7 @@ SIDE_BY_SIDE = 0.5  # cosine of 60 degrees: of two walls that meet at less, one 
 BESIDE_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 CUT_AFTER = 3.0  # scans that see through the same part of a wall before it is cut out
-MOST = 0.75
+SHOWN_SHARE = 0.75
 """Share of a wall that must be left for it to be the same one, only shorter, and shown on. One of 1 m, hit by 450
 scans, was shown no more, as it had been 0.13 m too long, and the way back to it had been given up."""
 DROP_AFTER = 8.0  # scans in a row that should have hit a wall on probation and did not, before it is removed
@@ -194,5 +194,5 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
     side, left = 1 if keep_tail else 0, (low - tail if keep_tail else head - high) / size
     part(edges, e, side)
     keep_share(edges[e], left)
-    open_end(edges[e], side, low if keep_tail else high, doubtful=left < MOST)
+    open_end(edges[e], side, low if keep_tail else high, doubtful=left < SHOWN_SHARE)
     return count

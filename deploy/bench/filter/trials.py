@@ -26,7 +26,7 @@ SCOPES = ("all", "half with the best", "half without the best")
 WITHIN = 50  # scans that see the place, within which a fault must go
 STAYS = 10  # scans that see the place for which the map must stay right
 SOON = 300  # scans in which the place must first be seen: one simulated minute, so that trials are not all waiting
-NO_WALL = np.zeros(2)
+NO_WALL = np.zeros(2)  # the normal of a place that lies beside no wall
 DRAWS = 4000  # places drawn for one trial before it is given up
 
 

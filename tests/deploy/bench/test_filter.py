@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from deploy.bench.filter import trials
 from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import HERE, ScanRecording, record
@@ -93,9 +94,20 @@ def test_scans_that_see_a_moved_corner_see_both_of_its_walls_no_flatter_than_the
         assert ((away * fault.normals).sum(1) > math.sin(GRAZING_RAD) * np.hypot(*away.T)).all()
 
 
-def test_trials_that_find_no_place_until_the_end_are_made_on_the_way_back() -> None:
-    found = measure_faults("apartment", trials=4, particles=None, scopes=["all"], limit_s=40.0)["found"]
-    assert {kind: len(some["all"]) for kind, some in found.items()} == dict.fromkeys(KINDS, 4)
+def test_trials_that_find_no_place_until_the_end_are_made_on_the_way_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+
+    def draw(kind: str, mind: object, run: ScanRecording, tick: int, rng: object) -> tuple[Fault, np.ndarray] | None:
+        if tick < len(run.scans):
+            return None
+        made.append(tick)
+        nothing, right = np.zeros((0, 2)), lambda wireframe: True
+        return Fault(np.zeros(2), nothing, nothing, lambda edges, count: count, right), np.ones(len(run.scans), bool)
+
+    monkeypatch.setattr(trials, "_draw_seen", draw)
+    found = measure_faults("apartment", trials=3, particles=None, scopes=["all"], limit_s=40.0)["found"]
+    assert {kind: len(some["all"]) for kind, some in found.items()} == dict.fromkeys(KINDS, 3)
+    assert set(made) == {201}  # the first tick after a drive of 40 s
 
 
 def assert_sound(edges: np.ndarray[Any, Any]) -> None:
