@@ -386,7 +386,8 @@ def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, places: Floats,
                 before -= 1
             while after - end < n and hidden[after % n] and not beside[after % n]:
                 after += 1
-            one, other = beside[before % n], beside[after % n]
+            one = beside[before % n] and far[before % n] < far[first]  # else it hides nothing of this
+            other = beside[after % n] and far[after % n] < far[last % n]
             # behind something nearer that is no teammate it may go on
             free = (one or far[before % n] > far[first]) and (other or far[after % n] > far[last % n])
             middle = (first + last) // 2 % n

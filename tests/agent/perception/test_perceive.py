@@ -211,6 +211,14 @@ def test_a_teammate_that_peeps_out_behind_another_one_is_no_wall(away: float) ->
         assert all(abs(piece["x"] - 2.5) < 0.05 for piece in scan.pieces), aside
 
 
+@pytest.mark.parametrize("aside", [0.0, 0.06, 0.12])
+def test_a_post_before_a_teammate_is_a_wall(aside: float) -> None:
+    """It was taken for one that peeps out, and two robots of a hundred teams drove into a post."""
+    post, mate = (0.2, aside + 0.05, 0.2, aside - 0.05), np.array([(1.25, 0.0, 0.105)])
+    scan = view([(2.5, -3, 2.5, 3), post], noise=0.01, discs=mate, before=mate)
+    assert (np.abs(scan.pieces["x"] - 0.2) < 0.03).any()
+
+
 def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_says_that_it_is() -> None:
     spec, rng = ideal_lidar(noise_m=0.01), np.random.default_rng(0)
     lidar, taken = Lidar(np.array([(1.0, 0.0, 1.0, -3.0), (3.0, 3.0, 3.0, -3.0)]), spec), 0
