@@ -19,7 +19,7 @@ from protocol.messages import Observation
     ("world", "seed", "limit_s", "spec"),
     [
         (traced(2), 0, 30.0, IDEAL),  # half turns that shift all walls by centimetres were accepted after 8 and 10 s
-        (traced(3), 2, 30.0, IDEAL),  # after 3 and 6 s
+        (traced(3), 2, 45.0, IDEAL),  # after 3 and 6 s; the right ones after 33 s
         (traced(2), 0, 30.0, REAL),
         (traced(3), 2, 60.0, REAL),
         # a quarter turn that only a post tells, at 80 s
