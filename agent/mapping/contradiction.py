@@ -23,6 +23,7 @@ from agent.mapping.edges import (
     keep_share,
     open_end,
     part,
+    put_on_probation,
     related,
     remove,
     tip_at,
@@ -194,5 +195,9 @@ def _cut_gap(edges: Records, count: int, e: int, low: float, high: float, sample
     side, left = 1 if keep_tail else 0, (low - tail if keep_tail else head - high) / size
     part(edges, e, side)
     keep_share(edges[e], left)
-    open_end(edges[e], side, low if keep_tail else high, doubtful=left < SHOWN_SHARE)
+    open_end(edges[e], side, low if keep_tail else high)
+    if left < SHOWN_SHARE:
+        doubt(edges[e])
+    else:
+        put_on_probation(edges[e])
     return count

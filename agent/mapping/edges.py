@@ -277,14 +277,10 @@ def doubt(e: Record) -> None:
 
 
 @kernel
-def open_end(e: Record, side: int, t: float, doubtful: bool) -> None:
-    """Let a wall end at coordinate t by a frontier, on probation. doubtful: whether it is no more shown until then."""
+def open_end(e: Record, side: int, t: float) -> None:
+    """Let a wall end at coordinate t by a frontier."""
     set_end(e, side, FRONTIER, 0.0, 0.0)
     set_tip(e, side, t)
-    if doubtful:
-        doubt(e)
-    else:
-        put_on_probation(e)
 
 
 @kernel
@@ -303,12 +299,10 @@ def cut_out(edges: Records, count: int, e: int, low: float, high: float) -> tupl
             edges[e].link[1] = -1
         edges[f].link[0] = -1
         keep_share(edges[f], (head - high) / (head - tail))
-        set_end(edges[f], 0, FRONTIER, 0.0, 0.0)
-        set_tip(edges[f], 0, high)
+        open_end(edges[f], 0, high)
     part(edges, e, 1)
     keep_share(edges[e], (low - tail) / (head - tail))
-    set_end(edges[e], 1, FRONTIER, 0.0, 0.0)
-    set_tip(edges[e], 1, low)
+    open_end(edges[e], 1, low)
     return f, count
 
 

@@ -358,9 +358,9 @@ def peeping_beams(beams: Beams, hidden: Bools, teammates: Bools, places: Floats,
     """(n,) which beams end on something narrower than a body, where a teammate may be.
 
     Of a teammate that is far off, or behind another one or a corner, too little is seen for a disc. In a crowd such
-    pieces became walls, which kept the crowd together, as all came to look at them. So what stands free beside beams on
-    teammates (n,) is none, nor what is where one may be that is not seen itself: places (k, 3) centre and slack,
-    metres. hidden: (n,) beams that are left out already.
+    pieces became walls, which kept the crowd together, as all came to look at them. So what stands free beside nearer
+    beams on teammates (n,) is none, nor what is where one may be that is not seen itself: places (k, 3) centre and
+    slack, metres. hidden: (n,) beams that are left out already.
     """
     n, out, beside = len(hidden), np.zeros(len(hidden), np.bool_), teammates.copy()
     if not teammates.any() and not len(places):

@@ -396,9 +396,9 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
     beams, n = scan.beams, len(scan.hidden)
     a, b, _ = fit_line(sums)
     det = sums[0] * sums[2] - sums[1] * sums[1]
-    silent, first_silent, before, noise = 0, -1, beams.ranges[beam % n], scan.noise[beam % n]
+    step, silent, before, noise = 2 * side - 1, 0, beams.ranges[beam % n], scan.noise[beam % n]
     for ahead in range(1, LOOK_PAST + 1):
-        k = (beam + (2 * side - 1) * ahead) % n
+        k = (beam + step * ahead) % n
         c, s = beams.directions[k, 0], beams.directions[k, 1]
         away = 1.0 - a * beams.origins[k, 0] - b * beams.origins[k, 1]  # 0 on the line, 1 at the robot
         u = (a * c + b * s) / away if away > 0.0 else 0.0  # 1 / range at which the beam meets the line
@@ -412,11 +412,10 @@ def _predicted_label(scan: RangeScan, beam: int, side: int, sums: Floats) -> tup
             if predicted > scan.range_max - EDGE_OF_RANGE_SIGMAS * sd:
                 return FRONTIER, k, k
             silent += 1
-            first_silent = k if silent == 1 else first_silent
             if silent == scan.silence:
-                return OCCLUSION, k, first_silent
+                return OCCLUSION, k, (k - step * (silent - 1)) % n
         elif r > predicted + NOISE_SIGMAS * sd:
-            return OCCLUSION, k, first_silent if silent else k
+            return OCCLUSION, k, (k - step * silent) % n
         elif r < predicted - NOISE_SIGMAS * sd:
             apart = math.sqrt(max(predicted**2 + before**2 - 2 * predicted * before * math.cos(beams.step), 0.0))
             # a hit no nearer than the beams are apart is where something meets the wall, and ends it
