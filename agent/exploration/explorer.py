@@ -245,6 +245,7 @@ class Explorer:
             left, swept = self.sweep.left(target.task.samples, scene.here[None], NO_EYES, scene.walls)
             if swept:
                 self.viewpoints.keep(scene.tick, scene.here, 0.0)
+                self.sweep.leave(left)
                 self.target = None
                 return
             if moved_on:

@@ -31,6 +31,14 @@ class Lattice(NamedTuple):
         row, column = np.nonzero(chosen)
         return np.stack((self.xs[column], self.ys[row]), 1)
 
+    def places(self, points: Floats) -> tuple[Ints, Ints]:
+        """Rows and columns of those of its samples that are among points (n, 2), samples of the same step."""
+        if not self.xs.size or not self.ys.size:
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        column, row = np.rint((points - (self.xs[0], self.ys[0])) / self.step).astype(np.int64).T
+        held = (column >= 0) & (column < len(self.xs)) & (row >= 0) & (row < len(self.ys))
+        return row[held], column[held]
+
 
 def lattice_between(low: Floats, high: Floats, step: float) -> Lattice:
     """The lattice between two corners (2,)."""
@@ -44,8 +52,7 @@ def marked(points: Floats, step: float) -> tuple[Lattice, Bools]:
         return Lattice(np.zeros(0), np.zeros(0), step), np.zeros((0, 0), np.bool_)
     lattice = lattice_between(points.min(0) - 0.5 * step, points.max(0) + 0.5 * step, step)
     chosen = np.zeros((len(lattice.ys), len(lattice.xs)), np.bool_)
-    column, row = np.rint((points - (lattice.xs[0], lattice.ys[0])) / step).astype(np.int64).T
-    chosen[row, column] = True
+    chosen[lattice.places(points)] = True
     return lattice, chosen
 
 
