@@ -221,3 +221,15 @@ def test_what_poses_see_within_the_radius_is_no_longer_unseen():
     shown = np.vstack([task.samples for task in tasks])
     assert len(np.unique(shown, axis=0)) >= len(unseen) - 5 * LEAST_SAMPLES
     assert (roads.standable(np.array([task.stand for task in tasks]))).all()
+
+
+def test_what_a_sweep_has_left_stays_left_where_a_wall_moves():
+    """A sample that lay on the wall, with the two that were left, would make a sliver one to go for."""
+    sweep, eyes = Sweep(0.1, ideal_lidar()), looked_from(np.array([[0.1, 0.15]]))
+    before, after = chain(room(3.05, 0.295)), chain(room(3.05, 0.305))
+    left = sweep.unseen(before, eyes)
+    assert len(left) == LEAST_SAMPLES - 1
+    assert len(sweep.unseen(after, eyes)) == LEAST_SAMPLES
+    sweep.leave(left)
+    assert len(sweep.unseen(after, eyes)) == 1
+    assert not len(sweep.unseen(chain(room(1.0, 0.3)), eyes))  # a map that holds none of them any more
