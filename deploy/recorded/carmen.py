@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from deploy.recorded.ceiling import find_ceiling
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
 from deploy.recorded.revolution import Revolution, unroll
@@ -30,7 +31,7 @@ MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and p
 MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
 MAX_HEAD = 1 << 24  # of text before the first scan: settings are some kB, three hours of other lines are this
 MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, but two ways of counting poses
-SICK_RANGE_M = 80.0  # FLASER lines tell no range: a SICK LMS gives 81.83 m where nothing came back
+SICK_RANGE_M = 80.0  # FLASER lines tell no range (`ceiling.py`): most SICKs give 81.83 m where nothing came back
 NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
 
 CUT = "lines that are cut or hold no numbers"
@@ -87,6 +88,8 @@ def _read(file: Path, given: Given) -> LidarLog:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     if log is None or not log.scans:
         raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
+    if kind == FLASER and given.range_max_m is None:
+        find_ceiling(log)
     unroll(log, told, given.revolution_s)
     measured_noise(log)
     log.note_odd()

@@ -76,6 +76,26 @@ def test_readings_that_are_no_ranges_say_nothing_or_nothing_there(tmp_path: Path
     assert ranges[6] == 3.5
 
 
+@pytest.mark.parametrize("nothing", ["51.15", "32.767", "3.5"])
+def test_what_a_lidar_tells_where_nothing_came_back_is_no_hit(tmp_path: Path, nothing: str) -> None:
+    """A FLASER line does not say what that is; it is where readings pile up at the log's largest."""
+    room = [f"{1 + 0.01 * k:.2f}" for k in range(170)]
+    file = log(tmp_path, *(flaser(k, readings=[*room, *10 * [nothing]]) for k in range(3)))
+    read = read_carmen(file, Given())
+    ranges = read.scans[2].ranges
+    assert np.isposinf(ranges[170:]).all() and np.isfinite(ranges[:170]).all()
+    assert 2.6 < read.lidar.range_max_m < float(nothing)
+    assert len(read.notes) == 1 and read.notes[0].startswith("30 readings of ")
+    assert np.isfinite(read_carmen(file, Given(range_max_m=80.0)).scans[2].ranges).all()  # told by who knows it
+
+
+@pytest.mark.parametrize("far", ["5", "6.1 6.2 6.3 6.4 6.5 6.6 6.7 6.8 6.9 7.0", "60 55.1 55.2 55.3"])
+def test_the_farthest_wall_of_a_log_is_a_hit(tmp_path: Path, far: str) -> None:
+    readings = (far.split() * 180)[:180]
+    read = read_carmen(log(tmp_path, *(flaser(k, readings=readings) for k in range(3))), Given())
+    assert all(np.isfinite(scan.ranges).all() for scan in read.scans) and not read.notes
+
+
 def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0) -> str:
     head = f"ROBOTLASER1 0 -1.57 3.14 {step} {limit} 0.01 0 180"
     return f"{head} {'3 ' * 180}0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
