@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 
-from agent.geometry.clearance import walls_near
+from agent.geometry.clearance import to_wall2, walls_near
 from agent.geometry.visibility import hidden_by
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
@@ -109,6 +109,20 @@ def _inside(lattice: Lattice, sides: Floats) -> Bools:
             odd ^= out[row, column]
             out[row, column] = odd and not on_side[row, column]
     return out
+
+
+@kernel
+def take_beside(left: Bools, lattice: Lattice, walls: Floats, off_m: float) -> None:
+    """Take out of `left` (r, c) the samples that are nearer than off_m to any of walls (m, 4)."""
+    xs, ys, _ = lattice
+    for k in range(len(walls)):
+        ax, ay, bx, by = walls[k]
+        first, end = np.searchsorted(ys, np.array((min(ay, by) - off_m, max(ay, by) + off_m)))
+        begin, stop = np.searchsorted(xs, np.array((min(ax, bx) - off_m, max(ax, bx) + off_m)))
+        for row in range(first, end):
+            for column in range(begin, stop):
+                if left[row, column] and to_wall2(xs[column], ys[row], ax, ay, bx, by) < off_m * off_m:
+                    left[row, column] = False
 
 
 @kernel

@@ -12,7 +12,7 @@ import shapely
 
 from agent.exploration.agenda import Task
 from agent.exploration.frontiers import open_ends
-from agent.exploration.lattice import Lattice, inside, lattice_between, marked, take_seen
+from agent.exploration.lattice import Lattice, inside, lattice_between, marked, take_beside, take_seen
 from agent.exploration.planning import Roads
 from agent.geometry.clearance import walls_near
 from agent.geometry.visibility import hidden_by
@@ -175,6 +175,7 @@ class Sweep:
         a crowd whose map was whole went to look at such corners for 400 s. So its eyes count for one sample more.
         """
         left[lattice.places(self._slivers)] = False
+        take_beside(left, lattice, walls, 0.5 * self.sample_m)
         take_seen(left, lattice, own, walls, self.radius, 0.0)
         take_seen(left, lattice, teammates, walls, self.radius + self.sample_m, 0.0)
 

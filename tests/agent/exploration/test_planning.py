@@ -224,12 +224,18 @@ def test_what_poses_see_within_the_radius_is_no_longer_unseen():
 
 
 def test_what_a_sweep_has_left_stays_left_where_a_wall_moves():
-    """A sample that lay on the wall, with the two that were left, would make a sliver one to go for."""
+    """A sample that was too near to the wall, with the two that were left, would make a sliver one to go for."""
     sweep, eyes = Sweep(0.1, ideal_lidar()), looked_from(np.array([[0.1, 0.15]]))
-    before, after = chain(room(3.05, 0.295)), chain(room(3.05, 0.305))
+    before, after = chain(room(3.06, 0.345)), chain(room(3.06, 0.355))
     left = sweep.unseen(before, eyes)
     assert len(left) == LEAST_SAMPLES - 1
     assert len(sweep.unseen(after, eyes)) == LEAST_SAMPLES
     sweep.leave(left)
     assert len(sweep.unseen(after, eyes)) == 1
     assert not len(sweep.unseen(chain(room(1.0, 0.3)), eyes))  # a map that holds none of them any more
+
+
+def test_nothing_is_unseen_where_no_middle_of_the_smallest_object_can_be():
+    """The corners of a room are full of samples that are nearer to a wall than half of such an object."""
+    unseen = Sweep(0.1, ideal_lidar()).unseen(chain(room(4.02, 4.02)), looked_from(np.array([[2.0, 0.3]])))
+    assert len(unseen) and 0.09 < unseen.min() and unseen.max() < 3.95  # 4.0 is 2 cm before the wall
