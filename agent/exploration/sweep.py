@@ -142,8 +142,8 @@ class Sweep:
         """Distance in metres at which the smallest object gets enough beams to be seen."""
         self._stood: list[tuple[float, float]] = []
         self._slivers = np.zeros((0, 2))
-        """(s, 2) samples that sweeps have left: too few to go for. A wall that moved by 5 mm had one more before it, and
-        a robot drove the same 20 m again (maze of 20 m, seed 41 of `bench exploration`)."""
+        """(s, 2) samples that sweeps have left, as too few to go for. A wall that moved by 5 mm had one more before it,
+        and a robot drove the same 20 m again (maze of 20 m, seed 41 of `bench exploration`)."""
 
     def unseen(self, wireframe: Wireframe, viewpoints: Viewpoints) -> Floats:
         """Samples (n, 2) of the free area that nobody has seen from within the radius."""

@@ -1,6 +1,7 @@
 """The wireframe of the walls of submaps: sure and long enough ones, once each, with corners where ends meet (ours)."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -24,41 +25,21 @@ HITS = 1.0  # that a wall of submaps is worth: 1 cm
 
 
 class Joined(NamedTuple):
-    """Walls of a map, longest first."""
+    """Walls of a map, longest first, and the faces between them."""
 
     walls: Records  # (n,) of SEGMENT
     tips: Floats  # (n, 2, 2) tail and head, m
     following: Ints  # (n,) the wall whose tail is this one's head, or -1
 
 
-def joined(walls: Records, overrun_m: float = 0.0) -> Joined:
-    """What is sure of merged segments (n,) of SEGMENT, in their frame: each wall once.
-
-    The shortest are left away, so that the radio can tell the map. overrun_m: how far walls run on past where they end,
-    as of `overrun_of`; 0: they are left as they are, for scans that follow to put right.
-    """
-    walls = _longest_first(walls[(walls["seen"] >= SEEN) & (walls["high"] - walls["low"] >= LENGTH_M)])
-    walls = walls[stand_once(walls)]
-    if overrun_m > 0.0:
-        walls = walls[~stand_before(walls) & ~lie_across(walls, overrun_m)]
-        walls = _longest_first(ended(walls, overrun_m))
-    while True:
-        tips, following = tips_of(walls), np.full(len(walls), -1)
-        shown = walls
-        if len(walls):
-            following = _followers(tips)
-            if overrun_m > 0.0:
-                shown, tips, following = with_tips(walls, tips, following)
-            _meet_at_corners(shown, tips, following)
-        too_many = 2 * len(shown) - int((following >= 0).sum()) - MAX_TOLD
-        if too_many <= 0:
-            return Joined(shown, tips, following)
-        walls = walls[: len(walls) - max(1, too_many // 2)]
-
-
 def wireframe_of(segments: Records, overrun_m: float) -> Wireframe:
-    """The map of merged segments (n,) of SEGMENT, in their frame; overrun_m: as of `joined`."""
-    walls, tips, following = joined(segments, overrun_m)
+    """The map of merged segments (n,) of SEGMENT, in their frame: no scan follows that would put it right.
+
+    overrun_m: how far walls run on past where they end, as of `overrun_of`.
+    """
+    walls = _sure(segments)
+    walls = walls[~stand_before(walls) & ~lie_across(walls, overrun_m)]
+    walls, tips, following = _joined(_longest_first(ended(walls, overrun_m)), with_tips)
     points, labels, edges = chained(tips, _labels(following), following)
     likelihood = (walls["seen"] / (walls["seen"] + 1)).astype(np.float32)
     return Wireframe(points, labels, edges, likelihood, np.ones(len(walls), np.bool_))
@@ -70,7 +51,7 @@ def records_of(segments: Records) -> Records:
     Its corners follow their lines, so walls whose lines hardly cross have none. The next scans tell where walls end,
     and which are none.
     """
-    walls, tips, following = joined(segments)
+    walls, tips, following = _joined(_sure(segments))
     ux, uy = walls["ux"], walls["uy"]
     sine = ux * uy[following] - uy * ux[following]
     following = np.where(np.abs(sine) >= MIN_CORNER_SINE, following, -1)
@@ -86,6 +67,32 @@ def records_of(segments: Records) -> Records:
     out["link"][following[heads], 0] = heads
     out["strength"][out["link"] >= 0] = 1.0
     return out
+
+
+def _sure(segments: Records) -> Records:
+    """Those of merged segments (n,) that several looks have shown, each wall once, the longest first."""
+    sure = (segments["seen"] >= SEEN) & (segments["high"] - segments["low"] >= LENGTH_M)
+    walls = _longest_first(segments[sure])
+    return walls[stand_once(walls)]
+
+
+def _joined(
+    walls: Records, with_faces: Callable[[Records, Floats, Ints], tuple[Records, Floats, Ints]] = Joined
+) -> Joined:
+    """Walls (n,) of SEGMENT, the longest first, with corners where their ends meet, and the faces that those tell of.
+
+    The shortest are left away where there are more than the radio can tell.
+    """
+    while True:
+        tips, following, shown = tips_of(walls), np.full(len(walls), -1), walls
+        if len(walls):
+            following = _followers(tips)
+            shown, tips, following = with_faces(walls, tips, following)
+            _meet_at_corners(shown, tips, following)
+        too_many = 2 * len(shown) - int((following >= 0).sum()) - MAX_TOLD
+        if too_many <= 0:
+            return Joined(shown, tips, following)
+        walls = walls[: len(walls) - max(1, too_many // 2)]
 
 
 def _longest_first(walls: Records) -> Records:

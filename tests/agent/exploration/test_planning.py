@@ -238,4 +238,4 @@ def test_what_a_sweep_has_left_stays_left_where_a_wall_moves():
 def test_nothing_is_unseen_where_no_middle_of_the_smallest_object_can_be():
     """The corners of a room are full of samples that are nearer to a wall than half of such an object."""
     unseen = Sweep(0.1, ideal_lidar()).unseen(chain(room(4.02, 4.02)), looked_from(np.array([[2.0, 0.3]])))
-    assert len(unseen) and 0.09 < unseen.min() and unseen.max() < 3.95  # 4.0 is 2 cm before the wall
+    assert len(unseen) and unseen.min() > 0.09 and unseen.max() < 3.95  # 4.0 is 2 cm before the wall
