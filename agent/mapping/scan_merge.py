@@ -141,9 +141,11 @@ def _see_open_ends(edges: Records, pieces: Records, walls: Ints, k: int, patienc
 def _unite_all(
     edges: Records, count: int, lines: Lines, near: Ints, p: Record, walls: Ints, e: int, gates: Gates, patience: float
 ) -> None:
-    """Join into wall e all walls on its line that its piece p lies on, too.
+    """Join wall e, of which p is a piece, and all walls on its line that p lies on, too.
 
-    lines: of all walls, which are kept up. near: (count,) room for the numbers of some.
+    Where the joint estimate holds lines, they are joined into the one with most hits, which keeps its line: a face of
+    0.16 m beside a wall of 4.2 m turned that by 2 degrees. lines: of all walls, which are kept up. near: (count,) room
+    for the numbers of some.
     """
     found, k = walls_near(lines, count, p, gates, near), 0
     while k < found:
@@ -153,6 +155,9 @@ def _unite_all(
         if overlap(edges[e], p, gates) <= END_MARGIN_M or not math.isfinite(cost(edges[f], p, gates)):
             continue
         if same_line(edges[e], edges[f], gates) and inner_ends_give_way(edges, e, f, p, patience):
+            after = f + 1
+            if related(edges[e]) and related(edges[f]) and edges[f].hits > edges[e].hits:
+                e, f = f, e
             a, b = edges[e].link, edges[f].link
             moved = e, f, a[0], a[1], b[0], b[1]  # the corners that they shared with others, too
             _unite(edges, e, f)
@@ -163,7 +168,7 @@ def _unite_all(
                 if walls[j] == f:
                     walls[j] = e
             found = walls_near(lines, count, p, gates, near)
-            k = int(np.searchsorted(near[:found], f + 1))
+            k = int(np.searchsorted(near[:found], after))
 
 
 @kernel
