@@ -41,6 +41,29 @@ def test_parts_of_a_wall_tell_its_direction_together_once_they_are_joined() -> N
     assert not shift[row_of(1) :].any()
 
 
+@pytest.mark.parametrize("wall", [0, 1])
+def test_a_wall_that_is_joined_with_a_short_one_keeps_its_line(wall: int) -> None:
+    """Whichever of both the scan is of. The short one is turned by 3 degrees and has a hundredth of the hits."""
+    edges, joint, face = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2))), 1 - wall
+    joint[:3, :3] = np.eye(3) * 1e-9
+    for e, x, half, turn in ((wall, 0.0, 2.0, 0.0), (face, 1.8, 0.1, math.radians(3.0))):
+        w, row = edges[e], row_of(e)
+        w["kind"], w["hits"], w["x"], w["y"], w["seen"] = WALL, 9000.0 if e == wall else 90.0, x, 2.0, 50.0
+        w["ux"], w["uy"], w["xx"], w["label"], w["link"] = -math.cos(turn), -math.sin(turn), 1.0, FRONTIER, -1
+        w["tip"] = [(x - w["ux"] * s, 2.0 - w["uy"] * s) for s in (half, -half)]
+        joint[row, row], joint[row + 1, row + 1] = 1e-6, (1e-6 if e == wall else math.radians(1.5) ** 2)
+    relate(edges, 2, joint, (0.0, 0.0, 0.0))
+    pieces = np.zeros(1, PIECE)
+    pieces["hits"], pieces["x"], pieces["y"], pieces["ux"] = 20.0, 1.7, 2.0, -1.0
+    pieces["spread"], pieces["end"], pieces["label"], pieces["link"] = 0.2, (-0.2, 0.2), FRONTIER, -1
+    before, shift = edges.copy(), np.zeros(len(joint))
+    merge_scan(edges, 2, pieces, np.zeros(1, np.int64), np.full(1, 0.5), Gates(NOISE, OFFSET_GATE_M), 1.0, True)
+    assert edges["kind"][wall] == WALL and edges["kind"][face] == FREE
+    assert hold_joined(edges, before, joint, shift)
+    move_walls(edges, shift)
+    assert edges["uy"][wall] == pytest.approx(0.0, abs=math.radians(0.1))
+
+
 def test_walls_that_a_scan_leaves_apart_say_nothing_of_each_other() -> None:
     edges, joint = np.zeros(2, EDGE), np.eye(row_of(2))
     edges["kind"], shift = WALL, np.zeros(row_of(2))
