@@ -169,7 +169,10 @@ class Sweep:
         return lattice.points(left & ~never)
 
     def _take_swept(self, left: Bools, lattice: Lattice, own: Floats, teammates: Floats, walls: Floats) -> None:
-        """Take out of `left` (r, c) the samples that own eyes (k, 2) or teammates' have seen from near enough.
+        """Take out of `left` (r, c) the samples at which nothing is to be looked for.
+
+        Those are what own eyes (k, 2) or teammates' have seen from near enough, where no middle of the smallest object
+        can be, as a wall (m, 4) is too near, and what sweeps have left.
 
         A teammate has left what was a sliver on its own lattice. On another one the sliver may have more samples, and
         a crowd whose map was whole went to look at such corners for 400 s. So its eyes count for one sample more.
