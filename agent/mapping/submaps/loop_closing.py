@@ -41,8 +41,8 @@ class LoopClosing:
         self.submaps = Submaps(config, half_view)
         self._frames: list[Pose] = []  # of the submaps, by the filter
         self._sds: list[Floats] = []  # (3,) how well it knew each: m, m, rad
-        self._against: list[tuple[int, Pose]] = []
-        """Loops against the filter: the later submap, and the motion of the filter's frame that the loop asks for."""
+        self._against: list[tuple[int, int, Pose]] = []
+        """Loops against the filter: both submaps, and the motion of the filter's frame that the loop asks for."""
         self._judged = 0  # loops of the submaps
         self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
 
@@ -75,8 +75,8 @@ class LoopClosing:
     def _torn(self, known: int) -> bool:
         """Whether any loop after the first `known` agrees with another one that the filter has a place elsewhere.
 
-        One alone may be wrong: halls have the same columns everywhere. Nor are two of one later submap two witnesses:
-        where its walls are turned in its frame, it says so in each of its loops.
+        One alone may be wrong: halls have the same columns everywhere. Nor are two of one submap two witnesses: where
+        its walls are turned in its frame, it says so in each of its loops.
         """
         ends, loops = self.submaps.graph().ends, np.flatnonzero(self.submaps.graph().loop)[known:].tolist()
         for k in filter(self._speaks_against, loops):
@@ -85,10 +85,10 @@ class LoopClosing:
             # of the filter's frame, that puts the later submap where the loop has it
             moved_by = compose(compose(self._frames[a], measured), inverted(self._frames[b]))
             at = self._frames[b]
-            others = [other for submap, other in self._against if submap != b]
+            others = [other for earlier, later, other in self._against if earlier != a and later != b]
             if any(_agree(compose(moved_by, at), compose(other, at)) for other in others):
                 return True
-            self._against.append((b, moved_by))
+            self._against.append((a, b, moved_by))
         return False
 
     def _speaks_against(self, k: int) -> bool:
