@@ -95,18 +95,23 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
 
 
 @pytest.mark.parametrize(
-    ("later", "second", "torn"),
-    [(3, (1.0, 0.05, 0.0), True), (3, (-1.0, 0.4, 0.0), False), (2, (1.0, 0.05, 0.0), False)],
+    ("pair", "second", "torn"),
+    [
+        ((1, 3), (1.0, 0.05, 0.0), True),
+        ((1, 3), (-1.0, 0.4, 0.0), False),
+        ((1, 2), (1.0, 0.05, 0.0), False),
+        ((0, 3), (1.0, 0.05, 0.0), False),
+    ],
 )
 def test_only_loops_of_two_submaps_that_agree_show_that_a_map_is_torn(
-    monkeypatch: pytest.MonkeyPatch, later: int, second: Pose, torn: bool
+    monkeypatch: pytest.MonkeyPatch, pair: tuple[int, int], second: Pose, torn: bool
 ) -> None:
-    """Two of one later submap are one witness: its walls may lie turned in its frame."""
+    """Two of one submap are one witness: its walls may lie turned in its frame. pair: submaps of the second loop."""
     loops = LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view())
     loops._frames = [(0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (3.0, 5.0, 1.0), (3.0, 5.0, 1.0)]
     off = [(1.0, 0.0, 0.0), second]  # of the later submap, as two loops have it
-    measured = [relative(loops._frames[k], compose(off[k], loops._frames[2])) for k in range(2)]
-    ends, information = np.array(((0, 2), (1, later))), np.tile(np.eye(3), (2, 1, 1))
+    ends, information = np.array(((0, 2), pair)), np.tile(np.eye(3), (2, 1, 1))
+    measured = [relative(loops._frames[a], compose(off[k], loops._frames[2])) for k, a in enumerate(ends[:, 0])]
     graph = Edges(ends, np.array(measured), information, np.ones(2, np.bool_))
     monkeypatch.setattr(loops.submaps, "graph", lambda: graph)
     monkeypatch.setattr(loops, "_speaks_against", lambda k: True)
