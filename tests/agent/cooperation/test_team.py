@@ -95,7 +95,7 @@ def test_forced_wrong_proposals_are_not_accepted() -> None:
     [
         (0, "own scans contradict it"),
         (3, "own scans contradict it"),
-        (6, "its later maps contradict it"),  # the robot drives where the wrong walls are not
+        (11, "its later maps contradict it"),  # the robot drives where the wrong walls are not
     ],
 )
 def test_a_forced_wrong_merge_is_undone_completely(seed: int, reason: str) -> None:
