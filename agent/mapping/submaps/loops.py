@@ -180,7 +180,7 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
         match = refine(samples, tiles, pose, prior, GATES_M, ROUNDS)
         off = match.pose - start
         off[2] = wrapped(off[2])
-        if (np.abs(off) > window + STEP).any():
+        if (np.abs(off) > np.maximum(window, STEP)).any():
             continue
         expected, met = (int(which.sum()) for which in due(earlier, tiles, samples, match.pose))
         through = 0

@@ -295,6 +295,25 @@ def test_a_room_seen_again_is_found_metres_off() -> None:
     assert np.abs(found.pose - off).max() < 0.03
 
 
+def bays(first: int, last: int) -> Submap:
+    """A corridor with a pier on both sides every 1.4 m, as robots see it that can look on for two of them."""
+    walls = [(0.0, 0.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.4), (1.0, 0.4, 1.4, 0.4), (1.4, 0.4, 1.4, 0.0)]
+    one = np.array([*walls, *((x2, 3.0 - y2, x1, 3.0 - y1) for x1, y1, x2, y2 in walls)])
+    ends = np.concatenate([one + (1.4 * k, 0.0, 1.4 * k, 0.0) for k in range(first, last)])
+    all_of = segments(*map(tuple, ends))
+    views = np.array([(1.4 * k + 0.7, 1.5, 0.0) for k in range(first + 1, last - 1)])
+    return Submap(all_of, samples_along(all_of), views, 3.0, math.pi)
+
+
+@pytest.mark.parametrize(("window_m", "off_m"), [(1.5, 1.4), (1.05, 0.0)])
+def test_no_loop_is_farther_off_than_the_way_can_err(window_m: float, off_m: float) -> None:
+    """One pier on, both show more of the same walls. In `symmetric` a loop was taken that eight deviations excluded."""
+    window, prior = np.array((window_m, window_m, 0.3)), np.diag((25.0, 25.0, 400.0))
+    found = find(bays(1, 5), bays(0, 4), np.zeros(3), window, prior)
+    assert found is not None and found.accepted
+    assert found.pose == pytest.approx((-off_m, 0.0, 0.0), abs=0.05)
+
+
 def test_a_corridor_without_ends_is_no_place() -> None:
     found = find(place(STRETCH), place(CORRIDOR), np.zeros(3), WINDOW, PRIOR)
     assert found is not None and not found.accepted and found.rival > 0.85
