@@ -78,6 +78,7 @@ class Target:
     looks: int = 0  # scans taken there
     stands_tried: int = 1  # standing points, this one included
     stuck: int = 0  # how often the robot was stuck on the way
+    chosen: int = 0  # tick at which it became the target
 
     def within(self, metres: float, here: Floats) -> bool:
         """Whether the standing point is no farther from here (2,) than that."""

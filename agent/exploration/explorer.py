@@ -38,6 +38,7 @@ RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
+DRIVE_S = 5.0  # an end that closes sooner costs no drive worth counting: ends flicker as robots come near
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
@@ -238,7 +239,7 @@ class Explorer:
         if is_end(target.task):
             task = self.goals.moved(target.task)
             if task is None:
-                self.target = None
+                self._closed(scene, target)
                 return
             target.task = task
         elif target.task.samples is not None:
@@ -257,6 +258,12 @@ class Explorer:
         target.looks += target.within(OTHER_STAND_M if is_end(target.task) else ARRIVED_M, scene.here)
         if target.looks >= target.looks_due and target.within(ARRIVED_M, scene.here):
             self._arrived(scene, target)
+
+    def _closed(self, scene: Scene, target: Target) -> None:
+        """The target's end is open no longer, as it was seen or flickers; or it is a teammate's business."""
+        self.target = None
+        if self.goals.end_of(target.task) < 0 and scene.tick - target.chosen >= self._ticks(DRIVE_S):
+            self._events += self.goals.closed(target.task)
 
     def _arrived(self, scene: Scene, target: Target) -> None:
         """The robot has looked long enough from the standing point."""
@@ -365,10 +372,11 @@ class Explorer:
         assert route is not None, "tasks are made of standing points that are reached"
         looks_due = self._ticks(LOOKS_S[task.kind]) if task.kind in LOOKS_S else 1
         self.homing.pursue(task)
-        self.target = Target(task, route.path, roads.clearance, self._deadline(scene, route.path), looks_due)
+        deadline = self._deadline(scene, route.path)
+        self.target = Target(task, route.path, roads.clearance, deadline, looks_due, chosen=scene.tick)
         if old is not None and self.goals.same(old.task, task):
-            self.target.deadline, self.target.stands_tried = old.deadline, old.stands_tried
-            self.target.stuck = old.stuck
+            self.target.chosen, self.target.deadline = old.chosen, old.deadline
+            self.target.stands_tried, self.target.stuck = old.stands_tried, old.stuck
             self.headway.allow(length_of(route.path))
             return self.target
         self.headway.restart(scene.tick)

@@ -20,12 +20,21 @@ class Tried:
     """What became of a goal."""
 
     attempts: int = 0  # in vain
+    closed: int = 0  # times that it closed as the robot drove there, to open again
     blocked: int = 0  # times when a teammate was in the way; these are no attempts
     version: int = -1  # map version at the last attempt
     stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
     reason: str = ""  # of the last attempt's end
     unreachable: bool = False
     told: bool = False  # whether teammates are told that it was looked at in vain
+
+    @property
+    def in_vain(self) -> bool:
+        """Whether it was looked at, or given up."""
+        return self.attempts + self.blocked + len(self.stands) > 0
+
+
+UNTRIED = Tried()  # of a goal of which nothing is remembered
 
 
 @kernel

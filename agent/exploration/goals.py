@@ -8,11 +8,11 @@ import numpy as np
 from agent.exploration.agenda import Task, TaskKind, is_end
 from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
-from agent.exploration.goal_memory import REMEMBERED, SAME_PLACE_M, GoalMemory, same_ends
+from agent.exploration.goal_memory import REMEMBERED, SAME_PLACE_M, UNTRIED, GoalMemory, Tried, same_ends
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from agent.geometry.clearance import distances_to_walls
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Bools, Floats, Ints
 from protocol.messages import Event, RobotSpec
 from protocol.viewpoints import turn_of_end
 from protocol.wireframe import Wireframe
@@ -26,6 +26,9 @@ in the room, too, which holds it along the wall. One that drove 13 m beside a wa
 the next wall 55 mm off. Paths there are 16 instead of 22 mm off (rms, means of five seeds)."""
 CRAMPED_COST = 0.8  # metres of path that a metre less of that room is worth: more than the way off the wall costs
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
+CLOSINGS = 3
+"""Drives to one end that closed on the way, from which on each counts as an attempt in vain. Beside a slit of 4 cm,
+views from either side closed the end that the other had opened, and a robot drove round it 24 times."""
 TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD_ENDS = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
@@ -49,8 +52,8 @@ class Goals:
     @property
     def reasons(self) -> list[str]:
         """Per open end why it was given up; empty where it was not."""
-        own = [self.memory.tried[k].reason if k >= 0 else "" for k in self._tried]
-        return [reason or (LEFT if left else "") for reason, left in zip(own, self._left, strict=True)]
+        ends = zip(self._records(), self._left, strict=True)
+        return [record.reason or (LEFT if left else "") for record, left in ends]
 
     def read(self, scene: Scene) -> int:
         """Read the open ends where the map is new or it is time; ticks since the last reading, 0 where none is made."""
@@ -67,7 +70,7 @@ class Goals:
 
     def _keep_nearest(self, here: Floats) -> None:
         """Forget open ends that are too many, those far from here (2,) and those that were given up first."""
-        order = np.lexsort((np.hypot(*(self.ends.points - here).T), self._tried >= 0))
+        order = np.lexsort((np.hypot(*(self.ends.points - here).T), self._given_up()))
         heard = self.ends.heard[order]
         kept = np.sort(order[~heard | (np.cumsum(heard) <= MOST_HEARD_ENDS)][:MOST_ENDS])
         points, along, free, frontier, heard = self.ends
@@ -80,13 +83,20 @@ class Goals:
 
     def fresh(self) -> Ints:
         """Rows (k,) of the open ends that were never given up, nor looked at by a teammate in vain."""
-        return np.flatnonzero((self._tried < 0) & ~self._left)
+        return np.flatnonzero(~self._given_up() & ~self._left)
 
     def again(self) -> Ints:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""
-        open_again = [not record.unreachable and record.version != self._version for record in self.memory.tried]
-        tried = [k >= 0 and open_again[k] for k in self._tried]
-        return np.flatnonzero(np.array(tried, np.bool_) & ~self._left)
+        waits = [record.unreachable or record.version == self._version for record in self._records()]
+        return np.flatnonzero(self._given_up() & ~np.array(waits, np.bool_) & ~self._left)
+
+    def _given_up(self) -> Bools:
+        """(g,) which open ends were looked at in vain, or given up."""
+        return np.array([record.in_vain for record in self._records()], np.bool_)
+
+    def _records(self) -> list[Tried]:
+        """Per open end what became of it so far."""
+        return [self.memory.tried[k] if k >= 0 else UNTRIED for k in self._tried]
 
     def end_of(self, task: Task) -> int:
         """The open end that the task is about, or -1."""
@@ -148,6 +158,14 @@ class Goals:
         record.stands.append((float(task.stand[0]), float(task.stand[1])))
         self._recall()
         return len(record.stands)
+
+    def closed(self, task: Task) -> list[Event]:
+        """Note that a task's end has closed on the way there; the event that gives it up where that was too often."""
+        record = self.memory.note(task.place, task.along)
+        record.closed += 1
+        self._recall()
+        too_often = record.closed >= CLOSINGS
+        return [self.abandon(task.place, task.along, "it opens again and again")] if too_often else []
 
     def abandon(self, place: Floats, along: Floats, reason: str) -> Event:
         """Give up the open end at a place (2,), whose wall goes on along (2,); the event that says so."""

@@ -1,6 +1,7 @@
 """Exploration as a whole, on the maps of an oracle: it sees everything, touches nothing, and ends."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -265,6 +266,25 @@ def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reaso
     assert all(data["reason"] for data in given_up)
     assert events[-1].event == "complete"
     assert events[-1].data["unreachable"] == 2
+
+
+def test_an_end_that_opens_and_closes_by_the_side_it_is_seen_from_is_given_up():
+    """Of a slit, views from either side close what the other has opened: a robot drove round it for 1000 s."""
+    wall, robot = chain([(-4.0, 1.0), (4.0, 1.0)]), explorer(pockets=False, default_state="least-likely")
+    pose, version, chosen, east = np.zeros(3), 1, 0, True
+    for tick in range(20_000):
+        if (pose[0] < -2.0) if east else (pose[0] > 2.0):
+            east, version = not east, version + 1
+        labels = np.array((Label.FRONTIER, Label.NOMINAL) if east else (Label.NOMINAL, Label.FRONTIER), np.uint8)
+        shown = replace(wall, labels=labels)
+        command = step(robot, Situation(tick, shown, version, tuple(pose), Wireframe(), NOBODY))
+        pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+        pose[2] += 0.2 * command.turn_rps
+        chosen += sum(event.data.get("what") == "chosen" for event in command.events)
+        if robot.complete:
+            break
+    assert robot.complete and 6 <= chosen <= 12
+    assert set(robot.goals.reasons) == {"it opens again and again"}
 
 
 def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
