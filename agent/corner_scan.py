@@ -75,6 +75,7 @@ class CornerScan:
     pieces: Records  # (k,) of PIECE, by rising bearing of the first beam
     sight: Sight  # open and blind sectors
     discs: Floats  # (d, 2) m, centres of teammates
+    close: Floats  # (c, 3) sectors as in Sight of what stands close to the body and is neither piece nor disc
     touching: bool = False  # whether something is so near that the body may touch it: its wheels may have slipped
     median_of: int = 0
     """Where a robot whose wheels err has not moved yet: of how many scans, from its start, this one is the median."""

@@ -196,6 +196,7 @@ class Robot:
             pose=self.filter.pose,
             seen=seen,
             discs=scan.discs,
+            close=scan.close,
             errand=None if self.team.errand is None else self.team.errand.place,
             partners=partners,
             silent=silent,

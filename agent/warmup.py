@@ -90,7 +90,7 @@ def _map_and_align() -> None:
     mapped = WireframeFilter(AgentConfig().filter, RobotSpec(), np.random.SeedSequence(0))
     nowhere = np.zeros((0, 3))
     sight = Sight(nowhere, nowhere, 1.0, 0.0, 0.0)
-    scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)))
+    scan = CornerScan(np.zeros(0, PIECE), sight, np.zeros((0, 2)), nowhere)
     mapped.update(scan, (0.0, 0.0, 0.0))
     mapped.wireframe()
     layer = layer_of(_BUILDING, np.zeros(3), np.zeros(len(_BUILDING.edges), np.bool_), 1.0)

@@ -1,15 +1,17 @@
-"""Walls that have come nearer than the lidar measures: they are in no scan any more, and still there (ours)."""
+"""What stands beside the robot and is no wall of its scan: too near to be measured, or neither wall nor disc (ours)."""
 
 import numpy as np
 
 from agent.corner_scan import NOISE_SIGMAS, range_noise
 from agent.geometry.clearance import distances_to_walls, walls_near
 from protocol.arrays import Floats
+from protocol.geometry import Pose, apply
 from protocol.messages import RobotSpec
 
 SHOWN_M = 0.05
 """A wall is shown where map or scan has one so near to its point nearest to the robot: three times what a scan's piece
 errs. Asked of its middle, a post's other faces showed the one that a robot drove into (`hall`, posts of 0.2 m)."""
+_FRONTS = 4  # straight pieces that stand for what is close in one sector
 MOST = 50  # walls kept: 1.6 kB
 
 
@@ -39,6 +41,18 @@ class CloseWalls:
         hidden = near[distances_to_walls(_nearest_points(near, x, y), known) > SHOWN_M]
         self._walls = np.vstack((hidden, walls_near(seen, x, y, self._blind_m)))[-MOST:]
         return hidden
+
+
+def fronts(close: Floats, pose: Pose) -> Floats:
+    """(4 c, 4) walls, frame of the pose's map, for sectors (c, 3) of what is close, as of Situation.
+
+    In `hall` a post and a teammate beside it were one shape, neither wall nor disc: the robot drove into the post.
+    """
+    shares = np.linspace(0.0, 1.0, _FRONTS + 1)
+    bearings = close[:, :1] + shares * (close[:, 1:2] - close[:, :1])
+    points = apply(pose, (close[:, 2:, None] * np.stack((np.cos(bearings), np.sin(bearings)), 2)).reshape(-1, 2))
+    points = points.reshape(len(close), _FRONTS + 1, 2)
+    return np.concatenate((points[:, :-1], points[:, 1:]), 2).reshape(-1, 4)
 
 
 def _nearest_points(walls: Floats, x: float, y: float) -> Floats:

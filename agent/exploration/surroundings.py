@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agent.exploration.close_walls import CloseWalls
+from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Obstacles
 from agent.exploration.path import GIVE_M
@@ -34,6 +34,8 @@ class Situation:
     pose: Pose
     seen: Wireframe  # corners and walls seen now, frame of the robot's pose
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
+    close: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    """(c, 3) sectors of what is close and neither wall nor teammate: bearings from and to, and metres to it."""
     errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
     partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) teammates that share the work, heard lately: place, and metres by which each must be nearer to a task."""
@@ -118,7 +120,8 @@ class Surroundings:
         walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
         discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
         hidden = self._close.hidden(here[0], here[1], seen, walls)
-        near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], NEAR_M), hidden)), discs)
+        walls_here = walls_near(walls, here[0], here[1], NEAR_M)
+        near = Obstacles(np.vstack((walls_here, hidden, fronts(situation.close, pose))), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:

@@ -27,6 +27,8 @@ from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 
 OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer may have dropped out
+CLOSE_BEAMS = 3  # hits in a row that are close: one or two may be mixed readings at an edge
+CLOSE_TICKS = 3  # a hit is close where the body may reach it in so many ticks: driving looks two ahead, and keeps air
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
 WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter one may be a teammate's front itself
 TOUCH_RAD = math.radians(15.0)
@@ -164,7 +166,9 @@ def perceive(
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)
     touching = median_of == 0 and _touching(ranges, spec)  # the median has no range where the lidar cuts some off
-    return CornerScan(pieces, sight, discs, touching, median_of)
+    reach_m = radius + CLOSE_TICKS * spec.max_speed_mps / lidar.rate_hz
+    close = _close_sectors(beams, explained, discs if company else NO_DISCS, radius, reach_m)
+    return CornerScan(pieces, sight, discs, close, touching, median_of)
 
 
 @kernel
@@ -259,6 +263,15 @@ def _open_and_blind(beams: Beams, hidden: Bools, explained: Bools) -> tuple[Floa
     """The sectors of Sight. hidden, explained: (n,) beams that tell nothing of walls, and those that are on a piece."""
     returned = np.isfinite(beams.ranges)
     return _sectors(~returned & ~hidden, beams, OPEN_BEAMS), _sectors((returned | hidden) & ~explained, beams, 1)
+
+
+@kernel
+def _close_sectors(beams: Beams, explained: Bools, discs: Floats, radius: float, reach: float) -> Floats:
+    """(s, 3) sectors, as in Sight, of hits within reach that are on no piece and on no disc (d, 2)."""
+    near = np.isfinite(beams.ranges) & (beams.distances < reach) & ~explained
+    if near.any():
+        near &= ~hidden_beams(beams, discs, radius)
+    return _sectors(near, beams, CLOSE_BEAMS)
 
 
 @kernel

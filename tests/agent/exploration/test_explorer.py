@@ -581,6 +581,16 @@ def test_what_is_in_no_map_and_too_near_to_be_measured_is_not_driven_into(face, 
     assert len(away.near.walls) == len(scene_of(robot, 41, x, chain(square), NOBODY).near.walls) == 0
 
 
+def test_what_is_close_and_neither_wall_nor_teammate_is_not_driven_into():
+    room, robot = chain([(-3, -3), (6, -3), (6, 3), (-3, 3), (-3, -3)]), explorer(default_state="perimeter")
+    x = 0.5
+    for tick in range(40):
+        close = np.array([[-0.3, 0.3, 0.75 - x]])
+        scene = robot.surroundings.look(Situation(tick, room, 1, (x, 0.0, 0.0), Wireframe(), NOBODY, close))
+        x += 0.2 * robot.driver.safely(0.22, 0.0, (x, 0.0, 0.0), scene.near).speed_mps
+    assert 0.105 < 0.75 - x < 0.14
+
+
 def scene_of(
     robot: Explorer, tick: int, x: float, walls: Wireframe, discs: Floats, seen: Wireframe | None = None
 ) -> Scene:

@@ -219,6 +219,23 @@ def test_a_post_before_a_teammate_is_a_wall(aside: float) -> None:
     assert (np.abs(scan.pieces["x"] - 0.2) < 0.03).any()
 
 
+@pytest.mark.parametrize("away", [0.14, 0.2, 0.6])
+def test_what_is_close_is_known_to_be_there_though_it_is_taken_for_a_teammate_that_is_seen_no_more(away: float) -> None:
+    """A post that had been a disc in the last scan was neither piece nor disc in the next one."""
+    post, before = (away, 0.05, away, -0.05), np.array([(away + 0.1, 0.03, 0.105)])
+    scan = view([(2.5, -3, 2.5, 3), post], noise=0.01, before=before)
+    assert not (np.abs(scan.pieces["x"] - away) < 0.05).any()
+    assert len(scan.close) == (away < 0.5)
+    for first, last, near in scan.close:
+        assert near == pytest.approx(away, abs=0.04)
+        assert math.cos(first) > 0.9 and math.cos(last) > 0.9 and last - first > 0.3
+
+
+def test_a_teammate_that_is_close_is_a_disc_and_no_unknown_thing() -> None:
+    scan = view([(2.5, -3, 2.5, 3)], noise=0.01, discs=np.array([(0.24, 0.0, 0.105)]))
+    assert len(scan.discs) == 1 and not len(scan.close)
+
+
 def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_says_that_it_is() -> None:
     spec, rng = ideal_lidar(noise_m=0.01), np.random.default_rng(0)
     lidar, taken = Lidar(np.array([(1.0, 0.0, 1.0, -3.0), (3.0, 3.0, 3.0, -3.0)]), spec), 0

@@ -107,7 +107,10 @@ def test_the_way_is_as_long_as_the_scale_that_was_learned_later_tells() -> None:
     """Where nothing is to be seen the wheels' metres count; that they tell too many shows only later."""
     submaps = chain.Submaps(AgentConfig().filter.submaps)
     nothing = CornerScan(
-        np.zeros(0, PIECE), Sight(np.zeros((0, 3)), np.zeros((0, 3)), 3.5, 0.01, 0.0), np.zeros((0, 2))
+        np.zeros(0, PIECE),
+        Sight(np.zeros((0, 3)), np.zeros((0, 3)), 3.5, 0.01, 0.0),
+        np.zeros((0, 2)),
+        np.zeros((0, 3)),
     )
     for scale, steps in ((1.0, 60), (0.98, 10)):
         for _ in range(steps):
@@ -299,7 +302,7 @@ def bays(first: int, last: int) -> Submap:
     """A corridor with a pier on both sides every 1.4 m, as robots see it that can look on for two of them."""
     walls = [(0.0, 0.0, 1.0, 0.0), (1.0, 0.0, 1.0, 0.4), (1.0, 0.4, 1.4, 0.4), (1.4, 0.4, 1.4, 0.0)]
     one = np.array([*walls, *((x2, 3.0 - y2, x1, 3.0 - y1) for x1, y1, x2, y2 in walls)])
-    ends = np.concatenate([one + (1.4 * k, 0.0, 1.4 * k, 0.0) for k in range(first, last)])
+    ends = np.concatenate([np.add(one, (1.4 * k, 0.0, 1.4 * k, 0.0)) for k in range(first, last)])
     all_of = segments(*map(tuple, ends))
     views = np.array([(1.4 * k + 0.7, 1.5, 0.0) for k in range(first + 1, last - 1)])
     return Submap(all_of, samples_along(all_of), views, 3.0, math.pi)
