@@ -22,7 +22,7 @@ def blind_m(spec: RobotSpec) -> float:
 
 
 class CloseWalls:
-    """Short memory of scans' walls beside the robot.
+    """Short memory of what scans have shown beside the robot. It forgets what the robot drives away from.
 
     In `hall` a robot crept up to a post of 0.1 m that is in no map. From 0.12 m on no scan showed it, and the robot
     drove on at full speed.
@@ -32,15 +32,22 @@ class CloseWalls:
         self._blind_m = blind_m(spec)
         self._walls = np.zeros((0, 4))
 
-    def hidden(self, x: float, y: float, seen: Floats, known: Floats) -> Floats:
-        """(k, 4) walls of former scans beside a robot at (x, y) that nothing shows now.
+    def hidden(self, x: float, y: float, seen: Floats, known: Floats, close: Floats) -> Floats:
+        """(k, 4) walls beside a robot at (x, y) that are not known: those of former scans, and what is close now.
 
-        seen: (n, 4) walls of this scan. known: (m, 4) all walls, these included. Metres, frame of the map.
+        seen: (n, 4) walls of this scan. known: (m, 4) all walls, these included. close: (c, 4) `fronts` of this scan.
+        Metres, frame of the map.
         """
         near = walls_near(self._walls, x, y, self._blind_m)
-        hidden = near[distances_to_walls(_nearest_points(near, x, y), known) > SHOWN_M]
+        kept = _not_shown(near, x, y, np.vstack((known, close)))
+        hidden = np.vstack((kept, _not_shown(close, x, y, known)))
         self._walls = np.vstack((hidden, walls_near(seen, x, y, self._blind_m)))[-MOST:]
         return hidden
+
+
+def _not_shown(walls: Floats, x: float, y: float, by: Floats) -> Floats:
+    """Those of walls (k, 4) whose point nearest to (x, y) is on none of the others (m, 4)."""
+    return walls[distances_to_walls(_nearest_points(walls, x, y), by) > SHOWN_M]
 
 
 def fronts(close: Floats, pose: Pose) -> Floats:

@@ -38,7 +38,6 @@ RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
-DRIVE_S = 5.0  # an end that closes sooner costs no drive worth counting: ends flicker as robots come near
 LOST_M = 0.08
 """m, standard deviation of its place at which a robot goes home before it goes on. Its gates are three of it: beyond,
 it takes one face of a column for another, or its first walls for walls that are gone."""
@@ -260,9 +259,13 @@ class Explorer:
             self._arrived(scene, target)
 
     def _closed(self, scene: Scene, target: Target) -> None:
-        """The target's end is open no longer, as it was seen or flickers; or it is a teammate's business."""
-        self.target = None
-        if self.goals.end_of(target.task) < 0 and scene.tick - target.chosen >= self._ticks(DRIVE_S):
+        """The target's end is open no longer, as it was seen or flickers; or it is a teammate's business.
+
+        Drives count that ended where the robot sees it, after more than a moment: ends flicker as robots come near.
+        """
+        self.target, place = None, target.task.place
+        in_sight = math.hypot(*(place - scene.here)) <= self.spec.lidar.range_max_m
+        if in_sight and self.goals.end_of(target.task) < 0 and scene.tick - target.chosen >= self._reconsider_ticks:
             self._events += self.goals.closed(target.task)
 
     def _arrived(self, scene: Scene, target: Target) -> None:

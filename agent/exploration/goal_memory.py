@@ -12,6 +12,10 @@ SAME_PLACE_M = 0.2  # goals closer than this are the same one: the end of a wall
 SAME_DIRECTION_RAD = 0.8
 """The directions in which the walls of two such ends go on differ by less, 45 degrees: those of the two walls at a
 corner differ by 90."""
+CLOSINGS = 3
+"""Drives to one end that closed on the way. If it is open all the same it comes after all others, and each further one
+counts as an attempt in vain. Beside a slit of 4 cm, views from either side closed the end that the other had opened: a
+robot drove round it 24 times."""
 REMEMBERED = 400  # most goals kept in memory; a building of 600 m2 brings about 100
 
 
@@ -20,7 +24,7 @@ class Tried:
     """What became of a goal."""
 
     attempts: int = 0  # in vain
-    closed: int = 0  # times that it closed as the robot drove there, to open again
+    closed: int = 0  # times that it closed as the robot drove there
     blocked: int = 0  # times when a teammate was in the way; these are no attempts
     version: int = -1  # map version at the last attempt
     stands: list[tuple[float, float]] = field(default_factory=list)  # standing points that did not help
@@ -29,9 +33,9 @@ class Tried:
     told: bool = False  # whether teammates are told that it was looked at in vain
 
     @property
-    def in_vain(self) -> bool:
-        """Whether it was looked at, or given up."""
-        return self.attempts + self.blocked + len(self.stands) > 0
+    def given_up(self) -> bool:
+        """Whether it was looked at in vain, given up, or closed so often that it will open again."""
+        return self.attempts + self.blocked + len(self.stands) > 0 or self.closed >= CLOSINGS
 
 
 UNTRIED = Tried()  # of a goal of which nothing is remembered

@@ -8,7 +8,7 @@ import numpy as np
 from agent.exploration.agenda import Task, TaskKind, is_end
 from agent.exploration.driving import ticks_to_drive
 from agent.exploration.frontiers import Ends, open_ends, same_wall, stands_of
-from agent.exploration.goal_memory import REMEMBERED, SAME_PLACE_M, UNTRIED, GoalMemory, Tried, same_ends
+from agent.exploration.goal_memory import CLOSINGS, REMEMBERED, SAME_PLACE_M, UNTRIED, GoalMemory, Tried, same_ends
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene
 from agent.geometry.clearance import distances_to_walls
@@ -26,9 +26,6 @@ in the room, too, which holds it along the wall. One that drove 13 m beside a wa
 the next wall 55 mm off. Paths there are 16 instead of 22 mm off (rms, means of five seeds)."""
 CRAMPED_COST = 0.8  # metres of path that a metre less of that room is worth: more than the way off the wall costs
 WAITS = 6  # times that a robot waits for a teammate that bars a goal, or all of them, before that counts as an attempt
-CLOSINGS = 3
-"""Drives to one end that closed on the way, from which on each counts as an attempt in vain. Beside a slit of 4 cm,
-views from either side closed the end that the other had opened, and a robot drove round it 24 times."""
 TEAMMATE = "a teammate is in the way"  # the reason why a goal is given up that a teammate bars
 MOST_ENDS = 40  # open ends that are goals at a time, the nearest of them: a hostile peer's map may have hundreds
 MOST_HEARD_ENDS = 20  # of these, ends of walls that only others saw: no peer crowds out what the robot found itself
@@ -36,7 +33,7 @@ LEFT = "a teammate looked at it in vain"  # the reason why a goal is left to a t
 
 
 class Goals:
-    """The open ends of the map as it was read last, and the memory of those that were given up."""
+    """The open ends of the map as it was read last, and the memory of what became of them."""
 
     def __init__(self, attempts: int, spec: RobotSpec) -> None:
         self.attempts, self.spec = attempts, spec
@@ -92,7 +89,7 @@ class Goals:
 
     def _given_up(self) -> Bools:
         """(g,) which open ends were looked at in vain, or given up."""
-        return np.array([record.in_vain for record in self._records()], np.bool_)
+        return np.array([record.given_up for record in self._records()], np.bool_)
 
     def _records(self) -> list[Tried]:
         """Per open end what became of it so far."""
@@ -160,12 +157,12 @@ class Goals:
         return len(record.stands)
 
     def closed(self, task: Task) -> list[Event]:
-        """Note that a task's end has closed on the way there; the event that gives it up where that was too often."""
+        """Note that a task's end has closed on the way there; the event that gives it up, where it opens each time."""
         record = self.memory.note(task.place, task.along)
+        again = record.closed >= CLOSINGS
         record.closed += 1
         self._recall()
-        too_often = record.closed >= CLOSINGS
-        return [self.abandon(task.place, task.along, "it opens again and again")] if too_often else []
+        return [self.abandon(task.place, task.along, "it opens again and again")] if again else []
 
     def abandon(self, place: Floats, along: Floats, reason: str) -> Event:
         """Give up the open end at a place (2,), whose wall goes on along (2,); the event that says so."""

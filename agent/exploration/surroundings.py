@@ -119,9 +119,8 @@ class Surroundings:
         self.touch.feel(here)
         walls = np.ascontiguousarray(np.vstack((self._known, seen, self.teammates.walls(tick), self.touch.walls)))
         discs = np.vstack((discs, self.teammates.too_near_to_see(tick, here[0], here[1])))
-        hidden = self._close.hidden(here[0], here[1], seen, walls)
-        walls_here = walls_near(walls, here[0], here[1], NEAR_M)
-        near = Obstacles(np.vstack((walls_here, hidden, fronts(situation.close, pose))), discs)
+        hidden = self._close.hidden(here[0], here[1], seen, walls, fronts(situation.close, pose))
+        near = Obstacles(np.vstack((walls_near(walls, here[0], here[1], NEAR_M), hidden)), discs)
         return Scene(**vars(situation), here=here, walls=walls, near=near)
 
     def ways(self, scene: Scene, teammates: bool = True) -> Iterator[Roads]:

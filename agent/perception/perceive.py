@@ -28,7 +28,7 @@ from protocol.wireframe import Wireframe
 
 OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer may have dropped out
 CLOSE_BEAMS = 3  # hits in a row that are close: one or two may be mixed readings at an edge
-CLOSE_TICKS = 3  # a hit is close where the body may reach it in so many ticks: driving looks two ahead, and keeps air
+CLOSE_TICKS = 3  # what body or blind zone may reach in so many ticks is close: driving looks two ahead, and keeps air
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range
 WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter one may be a teammate's front itself
 TOUCH_RAD = math.radians(15.0)
@@ -166,7 +166,7 @@ def perceive(
     reach = lidar.range_max_m - NOISE_SIGMAS * float(noise_at(lidar, np.array(lidar.range_max_m)))
     sight = Sight(*_open_and_blind(beams, hidden, explained), reach, 0.5 * beams.step, beams.shift)
     touching = median_of == 0 and _touching(ranges, spec)  # the median has no range where the lidar cuts some off
-    reach_m = radius + CLOSE_TICKS * spec.max_speed_mps / lidar.rate_hz
+    reach_m = max(radius, lidar.range_min_m) + CLOSE_TICKS * spec.max_speed_mps / lidar.rate_hz
     close = _close_sectors(beams, explained, discs if company else NO_DISCS, radius, reach_m)
     return CornerScan(pieces, sight, discs, close, touching, median_of)
 
@@ -269,8 +269,11 @@ def _open_and_blind(beams: Beams, hidden: Bools, explained: Bools) -> tuple[Floa
 def _close_sectors(beams: Beams, explained: Bools, discs: Floats, radius: float, reach: float) -> Floats:
     """(s, 3) sectors, as in Sight, of hits within reach that are on no piece and on no disc (d, 2)."""
     near = np.isfinite(beams.ranges) & (beams.distances < reach) & ~explained
-    if near.any():
-        near &= ~hidden_beams(beams, discs, radius)
+    if not near.any():
+        return np.zeros((0, 3))
+    exact = np.zeros((len(discs), 3))
+    exact[:, :2] = discs
+    near &= ~beams_on(beams, exact, radius, DISC_MARGIN_M)
     return _sectors(near, beams, CLOSE_BEAMS)
 
 

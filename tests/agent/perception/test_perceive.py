@@ -231,9 +231,20 @@ def test_what_is_close_is_known_to_be_there_though_it_is_taken_for_a_teammate_th
         assert math.cos(first) > 0.9 and math.cos(last) > 0.9 and last - first > 0.3
 
 
-def test_a_teammate_that_is_close_is_a_disc_and_no_unknown_thing() -> None:
-    scan = view([(2.5, -3, 2.5, 3)], noise=0.01, discs=np.array([(0.24, 0.0, 0.105)]))
-    assert len(scan.discs) == 1 and not len(scan.close)
+def test_a_teammate_that_is_close_is_no_unknown_thing_and_a_pole_before_it_is_one() -> None:
+    mate, pole = np.array([(0.4, 0.0, 0.105)]), (0.18, 0.015, 0.18, -0.015)
+    for walls, close in ([], False), ([pole], True):
+        scan = view([(2.5, -3, 2.5, 3), *walls], noise=0.01, discs=mate, before=mate)
+        known = [math.hypot(piece["x"], piece["y"]) < 0.2 for piece in scan.pieces]
+        assert any(known) or len(scan.close) == close
+
+
+def test_what_is_nearer_than_the_lidar_measured_a_moment_ago_is_close() -> None:
+    """A lidar that is blind to 0.3 m, on a body of 0.1 m."""
+    spec = ideal_spec(lidar=ideal_lidar(range_min_m=0.3))
+    ranges = Lidar(np.array([(0.35, 0.05, 0.35, -0.05)]), spec.lidar).cast(np.zeros((1, 3)))[0]
+    foreseen = Foreseen(np.array([(0.45, 0.03, 0.105)]))
+    assert len(perceive(np.asarray(ranges, np.float64), spec, foreseen=foreseen).close) == 1
 
 
 def test_a_teammate_of_which_too_little_is_seen_for_a_disc_is_no_wall_where_it_says_that_it_is() -> None:
