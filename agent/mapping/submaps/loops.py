@@ -161,7 +161,7 @@ def _seen_beyond(walls: Records, view: Floats, x: float, y: float) -> bool:
 def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: Floats) -> Found | None:
     """Where the later submap lies in the earlier one's frame; None where nothing fits.
 
-    start (3,): by the graph; window (3,): how far off it may be, metres and radians; prior (3, 3): its information.
+    start (3,): by the graph; window (3,): how far off it may be, but STEP at least; prior (3, 3): its information.
     """
     samples = later.samples
     if not len(samples) or not len(earlier.walls):
