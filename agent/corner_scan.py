@@ -1,4 +1,4 @@
-"""What is left of a scan after perception: wall pieces, open sectors and teammates' discs, in the robot's frame.
+"""What is left of a scan after perception: wall pieces, sectors and teammates' discs, in the robot's frame.
 
 Nothing after perception sees a range (paper I: strict adherence to sparsity).
 """
