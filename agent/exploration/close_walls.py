@@ -47,7 +47,7 @@ class CloseWalls:
 
 def _not_shown(walls: Floats, x: float, y: float, by: Floats) -> Floats:
     """Those of walls (k, 4) whose point nearest to (x, y) is on none of the others (m, 4)."""
-    return walls[distances_to_walls(_nearest_points(walls, x, y), by) > SHOWN_M]
+    return walls[distances_to_walls(_nearest_points(walls, x, y), by) > SHOWN_M] if len(walls) else walls
 
 
 def fronts(close: Floats, pose: Pose) -> Floats:
@@ -55,6 +55,8 @@ def fronts(close: Floats, pose: Pose) -> Floats:
 
     In `hall` a post and a teammate beside it were one shape, neither wall nor disc: the robot drove into the post.
     """
+    if not len(close):  # in 499 of 500 ticks
+        return np.zeros((0, 4))
     shares = np.linspace(0.0, 1.0, _FRONTS + 1)
     bearings = close[:, :1] + shares * (close[:, 1:2] - close[:, :1])
     points = apply(pose, (close[:, 2:, None] * np.stack((np.cos(bearings), np.sin(bearings)), 2)).reshape(-1, 2))

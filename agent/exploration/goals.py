@@ -84,8 +84,9 @@ class Goals:
 
     def again(self) -> Ints:
         """Rows (k,) of those that were given up, may be tried again, and whose surroundings may have changed since."""
-        waits = [record.unreachable or record.version == self._version for record in self._records()]
-        return np.flatnonzero(self._given_up() & ~np.array(waits, np.bool_) & ~self._left)
+        version = self._version
+        again = [record.given_up and not record.unreachable and record.version != version for record in self._records()]
+        return np.flatnonzero(np.array(again, np.bool_) & ~self._left)
 
     def _given_up(self) -> Bools:
         """(g,) which open ends were looked at in vain, or given up."""
@@ -121,8 +122,9 @@ class Goals:
         once = same_wall(self.ends, 2.0 * self.spec.lidar.range_max_m, SAME_PLACE_M)
         stands = stands_of(self.ends, goals, close)
         good = roads.with_view(stands.points, stands.in_view)
-        for goal in goals[self._tried[goals] >= 0]:
-            for x, y in self.memory.tried[self._tried[goal]].stands:
+        records = self._records()
+        for goal in goals:
+            for x, y in records[goal].stands:
                 again = np.hypot(stands.points[:, 0] - x, stands.points[:, 1] - y) < OTHER_STAND_M
                 good &= ~(again & (stands.goal == goal))
         points, goal_of = stands.points[good], stands.goal[good]
@@ -159,10 +161,11 @@ class Goals:
     def closed(self, task: Task) -> list[Event]:
         """Note that a task's end has closed on the way there; the event that gives it up, where it opens each time."""
         record = self.memory.note(task.place, task.along)
-        again = record.closed >= CLOSINGS
         record.closed += 1
+        if record.closed > CLOSINGS:
+            return [self.abandon(task.place, task.along, "it opens again and again")]
         self._recall()
-        return [self.abandon(task.place, task.along, "it opens again and again")] if again else []
+        return []
 
     def abandon(self, place: Floats, along: Floats, reason: str) -> Event:
         """Give up the open end at a place (2,), whose wall goes on along (2,); the event that says so."""
