@@ -24,8 +24,10 @@ def plate(x: float, y: float, length: float, thickness: float) -> list[tuple[flo
     return ring((x, y), (x, y + thickness), (x + length, y + thickness), (x + length, y))
 
 
-def seen(walls: list[tuple[float, float, float, float]], seed: int = 0, tour: list[Pose] = TOUR):
-    walk = Walk(walls, ideal_lidar(), seed=seed)
+def seen(
+    walls: list[tuple[float, float, float, float]], seed: int = 0, tour: list[Pose] = TOUR, noise_m: float = NOISE_M
+):
+    walk = Walk(walls, ideal_lidar(noise_m=noise_m), seed=seed)
     for pose in tour:
         walk.see(pose)
     found = walk.filter.wireframe()
@@ -106,9 +108,11 @@ def test_a_slot_narrower_than_beams_are_apart_is_not_closed_on_the_wall_behind(s
     assert (labels[sides] != Label.NOMINAL).any(axis=1).all()
 
 
+@pytest.mark.parametrize("noise_m", [NOISE_M, 0.02, 0.03])
 @pytest.mark.parametrize("seed", range(2))
-def test_a_cabinet_that_stands_at_the_wall_has_no_slot_behind_it(seed: int) -> None:
+def test_a_cabinet_that_stands_at_the_wall_has_no_slot_behind_it(seed: int, noise_m: float) -> None:
+    """Where ranges err by more, the last hits on a wall pass for hits on the next one, and slots were seen so."""
     walls = ring((0, 0), (1.8, 0), (1.8, 0.4), (3.1, 0.4), (3.1, 0), (5, 0), (5, 4), (0, 4))
-    found = seen(walls, seed, FAR_TOURS)
+    found = seen(walls, seed, FAR_TOURS, noise_m)
     assert (found.labels == Label.NOMINAL).all()
-    assert farthest(found, walls) < 0.02
+    assert farthest(found, walls) < 2 * noise_m
