@@ -17,7 +17,7 @@ from agent.perception.config import PerceptionConfig, Segmentation
 from agent.perception.disc_memory import Posts, SeenDiscs
 from agent.perception.discs import beams_on, find_discs, hidden_beams, peeping_beams
 from agent.perception.median_scan import MedianScan, noise_of
-from agent.perception.pieces import RangeScan, pieces_of
+from agent.perception.pieces import OPEN_BEAMS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats, Ints
@@ -26,7 +26,6 @@ from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
 
-OPEN_BEAMS = 3  # beams in a row of which none came back show free space: fewer may have dropped out
 CLOSE_BEAMS = 3  # hits in a row that are close: one or two may be mixed readings at an edge
 CLOSE_TICKS = 3  # what body or blind zone may reach in so many ticks is close: driving looks two ahead, and keeps air
 DISC_MARGIN_M = 0.05  # a beam this near to where a teammate was a moment ago is on it: 5 standard deviations of a range

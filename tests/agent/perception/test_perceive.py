@@ -394,6 +394,25 @@ def test_a_door_that_one_beam_passes_has_jambs_and_no_strays() -> None:
     assert inner.sum() == 2 and not pieces["stray"][inner].any()
 
 
+@pytest.mark.parametrize("dropout", [0.0, 0.02])
+@pytest.mark.parametrize("away", [0.5, 1.5, 2.0])
+def test_two_walls_in_one_line_are_two_where_the_slit_between_them_is_open(away: float, dropout: float) -> None:
+    lidar = ideal_lidar(noise_share=0.0175, dropout=dropout)
+    walls = np.array([[-2.0, away, -0.1, away], [0.1, away, 2.0, away]])
+    ranges = Lidar(walls, lidar).cast(np.array([[0.0, 0.0, 0.3]]))[0].astype(np.float64)
+    pieces = to_map_frame(perceive(ranges, ideal_spec(lidar=lidar), alone=True).pieces, (0.0, 0.0, 0.3))
+    tips = np.sort(pieces["x"][:, None] + pieces["end"] * pieces["ux"][:, None])
+    assert len(tips) == 2 and not ((tips[:, 0] < 0.0) & (tips[:, 1] > 0.0)).any()
+
+
+def test_a_wall_at_the_end_of_the_range_goes_on_past_beams_that_noise_has_made_too_long() -> None:
+    lidar = ideal_lidar(noise_share=0.0175)
+    ranges = Lidar(np.array([[-10.0, 3.33, 10.0, 3.33]]), lidar).cast(np.zeros((1, 3)))[0].astype(np.float64)
+    ahead = np.argmin(np.abs(lidar.bearings() - 0.5 * math.pi))
+    ranges[ahead - 1 : ahead + 2] = np.inf
+    assert len(perceive(ranges, ideal_spec(lidar=lidar), alone=True).pieces) == 1
+
+
 def test_beams_on_the_tip_of_a_wall_do_not_move_its_long_side() -> None:
     """Noise takes beams on the tip for ones on the side, and these lie behind it: it seemed 5 mm too far away."""
     lidar = ideal_lidar(noise_share=0.0175)
