@@ -33,6 +33,10 @@ WALL_M = 0.3  # no teammate stands in a mapped wall of this length; a shorter on
 TOUCH_RAD = math.radians(15.0)
 """View that must be too near to be measured where the robot touches something. A teammate's body takes 40 degrees of
 it, beams that are lost because they graze a wall 4 at most."""
+TOUCH_BEAMS = 5
+"""Beams in a row that must not be measured for something to be that near; lost ones seldom are. When they counted one by
+one, a robot whose lidar loses 5 % of them seemed to touch something all the time. It took its wheels to slip, knew its
+place to 4 cm, and joined walls across doors: recall 0.1 to 0.7 instead of 1 in seven corridors of rooms."""
 IN_WALL = 0.8
 """Share of the radius. A disc is a wall's where the point halfway from its centre to its front is nearer to a wall: to
 one that merely fits a disc, the point lies half a radius behind; from a teammate's, any wall in view is a radius away.
@@ -231,16 +235,29 @@ def _possible(ranges: Floats, most: float) -> Floats:
 def _touching(ranges: Floats, spec: RobotSpec) -> bool:
     """Whether the body may touch something: much of the view (beams,) is nearer than its edge, or than any range."""
     lidar = spec.lidar
-    near = _number_near(ranges, spec.radius_m + range_noise(lidar), lidar.range_min_m >= spec.radius_m)
+    many = min(TOUCH_BEAMS, math.ceil(TOUCH_RAD / lidar.beam_step))
+    near = _number_near(ranges, spec.radius_m + range_noise(lidar), many if lidar.range_min_m >= spec.radius_m else 0)
     return near * lidar.beam_step > TOUCH_RAD
 
 
 @kernel
-def _number_near(ranges: Floats, limit: float, unmeasured: bool) -> int:
-    """How many of ranges (beams,) are below a limit; `unmeasured`: or not measured."""
-    near = 0
-    for k in range(len(ranges)):
-        near += 0.0 < ranges[k] < limit or (unmeasured and not ranges[k] > 0.0)
+def _number_near(ranges: Floats, limit: float, many: int) -> int:
+    """How many of ranges (beams,) are below a limit, or were not measured, so many in a row; many: 0, none of these."""
+    n, first, near, run = len(ranges), -1, 0, 0
+    for k in range(n):
+        if ranges[k] > 0.0:
+            first = k
+            break
+    if first < 0:
+        return n if many else 0
+    for k in range(first + 1, first + n + 1):
+        if not ranges[k % n] > 0.0:
+            run += 1
+            continue
+        if 0 < many <= run:
+            near += run
+        run = 0
+        near += ranges[k % n] < limit
     return near
 
 

@@ -183,6 +183,17 @@ def test_who_is_so_near_that_no_range_is_measured_may_be_touched(away: float, to
         assert view([(-3, 1.5, 3, 1.5)], noise=0.01, discs=mate).touching is touching
 
 
+@pytest.mark.parametrize(("beams", "lost"), [(90, 0.05), (360, 0.05), (360, 0.2), (1440, 0.2)])
+def test_beams_that_drop_out_here_and_there_are_nothing_that_touches(beams: int, lost: float) -> None:
+    lidar, rng = ideal_lidar(beams=beams, dropout=lost), np.random.default_rng(0)
+    for near in (False, True):
+        ranges = np.full(beams, 2.0)
+        ranges[: beams // 9 if near else 0] = np.nan  # 40 degrees of a teammate's body
+        scans = [np.where(rng.random(beams) < lost, np.nan, ranges) for _ in range(50)]
+        touching = [perceive(scan, ideal_spec(lidar=lidar)).touching for scan in scans]
+        assert np.mean(touching) == near
+
+
 def test_a_post_half_as_wide_as_a_teammate_is_no_disc() -> None:
     """Beams pass where the rest of a teammate would be."""
     square = np.array([(-0.05, -0.05), (-0.05, 0.05), (0.05, 0.05), (0.05, -0.05)])
