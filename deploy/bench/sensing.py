@@ -30,6 +30,7 @@ LIDARS: dict[str, dict[str, Any]] = {
     **{f"{rate_hz} Hz": {"rate_hz": rate_hz} for rate_hz in (10, 20)},
     **{f"{range_m} m": {"range_max_m": range_m} for range_m in (2, 8, 25)},
     **{f"{view} degrees": {"field_of_view_deg": view, "first_beam_deg": -view / 2} for view in (180, 270)},
+    "5 % lost": {"dropout": 0.05},
     "clockwise, off centre": {"clockwise": True, "first_beam_deg": 30, "mount_x_m": -0.03, "mount_yaw_deg": 180},
 }
 BODIES: dict[str, dict[str, Any]] = {
