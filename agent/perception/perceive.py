@@ -243,22 +243,12 @@ def _touching(ranges: Floats, spec: RobotSpec) -> bool:
 @kernel
 def _number_near(ranges: Floats, limit: float, many: int) -> int:
     """How many of ranges (beams,) are below a limit, or were not measured, so many in a row; many: 0, none of these."""
-    n, first, near, run = len(ranges), -1, 0, 0
-    for k in range(n):
-        if ranges[k] > 0.0:
-            first = k
-            break
-    if first < 0:
-        return n if many else 0
-    for k in range(first + 1, first + n + 1):
-        if not ranges[k % n] > 0.0:
-            run += 1
-            continue
-        if 0 < many <= run:
-            near += run
-        run = 0
-        near += ranges[k % n] < limit
-    return near
+    measured = np.flatnonzero(ranges > 0.0)
+    if len(measured) == 0:
+        return len(ranges) if many else 0
+    missing = np.diff(np.append(measured, measured[0] + len(ranges))) - 1  # in a row, after each measured beam
+    near = int((ranges[measured] < limit).sum())
+    return near + int(missing[missing >= many].sum()) if many else near
 
 
 @kernel
