@@ -13,6 +13,7 @@ from protocol.messages import LidarSpec, RobotSpec
         {"turning": True},
         {"beams": 180},
         {"beams": 90, "field_of_view_deg": 180.0},
+        {"field_of_view_deg": 180.0, "first_beam_deg": 90.0, "clockwise": True},
         {"range_max_m": 25.0},
         {"dropout": 0.9},
     ],
@@ -25,6 +26,10 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
     ("spec", "said"),
     [
         (RobotSpec(lidar=LidarSpec(field_of_view_deg=90.0, beams=90)), "looks at 90 degrees"),
+        (
+            RobotSpec(lidar=LidarSpec(field_of_view_deg=180.0, first_beam_deg=-90.0, clockwise=True)),
+            "no nearer than 90 degrees to straight ahead",
+        ),
         (RobotSpec(lidar=LidarSpec(beams=90)), "90 beams a revolution"),
         (RobotSpec(lidar=LidarSpec(range_min_m=4.0)), "measures nothing"),
         (
