@@ -61,7 +61,7 @@ class Passenger:
         self._since_own = math.inf  # metres of way
         self._way = 0.0  # metres
         self._odometry: Pose | None = None
-        self._scans = 0
+        self._places: list[tuple[int, Floats]] = []  # where each scan was taken, as of `Submaps.place`
 
     @property
     def own(self) -> Wireframe:
@@ -79,11 +79,11 @@ class Passenger:
         poses = observation.poses()
         begin, since = (pose_of(poses[0]), poses[1:]) if observation.way else (before, poses)
         start = compose(self.submaps.pose, relative(before, begin))
-        seen = observation.model_copy(update={"tick": self._scans})  # the way is told whenever the last scan was
+        seen = observation.model_copy(update={"tick": len(self._places)})  # the way is told whenever the last scan was
         scan = self.perception.see(seen, way_from(begin, since), start, Wireframe())
-        self._scans += 1
         by = relative(before, observation.odometry)
         self.submaps.take(scan, by)
+        self._places.append(self.submaps.place)
         self._since_own += travelled(by)
         self._way += travelled(by)
 
@@ -129,7 +129,7 @@ class Passenger:
 
     def path(self) -> Floats:
         """(scans, 3) pose at each scan by what is known now, in the own frame."""
-        return self.submaps.path()
+        return np.array([self.submaps.pose_at(*place) for place in self._places]).reshape(-1, 3)
 
 
 def _bridge_m(lidar: LidarSpec) -> float:

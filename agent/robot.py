@@ -19,6 +19,7 @@ from agent.mapping.laying import Laying
 from agent.mapping.particle_filter import WireframeFilter
 from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
+from agent.perception.median_scan import MOST_SCANS
 from agent.perception.perceive import Perception
 from agent.period import Period
 from agent.state import State
@@ -30,9 +31,9 @@ UPDATE_S = 0.2
 """Scans update the filter this far apart, at least: walls and their ends count scans for and against them, which have
 much the same errors where they come from nearly one place."""
 FIRST_LOOK_S = 10.0
-"""Seconds that a robot stands and looks before it drives, where odometry errs. The walls that it sees then hold its
-heading against wheels of which it knows nothing yet, and its whole map against its frame: after 3 s that of a building
-of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
+"""Seconds that a robot stands and looks before it drives, where odometry errs, or less where it has MOST_SCANS before.
+The walls that it sees then hold its heading against wheels of which it knows nothing yet, and its whole map against its
+frame: after 3 s, 15 scans, that of a building of 30 m was turned by 0.24 degrees, after 10 s by 0.06."""
 
 
 class Step(NamedTuple):
@@ -74,7 +75,9 @@ class Robot:
         self._update = Period(max(1, round(UPDATE_S * spec.lidar.rate_hz)))
         self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
-        self._to_look = round(FIRST_LOOK_S * spec.lidar.rate_hz) if spec.odometry.noisy else 0  # ticks left of it
+        self._to_look = 0  # ticks left of the first look
+        if spec.odometry.noisy:
+            self._to_look = min(round(FIRST_LOOK_S * spec.lidar.rate_hz), MOST_SCANS)
 
     @property
     def own(self) -> Wireframe:
@@ -95,7 +98,9 @@ class Robot:
         self.filter.restore(state)
         self.explorer.restore(state)
         self._own.replace(self.filter.wireframe())
-        self._to_look = 0
+        if not self.filter.is_at_start:
+            # without the submaps from before, a map that is merged anew from them would lose the walls from before
+            self.loops, self._to_look = None, 0
 
     @staticmethod
     def _random(seed: int, purpose: str) -> np.random.Generator:

@@ -363,7 +363,7 @@ class Action(Message):
     map_bytes: Count = 0
     """Of the map as `MapReport` carries it."""
     filter_bytes: Count = 0
-    """Of all that the robot keeps of the building."""
+    """Of its own map with all that goes on with it, and of places seen, felt and tried; not of peers' maps."""
     step_ms: Annotated[Finite, Field(ge=0)] = 0.0
     """Wall-clock time of the step; it is reported and changes nothing."""
     merged: dict[RobotId, Tick] = {}

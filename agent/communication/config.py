@@ -10,8 +10,9 @@ from protocol.settings import Config, Positive
 class TalkConfig(Config):
     """How often a robot speaks, when a peer counts as lost, and how precisely maps travel."""
 
-    beacon_s: Positive = 5.0
-    """Seconds between two beacons. Two robots that pass each other at full speed are within 4 m for 18 s."""
+    beacon_s: Annotated[float, Field(ge=1e-3, le=5, allow_inf_nan=False)] = 5.0
+    """Seconds between two beacons. Two robots that pass each other at full speed are within 4 m for 18 s. Who is silent
+    for four of 5 s counts as out of touch, and what stands still as a post: so there are none longer."""
     sight_beacon_s: Positive = 1.0
     """The same while a teammate is seen and a peer in contact does not know the robot's frame, or the robot not its, or
     not for long. Beacons and sightings together give a frame, and show a wrong one soon. Two robots that pass see each

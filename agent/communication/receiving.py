@@ -19,7 +19,8 @@ KEPT_MAPS = 8
 MAPS_AT_ONCE = 2
 """Periods' worth of maps that a peer may send at once, and later two a period (ours): reading one takes up to 40 ms."""
 KEPT_VIEWS = 6000
-"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path."""
+"""Viewpoints of one peer that are kept, the newest (24 bytes each): 3 km of path. A robot that knows more passes on no
+others' (48 bytes each)."""
 KEPT_ENDS = 400
 """Open ends of one peer that are kept, the newest (32 bytes each): as many goals as a robot remembers."""
 

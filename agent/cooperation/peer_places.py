@@ -22,8 +22,8 @@ PLACE_KNOWN_S = 60.0
 TOLD_SD = 0.01
 """Standard deviation, m and rad, of a pose that a teammate tells: of those of robots in their maps."""
 STRAIGHT_SDS, TURNED_M = 3.0, 0.5
-"""Since then it may have driven straight on, which counts as so many deviations, and turned by a radian each so many
-metres: round the corner of a doorway."""
+"""Since then it may have driven some metres. That it drove straight on counts as so many deviations. It may have turned
+by a radian each so many metres: round the corner of a doorway."""
 NEARER_M = 0.5
 """Of two that are about as near to a task the first by name goes: the second must be nearer by this much."""
 
@@ -75,7 +75,12 @@ class PeerPlaces:
         return rows[in_touch], rows[~in_touch]
 
     def is_stranger_to(self, contacts: Iterable[str]) -> bool:
-        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
+        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said.
+
+        Where work is not divided, nobody says so: then who merged whom is taken to be mutual.
+        """
+        if not self._division:
+            return self._sharing and any(not isinstance(self._peers.get(name), Merged) for name in contacts)
         return self._sharing and any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
 
     def strangers_among(self, tick: int, heard: Iterable[str]) -> bool:

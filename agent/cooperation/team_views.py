@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.communication.receiving import PeerViews
+from agent.communication.receiving import KEPT_VIEWS, PeerViews
 from agent.cooperation.peer import Merged
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -23,8 +23,6 @@ SAME_VIEW_M = 0.25
 distance between two of one robot."""
 TOLD_A_TICK = 10
 """Viewpoints that become known to peers in a tick, in order: those of one tick go into the shortest message."""
-MOST_TOLD = 6000
-"""Viewpoints beyond which a robot passes on no others' (48 bytes each)."""
 
 
 class _Taken(NamedTuple):
@@ -157,6 +155,6 @@ class TeamViews:
     def _pass_on(self, name: str, places: Floats) -> None:
         """Queue a peer's viewpoints (k, 2) that are not as good as known to those that are told."""
         for cell, (x, y) in zip(_cells(places), places.tolist(), strict=True):
-            if cell not in self._cells and len(self._looked.ticks) + len(self._waiting) < MOST_TOLD:
+            if cell not in self._cells and len(self._looked.ticks) + len(self._waiting) < KEPT_VIEWS:
                 self._cells.add(cell)
                 self._waiting.append((x, y, name, -1))

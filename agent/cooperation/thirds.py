@@ -27,7 +27,8 @@ class Majority(NamedTuple):
 
 
 def words(peer: Peer, merged: Sequence[Merged]) -> list[tuple[Floats, Floats]]:
-    """Transforms (3,) of each of these that has merged the peer, too, and of the peer by its word; its own is none."""
+    """Of each merged third that says it has merged the peer, too: where its frame lies in the robot's own, and where by
+    its word the peer's lies in that; (3,) both. What the peer says itself does not count."""
     name = peer.log.name
     thirds = [third for third in merged if third is not peer and name in third.log.frames]
     return [(third.transform, third.log.frames[name]) for third in thirds]

@@ -65,8 +65,10 @@ class DefaultStates:
             self.glimpses.done(task)
         elif task.kind == "edge":
             self._edges.note(task.place, task.along).attempts += 1
+        elif task.kind == "vertex":
+            self._vertices += 1
         elif task.kind == "perimeter" and self._lap is not None:
-            self._lap = self._lap[1:]
+            self._lap = self._lap[(self._lap != task.place).any(1)]
 
     def pockets(self, scene: Scene, roads: Roads, viewpoints: Viewpoints, begun: Task | None) -> list[Task]:
         """Sweeps, while there are frontiers, of what was seen from too far; begun: the task under way."""
@@ -95,7 +97,7 @@ class DefaultStates:
                 break
             a, b = wireframe.points[wireframe.edges[k]]
             middle, along = 0.5 * (a + b), (b - a) / max(math.hypot(*(b - a)), 1e-9)
-            if self._edges.note(middle, along).attempts >= self.config.attempts:
+            if not self._edges.has_room(middle, along, self.config.attempts):
                 continue
             stands = stands_at_edges(wireframe, np.array([k]))
             good = roads.with_view(stands.points, stands.in_view)
@@ -105,11 +107,10 @@ class DefaultStates:
         return None
 
     def _random_vertex(self, scene: Scene, roads: Roads) -> Task | None:
-        """Vertices at random [paper], until so many in a row changed nothing."""
+        """Vertices at random [paper], until so many in a row changed nothing. None where ten drawn are out of reach."""
         if scene.version != self._vertex_version:
             self._vertex_version, self._vertices = scene.version, 0
-        while self._vertices < VERTEX_VISITS:
-            self._vertices += 1
+        for _ in range(VERTEX_VISITS - self._vertices):
             points = scene.wireframe.points
             point = points[int(self.rng.integers(len(points)))]
             around = point + _OFF_M * circle(12)
@@ -123,11 +124,9 @@ class DefaultStates:
         """Once around, along the longest chain of walls [paper: the outer perimeter]."""
         if self._lap is None:
             self._lap = _lap(wireframe)
-        while len(self._lap):
-            point = self._lap[0]
-            if roads.standable(point[None])[0] and roads.reached(point[None])[0]:
-                return Task("perimeter", point, point)
-            self._lap = self._lap[1:]
+        near = self._lap[roads.standable(self._lap)]
+        for point in near[roads.reached(near)][:1]:
+            return Task("perimeter", point, point)
         return None
 
 

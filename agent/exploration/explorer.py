@@ -34,7 +34,8 @@ LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
 """Seconds near a standing point before a goal counts as unresolved: a map changes its mind after three scans. A face of
 0.1 m becomes a wall after a dozen."""
 STANDING_POINTS = 3  # standing points tried in one attempt at a goal
-RECONSIDER_M = 0.44  # goals are compared anew each time that such a drive takes, if the map changed: half a doorway
+RECONSIDER_M = 0.44
+"""Goals are compared anew where the map has changed, and as much time has passed as a drive of half a doorway takes."""
 PERSIST_S = 0.8  # a new frontier must last this long to wake a complete robot, as single scans flicker
 BLOCKED_M = 0.6  # a teammate within this of a robot held back is in the way; their centres keep 0.27 m apart
 NO_EYES = np.zeros((0, 2))
@@ -60,7 +61,7 @@ class Command(NamedTuple):
 class Explorer:
     """One robot's choice of targets, on its sparse map alone.
 
-    In each tick `look` comes first. Then `drive_forward`, or `drive` to the target of one of the branches.
+    In each tick `look` comes first. Then `stop`, `drive_forward`, or `drive` to the target of one of the branches.
     """
 
     def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
@@ -160,11 +161,8 @@ class Explorer:
         """Home, for a robot that does not know its place and has begun nothing else; None without need or way."""
         if self.complete or self.target is not None or not scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
             return None
-        for roads in self.surroundings.ways(scene):
-            home = self.homing.home(scene.map_sd_m, roads)
-            if home is not None:
-                return self._pursue(scene, home, roads, None)
-        return None
+        home = self.homing.home(scene.map_sd_m, self.surroundings.ways(scene))
+        return None if home is None else self._pursue(scene, home.task, home.roads, None)
 
     def frontier(self, scene: Scene) -> Target | None:
         """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
@@ -358,10 +356,8 @@ class Explorer:
             if task is not None:
                 return self._pursue(scene, task, roads, None)
             tried.append(roads)
-        for roads in tried:
-            task = self.homing.next(scene.map_sd_m, roads)
-            if task is not None:
-                return self._pursue(scene, task, roads, None)
+        if (home := self.homing.next(scene.map_sd_m, tried)) is not None:
+            return self._pursue(scene, home.task, home.roads, None)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
             return self._wait(scene)
         self.complete = True

@@ -73,6 +73,11 @@ class GoalMemory:
         """Per goal (g,) the index of what is remembered of it, or -1; points, along: (g, 2) metres and unit."""
         return same_ends(points, along, self._table)
 
+    def has_room(self, point: Floats, along: Floats, attempts: int) -> bool:
+        """Whether a further attempt at a goal, of so many, would be remembered without forgetting another goal."""
+        k = int(self.find(point[None], along[None])[0])
+        return self.tried[k].attempts < attempts if k >= 0 else len(self.tried) < REMEMBERED
+
     def note(self, point: Floats, along: Floats) -> Tried:
         """The record of a goal, a new one if there is none. point: (2,) metres; along: (2,) unit; frame of the map."""
         k = int(self.find(point[None], along[None])[0])

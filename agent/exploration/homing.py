@@ -7,7 +7,8 @@ of 1 m about home, 35 s, left 0.15, and two more 0.01 (the same run, three robot
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,13 @@ LAPS_M = (1.0, 1.8, 1.4, 2.2)  # radii of the laps: each passes other sides of w
 STOPS = 6  # places on a lap
 
 
+class Way(NamedTuple):
+    """A task, and the roads that lead there."""
+
+    task: Task
+    roads: Roads
+
+
 class Homing:
     """What is left to do at home."""
 
@@ -35,18 +43,19 @@ class Homing:
         self._radii: Iterator[float] = iter(())  # of the laps that may follow
         self._sd_m = math.inf  # how well the map was known before the last lap
 
-    def home(self, map_sd_m: Callable[[], float], roads: Roads) -> Task | None:
+    def home(self, map_sd_m: Callable[[], float], ways: Iterable[Roads]) -> Way | None:
         """To go home; None where the robot just was there, where that would tell nothing new, and without a way.
 
-        map_sd_m: by how much walls may be off in the frame, root mean square, worked out when it is asked.
+        map_sd_m: by how much walls may be off in the frame, root mean square, worked out when it is asked. ways: the
+        first that leads there is taken.
         """
-        return None if self._was_home or map_sd_m() < EXACT_MAP_M else _task("home", HOME, roads)
+        return None if self._was_home or map_sd_m() < EXACT_MAP_M else _way("home", HOME, ways)
 
-    def next(self, map_sd_m: Callable[[], float], roads: Roads) -> Task | None:
+    def next(self, map_sd_m: Callable[[], float], ways: Sequence[Roads]) -> Way | None:
         """Home, or on along a lap about it; None where the map is known well enough, or no better for all that."""
         if not self._was_home:
             self._lap, self._radii, self._sd_m = [], iter(LAPS_M), math.inf
-            return self.home(map_sd_m, roads)
+            return self.home(map_sd_m, ways)
         if not self._lap:
             sd_m = map_sd_m()
             radius = next(self._radii, None) if SURE_MAP_M < sd_m < HELPS * self._sd_m else None
@@ -54,9 +63,9 @@ class Homing:
                 return None
             self._sd_m, self._lap = sd_m, [*(radius * circle(STOPS)), HOME]
         while self._lap:
-            task = _task("lap", self._lap.pop(0), roads)
-            if task is not None:
-                return task
+            way = _way("lap", self._lap.pop(0), ways)
+            if way is not None:
+                return way
         return None
 
     def pursue(self, task: Task) -> None:
@@ -64,7 +73,10 @@ class Homing:
         self._was_home = task.kind in ("home", "lap")
 
 
-def _task(kind: TaskKind, place: Floats, roads: Roads) -> Task | None:
-    """To go to a place, or near it; None without a way."""
-    route = standing.near(place, roads)
-    return None if route is None else Task(kind, place, route.path[-1])
+def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:
+    """To go to a place, or near it, by the first roads that lead there; None without any."""
+    for roads in ways:
+        route = standing.near(place, roads)
+        if route is not None:
+            return Way(Task(kind, place, route.path[-1]), roads)
+    return None

@@ -139,7 +139,8 @@ def unseen_in_tiles(left: Bools) -> Ints:
 def take_seen(left: Bools, lattice: Lattice, eyes: Floats, walls: Floats, radius: float, beyond: float) -> None:
     """Take out of `left` (r, c) the samples that are seen from any of eyes (k, 2) within the radius, past walls (m, 4).
 
-    beyond: no sample is seen from an eye so near to it, as the caller knows. Metres.
+    beyond: metres; samples nearer to an eye than this are not asked, as an earlier call took out all of these that are
+    seen.
     """
     counts, hid_by = unseen_in_tiles(left), np.full(left.shape, -1)
     numbered = np.empty((len(walls), 5))

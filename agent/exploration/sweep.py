@@ -1,8 +1,8 @@
 """Interior sweep: look at all free area from near enough to see the smallest object (paper IV-B; rule ours).
 
-What was seen is kept as viewpoints only. When asked, the free area is the face of the map's walls that the robot has
-driven in. It is sampled as densely as the smallest object needs; a sample is unseen if no viewpoint within the radius
-sees it past the walls.
+What was seen is kept as viewpoints only. When asked, the free area is the face of the map's walls that the robot or
+its teammates have driven in. It is sampled as densely as the smallest object needs; a sample is unseen if no viewpoint
+within the radius sees it past the walls.
 """
 
 import math
@@ -36,7 +36,8 @@ LEAST_SAMPLES = 3  # unseen samples, squares as wide as the smallest object, tha
 RANGE_SHARE = 0.95  # share of the lidar's range within which walls are counted as seen
 _GAP_M = 3.0  # gaps up to this long between open ends are closed to tell the free face from the outside
 _STOOD_M = 0.15  # standing points nearer than this to a former one show nothing more
-SPACING_M = 0.5  # distance between viewpoints: a sixth of what leaves gaps in a corridor swept 1.9 m to either side
+SPACING_M = 0.5
+"""Distance between viewpoints. With a radius of 2.4 m, a corridor of 1.9 m to either side has gaps from 2.9 m on."""
 MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
 table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""

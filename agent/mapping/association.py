@@ -148,7 +148,7 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     """Which of two walls a piece is of that is on both within noise: e, unless one stands before the other.
 
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
-    and lies between them: OF_TWO_WALLS. Of two on one line it is of f where it lies more along that, up to a corner.
+    and lies between them: OF_TWO_WALLS. Of two on one line it is of f as `_lies_more_along` says.
     """
     if not related(edges[e]) or not related(edges[f]):
         return e

@@ -57,7 +57,7 @@ class FilterConfig(Config):
     precision under noise of ranges and odometry are the same to 0.001, and among parallel walls that are easily mixed
     up the map is no better along the run (F1 of walls 0.952 with one, 0.951 with more, of corners 0.69 and 0.68). Every
     wall carries its own evidence, and the next scans take a wrong decision back, while the update grows from 0.08 to
-    5.3 ms and the bytes a hundredfold. More pay only where a fault strikes some of the particles."""
+    5.3 ms (with ideal sensing), the bytes a hundredfold. More pay only where a fault strikes some of the particles."""
     correct_pose: bool = True
     """Correct the odometry by the shift between scan and map, where the odometry is not exact."""
     submaps: SubmapConfig = SubmapConfig()

@@ -4,6 +4,8 @@ import numpy as np
 
 from protocol.wireframe import Wireframe
 
+LIKELIER = 0.25
+"""A wall whose likelihood changed by less is as likely as before: peers are told changes of two sevenths and more."""
 MOVED_M = 0.01  # a corner that moved by less along either axis has not changed: maps travel on a grid of this size
 
 
@@ -27,10 +29,11 @@ class Drawing:
 
 
 def _alike(new: Wireframe, old: Wireframe) -> bool:
-    """Whether two maps have the same walls in the same places, to MOVED_M, seen by the robot itself or not."""
+    """Whether two maps have the same walls in the same places, to MOVED_M, as likely, and seen by the same."""
     return (
         np.array_equal(new.labels, old.labels)
         and np.array_equal(new.edges, old.edges)
         and np.array_equal(new.own, old.own)
+        and (not len(new.edges) or float(np.abs(new.likelihood - old.likelihood).max()) < LIKELIER)
         and (not len(new.points) or float(np.abs(new.points - old.points).max()) < MOVED_M)
     )

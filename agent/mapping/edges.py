@@ -17,7 +17,9 @@ from protocol.arrays import Records
 from protocol.geometry import wrapped
 
 FREE, WALL, TENTATIVE = 0, 1, 2  # a record holds nothing, a wall, or hits on one line that are too few yet to be a wall
-CONFIRMATIONS = 30.0  # views beyond which an end or a wall gets no surer: the 50 scans that see a wrong one can undo it
+CONFIRMATIONS = 30.0
+"""Views that an end or a wall is confirmed by, at most: so 50 scans that see that it is wrong undo it, however long it
+was confirmed."""
 PUBLISH_AFTER = 2.0  # scans that must hit a wall before it is in the published map: one may be a false piece
 SLOT_SINE = math.sin(math.radians(45.0))
 """Least sine of the turn at a corner beside which a slot may be: there, hits up to 4 cm before it, which is the least
@@ -47,9 +49,9 @@ EDGE = np.dtype(
         ("bare", "f4", (2, 5)),  # what views tell of a slot before the corner (`slots`)
         ("seen", "f4"),  # scans that hit the wall
         ("due", "f4"),  # scans that should have
-        ("misses", "f4"),  # scans in a row that should have, while on probation
+        ("misses", "f4"),  # scans in a row that should have hit it and did not
         ("probation", "i8"),  # 1: unconfirmed, dropped after a few misses
-        ("through", "f4"),  # scans in a row that saw through the wall
+        ("through", "f4"),  # scans that saw through `gap`, less those that have hit the wall since
         ("gap", "f4", (2, 2)),  # m, the part seen through: from and to
         ("relative", "f8", (3,)),  # covariance of the line as seen from the robot (`related`): m2, m, 1
         ("strain", "f4", (2,)),  # means of how far pieces lie beside its line, and are turned, in deviations (`strain`)

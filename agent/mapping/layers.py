@@ -24,7 +24,9 @@ from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 
-LONGER_M = 0.1  # what a layer adds to an own wall is cut off it where it is longer: corners move by less
+LONGER_M = 0.1
+"""What a layer adds at the end of an own wall becomes a wall of its own where it is longer. What is shorter is another
+view of the same corner."""
 SCANS = 20.0  # scans that a received wall's likelihood stands for
 
 

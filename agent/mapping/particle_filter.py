@@ -392,6 +392,11 @@ class WireframeFilter:
         """Standard deviation in metres of a wall in the robot's own frame."""
         return map_sd_m(self._walls(), self.joint[self.best])
 
+    @property
+    def is_at_start(self) -> bool:
+        """Whether the robot has not moved yet, by odometry."""
+        return at_start(self._odometry)
+
     def way(self, odometry: Floats) -> Floats:
         """(k + 1, 3) poses since the last scan, in the frame of the first, by odometry (k, 3) and the best particle."""
         way = way_from(pose_of(self._odometry), odometry)

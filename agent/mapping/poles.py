@@ -45,8 +45,8 @@ POLE = np.dtype(
         ("seen", "f8"),  # sightings that the following sums are of
         ("wide", "f8", (2,)),  # of how wide it looked, m, and of the weights
         ("precision", "f8", (3,)),  # of normal equations of its middle: xx, xy, yy, 1/m2
-        ("right", "f8", (2,)),  # of their right-hand sides, were it as near as what was hit, 1/m
-        ("ahead", "f8", (2,)),  # of what comes to these for each metre that it lies behind, 1/m2
+        ("right", "f8", (2,)),  # their right-hand sides, if its middle were where beams hit it, 1/m
+        ("ahead", "f8", (2,)),  # to be added to these for each metre that it lies behind, 1/m2
     ]
 )
 """A pole, or what may become one: numbers of one type, so that a checkpoint can hold them as an array."""

@@ -57,9 +57,9 @@ UNSURE_DIRECTION = math.radians(5.0)
 Where it shares a corner with the next piece it is of one: 2,200 such pieces of columns lay 0.5 mm off in the mean, and
 were turned by 0.5 to 0.7 of their deviation (rms). So were 2,400 in the middle of walls, 2 mm off."""
 UNSURE_WORTH = 0.1
-"""What the place of such a piece counts, as scans that err alike tell less than so many. Its direction counts for
-nothing: at this worth it turned robots, and told no more of their heading (36 starts in `hall`: maps turned by 0.30
-degrees, now by 0.24, and their walls 6.7 mm off in themselves, now 4.9; rms)."""
+"""Weight of such a piece's place: it errs alike in all scans from one spot, and ten of these count as one. Its
+direction counts for nothing: at this worth it turned robots, and told no more of their heading (36 starts in `hall`:
+maps turned by 0.30 degrees, now by 0.24, and their walls 6.7 mm off in themselves, now 4.9; rms)."""
 
 
 class Axis(NamedTuple):

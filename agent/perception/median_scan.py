@@ -13,7 +13,7 @@ from agent.corner_scan import CUT_SIGMAS, NOISE_FLOOR_M, at_start, noise_at
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec
 
-MOST_SCANS = 64  # that are kept; a robot looks for 50
+MOST_SCANS = 64  # that are kept: at 5 Hz a robot looks for 50, at higher rates until it has as many
 MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
 
 

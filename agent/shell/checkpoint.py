@@ -21,12 +21,14 @@ from agent.period import Period
 from agent.shell.mind import Mind
 from agent.state import State
 from protocol.checksum import UNREADABLE, opened, sealed
-from protocol.files import write_whole
+from protocol.files import UnwritableError, write_whole
 
 CHECKPOINT_S = 4.0
-"""Simulated time between two checkpoints: a robot that comes back is to lose 5 s of its map at most. One takes 1 ms."""
+"""Simulated time between two checkpoints: a robot that comes back is to lose 5 s of its map at most. One takes 1 ms
+where a map has 50 walls."""
 MAX_BYTES = 64 << 20
-"""Of a checkpoint: ten times that of a mind with as many walls as a map may have."""
+"""Of a checkpoint: almost twice the joint covariance of one particle with as many walls as it may have rows of. Of more
+particles with as many, none is kept."""
 KINDS = re.compile(r"[<|][biufU]\d{1,3}")
 """Types of arrays, as numpy writes them, that a file may have."""
 
@@ -54,9 +56,12 @@ def save(folder: Path, robot: str, run: str, tick: int, state: State) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     arrays = {name: (array.dtype.str, array.shape, array.tobytes()) for name, array in state.items()}
     file, before = _files(folder, robot)
+    record = sealed({"run": run, "tick": tick, "arrays": arrays})
+    if len(record) > MAX_BYTES:  # it would not be read
+        raise UnwritableError((file, f"the map is too large: {len(record)} bytes, of {MAX_BYTES} at most"))
     if file.exists():
         file.replace(before)
-    write_whole(file, sealed({"run": run, "tick": tick, "arrays": arrays}), durable=False)
+    write_whole(file, record, durable=False)
 
 
 def revived(make: Callable[[], Mind], folder: Path | None, robot: str, run: str, tick: int) -> Mind:

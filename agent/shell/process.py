@@ -267,7 +267,7 @@ class Life:
                     observation.check(self._entry.welcome.spec.lidar.beams)
                     if not lockstep and not inbox.empty():
                         continue  # late: it steps on the newest scan only, with all messages heard since its last step
-                    if step := self._take(observation) if lockstep else self._mind.step(observation, self._heard):
+                    if step := (self._take if lockstep else self._step_on)(observation):
                         answer(publishers, step)
                         self._keep(observation.tick)
                     self._heard = []
@@ -299,6 +299,10 @@ class Life:
             return self._step
         if observation.tick < self._tick or len(heard) < observation.heard:
             return None
-        self._step = self._mind.step(observation, heard[len(heard) - observation.heard :])
-        self._tick = observation.tick
+        self._heard = heard[len(heard) - observation.heard :]
+        return self._step_on(observation)
+
+    def _step_on(self, observation: Observation) -> Step:
+        """The step on an observation, with all that was heard since the last one."""
+        self._step, self._tick = self._mind.step(observation, self._heard), observation.tick
         return self._step

@@ -10,7 +10,7 @@ from agent.config import AgentConfig
 from agent.robot import Robot
 from protocol.grid_map import quantise
 from protocol.map_codec import decode_map, encode_map
-from protocol.messages import EVERYONE, Heard, Observation
+from protocol.messages import EVERYONE, Heard, LidarSpec, Observation, RobotSpec
 from protocol.talk import Beacon, Part
 from protocol.wireframe import Wireframe
 from tests.ideal import ideal_lidar, ideal_spec
@@ -193,3 +193,26 @@ def test_a_rehearsal_draws_a_map_and_changes_no_step(monkeypatch: pytest.MonkeyP
     after = robot().step(observation(0), [])
     assert after.map == before.map and after.scan == before.scan
     assert after.action.model_copy(update={"step_ms": 0.0}) == before.action.model_copy(update={"step_ms": 0.0})
+
+
+def test_a_robot_that_is_restored_looks_round_at_its_start_and_trusts_no_half_chain_elsewhere() -> None:
+    spec = RobotSpec()
+    robot = Robot("r1", spec, AgentConfig(), seed=3)
+    for tick in range(3):
+        robot.step(observation(tick), [])
+    at_start, state = Robot("r1", spec, AgentConfig(), seed=3), robot.state()
+    at_start.restore(state)
+    assert at_start.loops is not None
+    assert at_start.step(observation(3), []).action.speed_mps == 0.0
+    elsewhere = Robot("r1", spec, AgentConfig(), seed=3)
+    elsewhere.restore({**state, "odometry": np.array((1.0, 0.0, 0.0))})
+    assert elsewhere.loops is None  # its submaps would know nothing of the walls from before
+
+
+@pytest.mark.parametrize(("rate_hz", "ticks"), [(5, 50), (10, 64), (20, 64)])
+def test_the_first_look_ends_after_as_many_scans_as_are_kept(rate_hz: float, ticks: int) -> None:
+    spec = RobotSpec(lidar=LidarSpec(rate_hz=rate_hz))
+    robot, stood = Robot("r1", spec, AgentConfig(), seed=3), 0
+    while not robot.step(observation(stood), []).action.complete and stood < 200:
+        stood += 1
+    assert stood == ticks  # all of the room is in view

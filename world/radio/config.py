@@ -4,9 +4,9 @@ What a model does is in `world.radio.air`, of `Capacity` in the gate. The reason
 radio.csv, which docs/formats.md lists.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints
+from pydantic import Field, StringConstraints, model_validator
 
 from protocol.messages import MTU_BYTES, RobotId
 from protocol.settings import Chance, Config, NotNegative, Positive
@@ -101,6 +101,12 @@ class Blackout(Config):
     """End in simulated seconds."""
     robots: list[RobotId] = Field(default_factory=list)
     """Robots that neither send nor hear; empty for all."""
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.end_s <= self.begin_s:
+            raise ValueError(f"a blackout from {self.begin_s:g} to {self.end_s:g} s never is: end_s is to be later")
+        return self
 
     def __str__(self) -> str:
         return f"blackout of {', '.join(self.robots) or 'all'} from {self.begin_s:g} to {self.end_s:g} s"

@@ -74,7 +74,6 @@ class Submaps:
         self._scale_now = 1.0
         self._candidates: list[tuple[int, Floats, Floats]] = []  # as in `_look_for_loops`
         self._loops_relaxed = 0
-        self._path: list[tuple[int, Floats]] = []  # of each scan: its submap, and the pose in that
         self._overruled: list[Floats] = []
         """(3,) where odometry had the last scan, if walls did not say so; else nothing."""
         self._begin(NONE)
@@ -94,17 +93,22 @@ class Submaps:
     @property
     def pose(self) -> Pose:
         """Of the robot, in its own frame."""
-        return compose(pose_of(self.poses[-1]), pose_of(self._local))
+        return self.pose_at(*self.place)
+
+    @property
+    def place(self) -> tuple[int, Floats]:
+        """Where the robot is: the number of the present submap, and the pose (3,) in that."""
+        return len(self.poses) - 1, self._local
+
+    def pose_at(self, submap: int, local: Floats) -> Pose:
+        """Where a place is in the own frame, by what is known now."""
+        return compose(pose_of(self.poses[submap]), pose_of(local))
 
     @property
     def nbytes(self) -> int:
         """Bytes of the submaps and the graph."""
         kept = sum(place.walls.nbytes + place.samples.nbytes + place.views.nbytes for place in self.finished)
         return kept + self._own.walls.nbytes + self._near.walls.nbytes + self.poses.nbytes + len(self._ends) * 136
-
-    def path(self) -> Floats:
-        """(scans, 3) pose of each scan, by what is known now."""
-        return np.array([compose(pose_of(self.poses[k]), pose_of(local)) for k, local in self._path]).reshape(-1, 3)
 
     def take(self, scan: CornerScan, by: Pose, scale: float = 1.0) -> None:
         """Take a corner scan; by: the odometry's motion since the last one, in the robot's frame then.
@@ -138,7 +142,6 @@ class Submaps:
             for gathered in (self._own, self._near):
                 gathered.add(here)
             self._since_merged = 0.0
-        self._path.append((len(self.poses) - 1, self._local))
         metres = math.hypot(by[0], by[1])
         self._way += metres
         self._told_way += metres * _share_of(prior, known, self._local - before)

@@ -16,7 +16,7 @@ from agent.exploration.explorer import Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
 from agent.exploration.goal_memory import REMEMBERED, GoalMemory
-from agent.exploration.parking import AT_HOME_M
+from agent.exploration.parking import AT_HOME_M, Parking
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
@@ -687,3 +687,37 @@ def test_configurations_are_checked():
         ExplorationConfig(default_state="sleep")
     with pytest.raises(ValueError, match="extra"):
         ExplorationConfig(lookahead=1)
+
+
+@pytest.mark.parametrize("state", ["perimeter", "random-vertex"])
+def test_what_only_tight_ways_reach_is_visited_after_roomy_ones_were_asked(state):
+    room, robot = chain([(-2, -2), (2, -2), (2, 2), (-2, 2), (-2, -2)]), explorer(default_state=state)
+    scene = scene_of(robot, 0, 0.0, room, NOBODY)
+    roomy, tight = (Roads(room, scene.here, clearance) for clearance in (1.9, 0.12))
+    for _ in range(3):
+        assert robot.states.next(scene, roomy, robot.viewpoints) is None
+    for _ in range(8):
+        task = robot.states.next(scene, tight, robot.viewpoints)
+        assert task is not None
+        robot.states.done(task)
+
+
+def test_no_more_unlikely_edges_are_looked_at_than_are_remembered():
+    """Each was forgotten before it had been looked at often enough, and so looked at for ever."""
+    memory, along = GoalMemory(), np.array((1.0, 0.0))
+    places = [np.array((float(k), 0.0)) for k in range(REMEMBERED + 5)]
+    for _ in range(3):
+        for place in places:
+            if memory.has_room(place, along, attempts=2):
+                memory.note(place, along).attempts += 1
+    assert [record.attempts for record in memory.tried] == [2] * REMEMBERED
+    assert not any(memory.has_room(place, along, attempts=2) for place in places)
+
+
+@pytest.mark.parametrize("kind", ["errand", "park"])
+def test_who_completes_parks_at_home_or_where_it_had_parked(kind):
+    room, here = chain([(-1, -1), (9, -1), (9, 1), (-1, 1), (-1, -1)]), np.array((8.0, 0.0))
+    own = np.array([(0.2, 0.0), (3.0, 0.0), (6.0, 0.0), (8.0, 0.0)])
+    roads, last = Roads(room, here, 0.15), Target(Task(kind, here, here), here[None], 0.15)
+    place = Parking().choose(here, own, roads, last).task.stand
+    assert np.hypot(*(place - (here if kind == "park" else own[0]))) < 1e-6

@@ -11,16 +11,17 @@ from tests.agent.exploration.test_planning import chain
 OPEN = chain([(-9, -9), (9, -9), (9, 9), (-9, 9), (-9, -9)])
 
 
-def driven(sds, room=OPEN, most=100):
+def driven(sds, room=OPEN, most=100, clearances=(0.25, 0.2)):
     """Tasks until there is none, where the map is known to each of these deviations in turn, then to the last."""
-    homing, roads, tasks, left = Homing(), Roads(room, np.array((3.0, 1.0)), 0.2), [], list(sds)
+    homing, tasks, left = Homing(), [], list(sds)
+    ways = [Roads(room, np.array((3.0, 1.0)), clearance) for clearance in clearances]
     for _ in range(most):
-        task = homing.next(lambda: left.pop(0) if len(left) > 1 else left[0], roads)
-        if task is None:
+        way = homing.next(lambda: left.pop(0) if len(left) > 1 else left[0], ways)
+        if way is None:
             break
-        homing.pursue(task)
-        tasks.append(task)
-    return homing, roads, tasks
+        homing.pursue(way.task)
+        tasks.append(way.task)
+    return homing, ways, tasks
 
 
 @pytest.mark.parametrize(("sds", "laps"), [
@@ -49,10 +50,15 @@ def test_a_lap_keeps_to_where_there_is_a_way():
 
 
 def test_after_another_task_home_is_new_again():
-    homing, roads, tasks = driven([0.03])
-    assert homing.next(lambda: 0.03, roads) is None
+    homing, ways, tasks = driven([0.03])
+    assert homing.next(lambda: 0.03, ways) is None
     homing.pursue(Task("frontier", np.zeros(2), np.zeros(2)))
-    again = homing.next(lambda: 0.03, roads)
+    again = homing.next(lambda: 0.03, ways)
     assert again is not None
-    assert again.kind == "home"
+    assert again.task.kind == "home"
     assert tasks[0].kind == "home"
+
+
+def test_where_only_tight_ways_lead_laps_are_driven_too():
+    _, _, tasks = driven([0.03], most=3, clearances=(9.5, 0.2))
+    assert [task.kind for task in tasks] == ["home", "lap", "lap"]

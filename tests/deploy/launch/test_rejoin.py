@@ -2,23 +2,31 @@
 
 import os
 import threading
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 
 from agent.config import AgentConfig
 from agent.robot import Robot
+from agent.shell import checkpoint
 from agent.shell.checkpoint import revived, save
+from agent.shell.process import AgentInbox, Entry, Life
 from agent.state import State
 from deploy import inprocess
 from deploy.config import load
 from deploy.launch.launcher import launch
+from protocol import keys
+from protocol.codec import encode
 from protocol.configuration import ConfigError
-from protocol.messages import Heard, Observation
+from protocol.files import UnwritableError
+from protocol.inbox import Arrival
+from protocol.messages import End, Heard, Observation
 from tests.agent.shell.test_process import World, agent, events
 from tests.deploy.launch.test_failures import Running, hold, running  # noqa: F401
 from tests.tiny import digests, tiny_config
@@ -173,3 +181,33 @@ def test_a_run_does_not_wait_for_more_robots_than_take_part() -> None:
     assert load(sets=["robots=2", "server.begin_with=2"]).server.begin_with == 2
     with pytest.raises(ConfigError, match=r"server\.begin_with: 3 robots are more than the 2 that take part"):
         load(sets=["robots=2", "server.begin_with=3"])
+
+
+def test_no_checkpoint_is_written_that_would_not_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checkpoint, "MAX_BYTES", 1000)
+    save(tmp_path, "r1", "0" * 16, 20, {"small": np.zeros(10)})
+    kept = (tmp_path / "r1.msgpack").read_bytes()
+    with pytest.raises(UnwritableError, match=r"the map is too large: \d+ bytes, of 1000 at most"):
+        save(tmp_path, "r1", "0" * 16, 40, {"large": np.zeros(1000)})
+    assert (tmp_path / "r1.msgpack").read_bytes() == kept
+
+
+class OneByOne(AgentInbox):
+    """Nothing more has come in when the next is taken."""
+
+    def empty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("lockstep", [True, False])
+def test_a_run_that_begins_again_is_another_run(tmp_path: Path, lockstep: bool) -> None:
+    """In real time a robot took a new run of the same seed for the old one, and went on with its old map and pose."""
+    episode = Episode(tiny_config(tmp_path, robots=1), None)
+    welcome, (_, observation) = episode.welcome("r1", lockstep=lockstep), episode.inputs()["r1"]
+    life, inbox = Life(Wanderer("r1", welcome.spec, AgentConfig(), 1), Entry(welcome, 0), "r1", None), OneByOne()
+    assert life.goes_on(Entry(welcome, 0))
+    inbox.put(Arrival(keys.OBS, payload=encode(observation.model_copy(update={"tick": 7}))))
+    inbox.put(Arrival(keys.END, payload=encode(End(reason="time"))))
+    assert life.live(defaultdict(MagicMock), inbox) == "time"
+    assert not life.goes_on(Entry(welcome, 0))
+    assert life.goes_on(Entry(welcome.model_copy(update={"tick": 7}), 0))
