@@ -70,7 +70,7 @@ def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools
 
     cuts (k, 2) and sums (2 m + 1, 6): as from `segmentation.piecewise`, over the used beams.
     """
-    cuts = _split_at_gaps(scan, cuts)
+    cuts = _split_at_gaps(scan, cuts, sums)
     explained = np.zeros(len(scan.hidden), np.bool_)
     for k in range(len(cuts)):
         for j in range(cuts[k, 0], cuts[k, 1]):
@@ -169,7 +169,7 @@ def _beam(scan: RangeScan, j: int) -> int:
 
 
 @kernel
-def _split_at_gaps(scan: RangeScan, cuts: Ints) -> Ints:
+def _split_at_gaps(scan: RangeScan, cuts: Ints, sums: Floats) -> Ints:
     """Cut pieces where two neighbouring hits are too far apart to show that the wall goes on, or free space is between.
 
     Sparse beams meet a wall far ahead a metre apart, and it is those hits that tell its direction best. Pieces seen
@@ -178,11 +178,12 @@ def _split_at_gaps(scan: RangeScan, cuts: Ints) -> Ints:
     m, count = len(scan.used), 0
     out = np.empty((m + 1, 2), np.int64)
     for k in range(len(cuts)):
-        begin = cuts[k, 0]
+        begin, line = cuts[k, 0], _line_of(sums[cuts[k, 1]] - sums[cuts[k, 0]])
         bridge = scan.bridge_m if cuts[k, 1] - begin >= SURE_HITS else BRIDGE_M
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
             last, following = scan.used[(j - 1) % m], scan.used[j % m]
-            if j < cuts[k, 1] and _apart(scan.beams, following, last) <= bridge and not _opens(scan, last, following):
+            apart = _apart(line, scan.beams, last, following)
+            if j < cuts[k, 1] and apart <= bridge and not _opens(scan, last, following):
                 continue
             seen_in_front = width_of(scan.beams, _beam(scan, begin), _beam(scan, j - 1)) > 0.0
             if j - begin >= MIN_HITS and seen_in_front:
@@ -212,10 +213,26 @@ def _opens(scan: RangeScan, last: int, following: int) -> bool:
 
 
 @kernel
-def _apart(beams: Beams, p: int, q: int) -> float:
-    """Distance of the points that two beams met, metres."""
-    r, s, bearing = beams.distances[p], beams.distances[q], beams.bearings[p] - beams.bearings[q]
-    return math.sqrt(max(r * r + s * s - 2 * r * s * math.cos(bearing), 0.0))
+def _line_of(total: Floats) -> tuple[float, float, float, float]:
+    """The line fitted to sums (6,): a point on it, m, and its direction."""
+    a, b, _ = fit_line(total)
+    norm = math.hypot(a, b)
+    return a / norm**2, b / norm**2, -b / norm, a / norm
+
+
+@kernel
+def _apart(line: tuple[float, float, float, float], beams: Beams, p: int, q: int) -> float:
+    """Distance of two beams on a line, metres; inf where one does not meet it.
+
+    Not of the points that they met, as their ranges err: far ones are farther apart, and would be left out sooner.
+    """
+    x, y, ux, uy = line
+    r, s = _range_to(x, y, ux, uy, beams, p), _range_to(x, y, ux, uy, beams, q)
+    if not (0.0 < r < math.inf and 0.0 < s < math.inf):
+        return math.inf
+    dx = beams.origins[q, 0] + s * beams.directions[q, 0] - beams.origins[p, 0] - r * beams.directions[p, 0]
+    dy = beams.origins[q, 1] + s * beams.directions[q, 1] - beams.origins[p, 1] - r * beams.directions[p, 1]
+    return math.hypot(dx, dy)
 
 
 @kernel
@@ -252,7 +269,8 @@ def _only_strays(scan: RangeScan, first: int, end: int, joint: Floats) -> bool:
         if not abs(scan.beams.distances[beam] * u - 1.0) < NOISE_SIGMAS * scan.noise[beam] * u:
             return False
     last, following = scan.used[(first - 1) % m], scan.used[end % m]
-    return _apart(scan.beams, last, following) <= BRIDGE_M and not _opens(scan, last, following)
+    apart = _apart(_line_of(joint), scan.beams, last, following)
+    return apart <= BRIDGE_M and not _opens(scan, last, following)
 
 
 @kernel
