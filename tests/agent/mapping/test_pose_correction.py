@@ -8,7 +8,7 @@ import pytest
 from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.joint import AXIS, know_walls, relate, row_of
+from agent.mapping.joint import AXIS, TELLING_SLACK_M, know_walls, relate, row_of
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis
 from agent.mapping.strain import strain
 
@@ -17,11 +17,13 @@ NOT_TENTATIVE = np.zeros(2, np.bool_)
 OFF_M = 0.05
 
 
-def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0, stray: bool = False) -> float:
+def moved_by(
+    side: int, off: float, face: float = 0.0, hits: float = 30.0, stray: bool = False, slack: float = 0.01
+) -> float:
     """By how much the robot moves along a wall from 2 to 4 m ahead, one end of which (side) is seen `off` m farther.
 
     It knows its place to 0.1 m and the wall well. face: metres of the piece that may be of the face beyond, by a slack
-    of 0.01 m. hits: beams of the piece, as near ones count. stray: whether the end is that of a stray.
+    in metres. hits: beams of the piece, as near ones count. stray: whether the end is that of a stray.
     """
     edges, joint = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2)))
     wall = edges[0]
@@ -45,7 +47,7 @@ def moved_by(side: int, off: float, face: float = 0.0, hits: float = 30.0, stray
     )
     piece["end"], piece["label"] = (-1.0, 1.0), -1
     piece["end"][side] += off
-    piece["label"][side], piece["slack"][side], piece["face"][side] = OCCLUSION, 0.01, face
+    piece["label"][side], piece["slack"][side], piece["face"][side] = OCCLUSION, slack, face
     piece["stray"][side] = stray
     shift = np.zeros(len(joint))
     gates = Gates(NOISE, OFFSET_GATE_M)
@@ -62,6 +64,12 @@ def test_an_end_holds_the_robot_along_its_wall_however_few_beams_show_it(side: i
 def test_an_end_beyond_which_hits_may_be_of_the_next_face_does_not() -> None:
     """It seems too far out, and pulled the robot along."""
     assert moved_by(0, OFF_M, face=0.002) == 0.0
+
+
+@pytest.mark.parametrize(("slack", "moves"), [(0.9 * TELLING_SLACK_M, True), (1.1 * TELLING_SLACK_M, False)])
+def test_an_end_that_is_seen_too_flat_does_not(slack: float, moves: bool) -> None:
+    """It seems too near, as beams are mixed or lost there, and shortened corridors of rooms."""
+    assert (moved_by(1, OFF_M, slack=slack) != 0.0) is moves
 
 
 def test_an_end_by_a_stray_does_not() -> None:

@@ -13,7 +13,7 @@ from agent.perception.config import Segmentation
 from agent.perception.perceive import Foreseen, perceive
 from protocol.arrays import Floats, Records
 from protocol.geometry import pose_of
-from protocol.messages import RobotSpec
+from protocol.messages import LidarSpec, RobotSpec
 from protocol.wireframe import Label
 from tests.ideal import ideal_lidar, ideal_spec
 from world.lidar.lidar import Lidar
@@ -469,9 +469,9 @@ def test_a_lone_post_is_one_piece_wherever_the_ring_of_beams_begins(bearing_deg:
     assert np.diff(piece["end"]).tolist() == [[pytest.approx(0.09, abs=0.01)]]
 
 
-def seen_wall(away_m: float, scans: int, half_m: float = 1.5) -> Floats:
+def seen_wall(away_m: float, scans: int, half_m: float = 1.5, spec: RobotSpec | None = None) -> Floats:
     """(n, 2) of the pieces of a wall straight ahead: metres behind it, and hits; the lidar is that of real sensing."""
-    spec, rng = RobotSpec(), np.random.default_rng(0)
+    spec, rng = spec or RobotSpec(), np.random.default_rng(0)
     lidar = Lidar(np.array([(away_m, -half_m, away_m, half_m)]), spec.lidar)
     found = []
     for heading in rng.uniform(-math.pi, math.pi, scans):
@@ -488,6 +488,14 @@ def test_a_wall_is_where_it_is_in_the_mean(away_m: float) -> None:
     """The fit has squares of ranges that err, and put walls 0.03 % behind their places."""
     off, hits = seen_wall(away_m, 1500).T
     assert abs(np.average(off, weights=hits)) < 1e-4 * away_m
+
+
+def test_sparse_beams_that_err_show_a_far_wall_whole_and_where_it_is() -> None:
+    """Noise put far hits farther apart than near ones, so that they were left out: it was three walls, 8 mm nearer."""
+    spec = RobotSpec(lidar=LidarSpec(beams=180, range_max_m=12.0, mixed=0.0))
+    off, hits = seen_wall(5.0, 400, half_m=3.0, spec=spec).T
+    assert len(off) < 1.1 * 400
+    assert abs(np.average(off, weights=hits)) < 0.004
 
 
 def test_a_wall_of_which_the_lidar_cuts_off_the_farther_hits_is_not_seen() -> None:
