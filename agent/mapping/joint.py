@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION
+from agent.corner_scan import NOISE_FLOOR_M, OCCLUSION, TELLING_SLACK_M
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.edges import FREE, TENTATIVE, WALL, related, set_tip, spread, squares_beside, tip_at
@@ -32,10 +32,6 @@ END_AT = 0.53
 """Where in its slack an end is in the mean, as a share: beams at edges are mixed or lost, more so at grazing incidence.
 Taken to be in the middle, ends are 0.02 to 0.07 of it too near (27,000 views in five layouts), which shortened maps
 along corridors of rooms."""
-TELLING_SLACK_M = 0.2
-"""Slack from which an end tells nothing of where the robot is. Beams that meet a wall flat reach its end seldom, and
-most are mixed there: of 500 views with 0.4 m and more the end was nearer than in its middle by 0.25 to 0.4 of that, and
-corridors were mapped up to 0.4 % too short with 180 beams a revolution; with less than 0.2 m by 0.03 (0.15 %)."""
 MIN_VIEWS = 2.0  # views that must have confirmed an end before it holds the robot
 END_SIGMAS = 5.0
 """Deviations that the end of a piece may be off its wall's. A stray beam ends a piece in the middle of a wall, in a

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
+from agent.corner_scan import NOMINAL, OCCLUSION, PIECE, TELLING_SLACK_M
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.joint import AXIS, TELLING_SLACK_M, know_walls, relate, row_of
+from agent.mapping.joint import AXIS, know_walls, relate, row_of
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis
 from agent.mapping.strain import strain
 
