@@ -58,7 +58,7 @@ def map_(
     ] = None,
     split: Annotated[int, Option(help="Cut each log into so many robots, which drive at once.", min=1, max=100)] = 1,
     range_m: Annotated[
-        float, Option("--range", help="Radio range in metres, where references say who is where.", min=0.01)
+        float, Option("--range", help="Radio range in metres, where references say who is where.", min=0.01, max=10**9)
     ] = 4.0,
     config: ConfigFile = None,
     set_: Annotated[

@@ -132,6 +132,7 @@ finally:
         ),
         (["export", "full", "--to", "foo"], "wireswarm: --to: 'foo' is not one of 'map_server', "),
         (["run", "--range", "-1"], "radio.range_m: "),
+        (["map", "some.log", "--out", "mapped", "--range", "inf"], "wireswarm: --range: at most 1000000000\n"),
         (["run", "--set", "starts=anywhere"], "wireswarm: starts: 'file' or 'random', not 'anywhere'\n"),
         (["run", "--set", "agent.wings=2"], "agent.wings: there is no such setting"),
         (["run", "--set", "robots.x=2"], "robots"),
