@@ -64,7 +64,8 @@ def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
         if scan["tick"] % apart == 0:
             ticks.append(scan["tick"])
             scans.append(ranges_of(scan))
-    recording.beams(robot, ticks, scans, run.lidar)
+    if ticks:
+        recording.beams(robot, ticks, scans, run.lidar)
 
 
 def _radio(recording: ViewRecording, run: Run, robots: list[str], period_s: float) -> None:

@@ -94,6 +94,16 @@ def test_beams_that_met_something_are_drawn_once_a_second(found: dict[str, Rows]
     assert np.hypot(*np.array(beams[0][0])[:, 1, :2].T) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize("ticks", [[], [3]])
+def test_scans_of_which_none_is_drawn_are_no_error(tmp_path: Path, ticks: list[int]) -> None:
+    path = write_run(tmp_path / "run")
+    (path / "scans").mkdir()
+    scans = ({"t": 0.2 * k, "tick": k, "odometry": [0, 0, 0], "ranges": [1.0] * 360} for k in ticks)
+    (path / "scans" / "r2.jsonl").write_text("".join(json.dumps(scan) + "\n" for scan in scans))
+    record(path, tmp_path / "run.rrd")
+    assert "world/r2/beams" not in read_back(tmp_path / "run.rrd")
+
+
 def test_coverage_of_robots_and_team_is_a_curve(found: dict[str, Rows]) -> None:
     assert found["coverage/team"]["Scalars:scalars"][100] == [[pytest.approx(20 / 35)]]
     assert len(found["coverage/r1"]["Scalars:scalars"]) == 61
