@@ -5,6 +5,7 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 
@@ -30,6 +31,7 @@ MAX_REVOLUTION_S = 100.0
 MAX_LINE = 200_000  # characters: 4096 readings with 12 digits, remissions and poses are 100,000
 MAX_BYTES = 1 << 32  # of text, also out of a small gzip file
 MAX_HEAD = 1 << 24  # of text before the first scan: settings are some kB, three hours of other lines are this
+MAX_LASERS = 8  # of a log, that are told apart
 MOUNT_M = 2.0  # a lidar farther than this from its robot's middle is no mount, but two ways of counting poses
 SICK_RANGE_M = 80.0  # FLASER lines tell no range (`ceiling.py`): most SICKs give 81.83 m where nothing came back
 NEAR_M = 0.05  # no lidar sees nearer; 0 stands for not measured
@@ -42,7 +44,10 @@ class _NoLidarError(ValueError):
 
 
 def read_carmen(file: Path, given: Given) -> LidarLog:
-    """The scans of a log, those of the kind that comes first. Raises InputError where there is none, or no file."""
+    """The scans of a log, those of the kind that comes first and of the lidar that has most.
+
+    Raises InputError where there is none, or no file.
+    """
     try:
         return _read(file, given)
     except InputError as error:
@@ -51,13 +56,39 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         raise InputError(f"{file}: it cannot be read: {error}") from None
 
 
+@dataclass
+class _Laser:
+    """One of the lidars whose lines a log has, and what it saw."""
+
+    log: LidarLog
+    mount: Pose | None = None  # on the robot, by its first line
+
+    def is_of(self, lidar: LidarSpec) -> bool:
+        """Whether beams of a line's lidar point where this one's do."""
+        mine, apart_deg = self.log.lidar, math.degrees(0.5 * lidar.beam_step)
+        off = mine.first_beam_deg - lidar.first_beam_deg, mine.field_of_view_deg - lidar.field_of_view_deg
+        alike = (mine.beams, mine.clockwise) == (lidar.beams, lidar.clockwise)
+        return alike and max(map(abs, off)) < apart_deg
+
+    def add(self, number: int, time_s: float, readings: Floats, seen_from: Pose, robot: Pose) -> None:
+        """Take a line's scan, or count why it cannot be used."""
+        if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
+            if self.mount is None:
+                self.mount = relative(robot, seen_from)
+                if math.hypot(self.mount[0], self.mount[1]) > MOUNT_M:
+                    self.mount = (0.0, 0.0, 0.0)
+            robot = compose(robot, self.mount)
+        else:
+            robot = (math.nan, math.nan, math.nan)
+        self.log.add(Scan(number, time_s, self.log.lidar.cleaned(readings), robot))
+
+
 def _read(file: Path, given: Given) -> LidarLog:
-    log: LidarLog | None = None
-    mount: Pose | None = None
+    lasers: list[_Laser] = []
     kind, index, skipped = "", -1, Counter[str]()
     told: Revolution | None = None
     for words, read in _lines(file):
-        if log is None and read > MAX_HEAD:
+        if not lasers and read > MAX_HEAD:
             raise InputError(f"its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
         if words[:2] == ["PARAM", REVOLUTION]:
             told = _revolution(words) or told
@@ -67,32 +98,47 @@ def _read(file: Path, given: Given) -> LidarLog:
             skipped[f"{words[0]} lines, as the first scan is a {kind} line"] += 1
             continue
         index += 1
-        check_amount(index + 1, 0 if log is None else log.lidar.beams * len(log.scans))
+        check_amount(index + 1, sum(one.log.lidar.beams * len(one.log.scans) for one in lasers))
         try:
             lidar, readings, seen_from, robot, time_s = _parsed(words, given)
         except (ValueError, IndexError) as error:
             skipped[str(error) if isinstance(error, _NoLidarError) else CUT] += 1
             continue
-        if log is None:
-            log, kind = LidarLog(lidar, str(file), skipped=skipped), words[0]
-        if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
-            if mount is None:
-                mount = relative(robot, seen_from)
-                if math.hypot(mount[0], mount[1]) > MOUNT_M:
-                    mount = (0.0, 0.0, 0.0)
-            robot = compose(robot, mount)
-        else:
-            robot = (math.nan, math.nan, math.nan)
-        log.add(Scan(index, time_s, log.lidar.cleaned(readings), robot))
-    if log is None and not skipped:
+        laser = next((one for one in lasers if one.is_of(lidar)), None)
+        if laser is None:
+            laser, kind = _Laser(LidarLog(lidar, str(file))), words[0]
+            if len(lasers) == MAX_LASERS:
+                skipped[f"scans of a lidar that comes after {MAX_LASERS} others"] += 1
+                continue
+            lasers.append(laser)
+        laser.add(index, time_s, readings, seen_from, robot)
+    if not lasers and not skipped:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
-    if log is None or not log.scans:
-        raise InputError(f"none of its scans can be used: {', '.join(skipped)}")
+    log = _of_most(lasers, skipped)
     if kind == FLASER and given.range_max_m is None:
         find_ceiling(log)
     unroll(log, told, given.revolution_s)
     measured_noise(log)
     log.note_odd()
+    return log
+
+
+def _of_most(lasers: list[_Laser], skipped: Counter[str]) -> LidarLog:
+    """What the lidar with most scans saw, the first of several; what others saw is skipped.
+
+    skipped: lines of no lidar. Raises InputError where no scan can be used.
+    """
+    log = max((one.log for one in lasers), key=lambda log: len(log.scans), default=None)
+    if log is None or not log.scans:
+        reasons = sum((one.log.skipped for one in lasers), skipped)
+        raise InputError(f"none of its scans can be used: {', '.join(reasons)}")
+    lidar = log.lidar
+    reason = (
+        f"scans of another lidar than the one read, which has {lidar.beams} beams over {lidar.field_of_view_deg:.4g} "
+        f"degrees from {lidar.first_beam_deg:.4g} degrees on"
+    )
+    others = sum(len(one.log.scans) + one.log.skipped.total() for one in lasers if one.log is not log)
+    log.skipped += skipped + Counter({reason: others})
     return log
 
 

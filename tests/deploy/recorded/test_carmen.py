@@ -1,6 +1,7 @@
 """CARMEN logs: what is read, and what is skipped, counted and said."""
 
 import gzip
+import math
 from pathlib import Path
 from typing import Any
 
@@ -96,8 +97,8 @@ def test_the_farthest_wall_of_a_log_is_a_hit(tmp_path: Path, far: str) -> None:
     assert all(np.isfinite(scan.ranges).all() for scan in read.scans) and not read.notes
 
 
-def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0) -> str:
-    head = f"ROBOTLASER1 0 -1.57 3.14 {step} {limit} 0.01 0 180"
+def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0, first: object = -1.57) -> str:
+    head = f"ROBOTLASER1 0 {first} 3.14 {step} {limit} 0.01 0 180"
     return f"{head} {'3 ' * 180}0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
 
 
@@ -111,6 +112,34 @@ def test_what_is_not_used_is_counted_before_the_first_scan_and_of_another_kind(t
         "scans of fewer than 8 or more than 4096 beams": 1,
         "ROBOTLASER1 lines, as the first scan is a FLASER line": 2,
     }
+
+
+@pytest.mark.parametrize(
+    ("other", "others"),
+    [
+        ({"first": 1.57}, range(3)),
+        ({"step": 0.0348}, range(3)),
+        ({"step": -0.0174}, range(7, 10)),
+        ({"first": 1.57}, range(1, 10, 2)),
+    ],
+    ids=["rear", "wider", "clockwise", "in turns"],
+)
+def test_a_log_of_two_lidars_is_read_as_of_the_one_that_has_most(
+    tmp_path: Path, other: dict[str, object], others: range
+) -> None:
+    """Scans of as many beams were read at the bearings of the first one."""
+    lines = [robotlaser(k, **other) if k in others else robotlaser(k, first=-1.57 + 1e-6 * k) for k in range(10)]
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert [scan.number for scan in read.scans] == [k for k in range(10) if k not in others]
+    assert math.degrees(read.lidar.bearings()[0]) == pytest.approx(-90, abs=0.1)
+    ((reason, count),) = read.skipped.items()
+    assert reason.startswith("scans of another lidar than the one read") and count == len(others)
+
+
+def test_a_log_of_ever_other_lidars_is_read_as_of_one_of_the_first(tmp_path: Path) -> None:
+    lines = (robotlaser(k, first=-1.57 + 0.1 * k) for k in range(20))
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert len(read.scans) == 1 and sum(read.skipped.values()) == 19
 
 
 @pytest.mark.parametrize(
@@ -147,7 +176,7 @@ def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
         "scans whose odometry is no number": 1,
         "scans whose odometry is farther than 10000 m from the first": 1,
         "scans whose time jumps back": 1,
-        "scans without 180 readings, as the first had": 1,
+        "scans of another lidar than the one read, which has 180 beams over 180 degrees from -90 degrees on": 1,
     }
 
 
