@@ -6,7 +6,7 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BufferedReader
+from io import BufferedReader, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -152,18 +152,19 @@ def _revolution(words: list[str]) -> Revolution | None:
 
 
 def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
-    """Words of each line, and the bytes up to its end."""
+    """Words of each line, whatever ends it, and the characters up to there."""
     check_is_file(file)
     with file.open("rb") as raw:
         zipped = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)
-        with BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw as stream:
+        unzipped = BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw
+        with TextIOWrapper(unzipped, "utf-8-sig", "replace") as stream:
             read = 0
             while line := stream.readline(MAX_LINE):
                 read += len(line)
                 if read > MAX_BYTES:
                     raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
-                yield line.lstrip(b"\0").decode("ascii", "replace").split(), read  # a power cut leaves zeros
+                yield line.lstrip("\0").split(), read  # a power cut leaves zeros
 
 
 def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Pose, float]:

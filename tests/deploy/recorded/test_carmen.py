@@ -159,6 +159,15 @@ def test_why_no_scan_can_be_used_is_said(tmp_path: Path, line: str, said: str) -
         read_carmen(log(tmp_path, line, line), Given())
 
 
+@pytest.mark.parametrize(("begin", "end"), [("\ufeff", "\n"), ("", "\r"), ("", "\r\n")], ids=["BOM", "CR", "CRLF"])
+@pytest.mark.parametrize("zipped", [False, True])
+def test_text_of_any_editor_is_read_whole(tmp_path: Path, begin: str, end: str, zipped: bool) -> None:
+    text = (begin + end.join(flaser(k) for k in range(5))).encode()
+    (tmp_path / "some.log").write_bytes(gzip.compress(text) if zipped else text)
+    read = read_carmen(tmp_path / "some.log", Given())
+    assert [scan.number for scan in read.scans] == [0, 1, 2, 3, 4] and not read.skipped
+
+
 def test_bad_records_are_counted_and_keep_their_numbers(tmp_path: Path) -> None:
     lines = [flaser(k) for k in range(10)]
     lines[2] = lines[2][:300]  # cut
