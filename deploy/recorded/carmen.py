@@ -75,8 +75,11 @@ class _Laser:
         if all(abs(value) <= MAX_NUMBER for value in (*robot, *seen_from)):  # NaN is not
             if self.mount is None:
                 self.mount = relative(robot, seen_from)
-                if math.hypot(self.mount[0], self.mount[1]) > MOUNT_M:
+                if (away_m := math.hypot(self.mount[0], self.mount[1])) > MOUNT_M:
                     self.mount = (0.0, 0.0, 0.0)
+                    self.log.notes.append(
+                        f"its lidar is told to be {away_m:.1f} m from the robot: taken as in its middle"
+                    )
             robot = compose(robot, self.mount)
         else:
             robot = (math.nan, math.nan, math.nan)

@@ -19,6 +19,7 @@ from protocol.wireframe import MAX_COORDINATE_M
 GAP_S = 0.4  # a pause between two scans is a gap from here, if it is GAP_TIMES the usual one
 GAP_TIMES = 2.2
 JUMP_M, JUMP_MPS = 0.5, 10.0  # more than these from one scan to the next, by odometry, is no robot's way
+CHANGE_M = 0.1  # of half of the beams: a robot that stands sees that much of nothing but crowds
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
@@ -140,7 +141,7 @@ class LidarLog:
         return _contradicted(scan, *self._ends(1)) is None
 
     def note_odd(self) -> None:
-        """Say how often the log pauses and jumps, and whether most of its scans were skipped or show nothing."""
+        """Say how often the log pauses and jumps, whether it stands, and whether most of its scans are of no use."""
         if 2 * len(self.scans) < self._added:
             self.notes.append(f"only {len(self.scans)} of {self._added} scans are used")
         times = [scan.time_s for scan in self.scans]
@@ -153,8 +154,15 @@ class LidarLog:
         jumps = [way for way, step in zip(ways, steps, strict=True) if way > JUMP_M + JUMP_MPS * step]
         if jumps:
             self.notes.append(f"{len(jumps)} jumps of odometry, of up to {max(jumps):.1f} m from scan to scan")
+        if len({scan.odometry for scan in self.scans}) == 1 and self._sees_change():
+            self.notes.append("its odometry never moves, but what it sees does")
         if not any(np.isfinite(scan.ranges).any() for scan in self.scans):
             self.notes.append("no scan hits anything")
+
+    def _sees_change(self) -> bool:
+        """Whether half of the beams of any scan differ from those of the first by more than noise."""
+        first, *rest = (np.nan_to_num(scan.ranges, posinf=self.lidar.range_max_m) for scan in self.scans)
+        return any(np.median(np.abs(ranges - first)) > CHANGE_M for ranges in rest)
 
 
 def _contradicted(scan: Scan, first: Scan | None, last: Scan | None) -> str | None:

@@ -231,6 +231,13 @@ def test_jumps_of_odometry_and_scans_of_nothing_are_told(tmp_path: Path) -> None
     ]
 
 
+@pytest.mark.parametrize(("moves", "notes"), [(0.1, ["its odometry never moves, but what it sees does"]), (0.0, [])])
+def test_odometry_that_never_moves_is_told_where_scans_do(tmp_path: Path, moves: float, notes: list[str]) -> None:
+    readings = [[f"{2 + moves * k + 0.01 * (n % 3) * (k % 2):.2f}" for n in range(180)] for k in range(5)]
+    lines = (flaser(0.2 * k, readings=values, pose="0 0 0") for k, values in enumerate(readings))
+    assert read_carmen(log(tmp_path, *lines), Given(range_max_m=80.0)).notes == notes
+
+
 def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
     file, rng = tmp_path / "cut.log.gz", np.random.default_rng(0)
     lines = "\n".join(flaser(k, readings=[f"{r:.6f}" for r in rng.random(180)]) for k in range(50))
@@ -267,3 +274,10 @@ def test_what_is_no_log_is_one_sentence(tmp_path: Path, content: bytes) -> None:
 def test_the_lidar_is_where_it_is_mounted_and_not_where_somebody_has_corrected_it_to(tmp_path: Path) -> None:
     lines = flaser(0).replace("1 2 0.5 1 2 0.5", "1.2 2 0 1 2 0"), flaser(1).replace("1 2 0.5 1 2 0.5", "7 7 7 1 3 0")
     assert read_carmen(log(tmp_path, *lines), Given()).scans[1].odometry == pytest.approx((1.2, 3, 0))
+
+
+def test_a_mount_that_is_none_is_told(tmp_path: Path) -> None:
+    lines = (flaser(k).replace("1 2 0.5 1 2 0.5", f"{k} 2 0 {k} -0.5 0") for k in range(3))
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert read.scans[2].odometry == (2, -0.5, 0)
+    assert read.notes == ["its lidar is told to be 2.5 m from the robot: taken as in its middle"]
