@@ -14,6 +14,7 @@ import numpy as np
 
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
+from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
 
@@ -25,6 +26,7 @@ TELLING_RAD = math.radians(3.0)
 PAIRS = 100  # of scans that are compared, at most: the first ones that tell
 LEAST_PAIRS = 5
 MOST_BEAMS = 400  # of a scan that are compared, about: all pairs of so many take 2 ms
+LONGEST = 1.1  # revolutions that a lidar makes from scan to scan, at most: its speed, and stamps, err a little
 SHARPER = 0.8
 """Share of the distance between such scans that must be left where each beam is given its moment. Of 13 runs in 11
 layouts whose lidar turns 0.41 to 0.60 are left, and 1.4 to 1.9 with stamps taken for the begins of scans; of 5 runs
@@ -54,8 +56,12 @@ def unroll(log: LidarLog, told: Revolution | None, given_s: float | None, from_s
     """Give each scan of a log the way of the lidar's revolution: as the log tells it, or else as the scans show it.
 
     given_s: its seconds by the user, whatever the log tells. from_stamp: whether stamps of this kind of log should be
-    those of the begins of scans, where the scans do not show which.
+    those of the begins of scans, where the scans do not show which. Raises InputError where a revolution would take
+    longer than it is from scan to scan.
     """
+    period_s = _period_s(log.scans)
+    if given_s is not None and period_s is not None and given_s > LONGEST * period_s:
+        raise InputError(f"--revolution {given_s:g}: scans are {period_s:.3g} s apart; give at most that")
     if told is None:
         revolution = _shown(log, given_s, from_stamp)
     else:
@@ -79,14 +85,14 @@ def _shown(log: LidarLog, given_s: float | None, from_stamp: bool) -> Revolution
     It makes a scan in each revolution. Whether its beams are of one moment shows where the robot begins or ends to
     turn: two scans lie on each other only if they are drawn as they were taken.
     """
-    steps = [b.time_s - a.time_s for a, b in pairwise(log.scans) if b.time_s > a.time_s]
-    seconds = given_s if given_s is not None else median(steps) if steps else 0.0
+    period_s = _period_s(log.scans)
+    seconds = given_s if given_s is not None else period_s or 0.0
     usual = ONE_MOMENT if given_s is None else Revolution(seconds, seconds if from_stamp else 0.0)
-    if log.lidar.field_of_view_deg < ALL_ROUND_DEG or not steps or seconds <= 0:
+    if log.lidar.field_of_view_deg < ALL_ROUND_DEG or period_s is None or seconds <= 0:
         return usual
     tried = [Revolution(seconds, after_s, backwards) for backwards in (False, True) for after_s in (0.0, seconds)]
     ways = _ways(log.scans, tried[0])
-    turns, between = ways[:, -1, 2] - ways[:, 0, 2], max(1, round(APART_S / median(steps)))
+    turns, between = ways[:, -1, 2] - ways[:, 0, 2], max(1, round(APART_S / period_s))
     tells = np.abs(turns[between:] - turns[:-between]) > TELLING_RAD
     first = np.flatnonzero(tells | np.append(tells[1:], False))[:PAIRS].tolist()  # up to stamps, or from them on
     if len(first) < LEAST_PAIRS:
@@ -95,6 +101,12 @@ def _shown(log: LidarLog, given_s: float | None, from_stamp: bool) -> Revolution
     apart = {one: _apart(log, one, pairs) for one in tried}
     best = min(tried, key=lambda one: apart[one])
     return best if given_s is not None or apart[best] < SHARPER * _apart(log, ONE_MOMENT, pairs) else ONE_MOMENT
+
+
+def _period_s(scans: list[Scan]) -> float | None:
+    """The median time from scan to scan; None where no time passes."""
+    steps = [b.time_s - a.time_s for a, b in pairwise(scans) if b.time_s > a.time_s]
+    return median(steps) if steps else None
 
 
 def _ways(scans: list[Scan], revolution: Revolution) -> Floats:

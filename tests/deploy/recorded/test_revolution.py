@@ -16,6 +16,7 @@ from deploy.recorded.revolution import Revolution, unroll
 from deploy.recorded.team import play
 from deploy.sensing import REAL
 from protocol.arrays import Floats
+from protocol.errors import InputError
 from protocol.geometry import Pose, pose_of, relative
 from protocol.messages import LidarSpec, RobotSpec
 from world.worldfile import from_document
@@ -134,6 +135,16 @@ def test_where_scans_do_not_show_it_stamps_are_taken_as_they_should_be(from_stam
     unroll(log, None, 0.5, from_stamp)
     way = log.scans[1].way
     assert way is not None and way[0, 0] == pytest.approx(first) and way[-1, 0] == pytest.approx(first + 0.5)
+
+
+def test_a_revolution_that_takes_longer_than_from_scan_to_scan_is_refused() -> None:
+    log = LidarLog(LidarSpec(beams=8, field_of_view_deg=180.0, turning=False), "three")
+    for k in range(3):
+        log.add(Scan(k, 0.2 * k, np.ones(8), (float(k), 0.0, 0.0)))
+    with pytest.raises(InputError, match=r"^--revolution 2: scans are 0.2 s apart; give at most that$"):
+        unroll(log, None, 2.0)
+    unroll(log, None, 0.21)  # as near as a lidar's speed is
+    assert log.lidar.turning
 
 
 def test_readings_that_are_told_backwards_come_in_the_order_in_which_they_were_taken() -> None:
