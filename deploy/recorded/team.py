@@ -38,6 +38,8 @@ def _read_reference(file: Path) -> dict[int, tuple[float, float]]:
             rows = np.loadtxt(lines, ndmin=2)
         if rows.shape[1] != 8 or not np.isfinite(rows).all() or not len(rows):
             raise ValueError("lines of eight finite numbers are wanted")
+        if (strange := rows[(rows[:, 0] < 0) | (rows[:, 0] % 1 != 0), 0]).size:
+            raise ValueError(f"a line begins with the number of a scan, counted from 0, and not with {strange[0]:.12g}")
     except (OSError, ValueError) as error:
         raise InputError(f"{file}: no reference poses: {error}") from None
     return {int(row[0]): (float(row[1]), float(row[2])) for row in rows}
@@ -49,6 +51,12 @@ def refer(logs: Sequence[LidarLog], files: Sequence[Path]) -> None:
         raise InputError(f"--reference: one file a log is wanted; there are {len(logs)} logs and {len(files)} files")
     for log, file in zip(logs, files, strict=False):
         log.reference = _read_reference(file)
+        if log.reference.keys().isdisjoint(scan.number for scan in log.scans):
+            first, last = log.scans[0].number, log.scans[-1].number
+            told = f"{min(log.reference)} to {max(log.reference)}"
+            raise InputError(
+                f"{file}: no reference poses: its lines are of scans {told}, and the log has {first} to {last}"
+            )
 
 
 def cut(logs: Sequence[LidarLog], parts: int) -> list[LidarLog]:

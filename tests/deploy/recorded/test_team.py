@@ -154,6 +154,23 @@ def test_what_is_no_reference_is_a_sentence(tmp_path: Path, content: str) -> Non
         refer(both_ways(), [file])
 
 
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        ("0.2", "a line begins with the number of a scan, counted from 0, and not with 0.2"),
+        ("1700000000.2", "and not with 1700000000.2"),
+        ("-1", "and not with -1"),
+        ("1700000000", "its lines are of scans 1700000000 to 1700000000, and the log has 0 to 1"),
+    ],
+)
+def test_a_reference_by_anything_but_numbers_of_scans_is_a_sentence(tmp_path: Path, number: str, said: str) -> None:
+    """Stamps were cut to whole numbers, or the file was dropped without a word."""
+    scans = [Scan(k, float(k), np.ones(180), (0.0, 0.0, 0.0)) for k in range(2)]
+    (tmp_path / "some.tum").write_text(f"{number} 1 2 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=rf"some\.tum: no reference poses: .*{said}$"):
+        refer([LidarLog(HALF_TURN, "log", scans)], [tmp_path / "some.tum"])
+
+
 def test_a_compressed_reference_is_a_sentence(tmp_path: Path) -> None:
     """numpy unpacks by the name: a damaged one ended in a traceback, and a small one may be as large as memory."""
     (tmp_path / "some.tum.gz").write_bytes(gzip.compress(b"10 1 2 0 0 0 0 1\n" * 50)[:-9])
