@@ -12,8 +12,8 @@ from protocol.files import write_all
 def write_report(run_dir: Path) -> Path:
     """Write report.png and report.html into a run directory; returns the path of the page.
 
-    Files that are missing or broken are named in the page. Raises NoDirectoryError where there is none,
-    UnwritableError for a file that cannot be written, after the other was tried.
+    Files that are missing or broken are named in the page. Raises NoDirectoryError where there is
+    nothing of a run, UnwritableError for a file that cannot be written, after the other was tried.
     """
     run = read_run(run_dir)
     picture, page = (

@@ -34,6 +34,12 @@ if TYPE_CHECKING:
 BROKEN = (OSError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, csv.Error)
 """What parsing a file of any content may raise."""
 
+PARTS = (
+    "manifest.json", "summary.json", "bandwidth.json", "world.yaml", "truth.json", "maps", "snapshots", "trajectories",
+    "metrics.csv", "events.jsonl",
+)  # fmt: skip
+"""What is read of a run directory."""
+
 MAX_TIME_S = 1e9  # of a simulated time in a file
 MAX_M = 1e6  # of a coordinate (or a second of a path) in a file: neither pictures nor pages can show more
 
@@ -179,11 +185,13 @@ def mapping(value: Any) -> dict[str, Any]:
 def read_run(directory: str | Path) -> Run:
     """What a run directory holds; `notes` of the result name the files that are missing or broken.
 
-    Raises NoDirectoryError where there is no such directory.
+    Raises NoDirectoryError where there is no such directory, or nothing of a run in it.
     """
     path = Path(directory)
     if not path.is_dir():
         raise NoDirectoryError(f"{path} is no run directory")
+    if not any((path / name).exists() for name in PARTS):
+        raise NoDirectoryError(f"{path} is no run directory: it has no manifest.json, and nothing else of a run")
     run = Run(path)
 
     def part(name: str, read: Callable[[Path], T], otherwise: T) -> T:

@@ -147,6 +147,7 @@ def test_without_a_run_the_frame_of_the_world_is_not_known(tmp_path: Path) -> No
     (tmp_path / "map.json").write_text(json.dumps(seen(8, STARTS["r1"])))
     with pytest.raises(InputError, match="leave out --frame world"):
         export_maps(tmp_path / "map.json", tmp_path / "out", "world", EVERY)
+    (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="has no maps"):
         export_maps(tmp_path, tmp_path / "out", "own", EVERY)
 

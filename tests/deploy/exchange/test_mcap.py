@@ -78,6 +78,7 @@ def test_the_same_run_gives_the_same_bytes(run: Path, tmp_path: Path) -> None:
 
 
 def test_without_a_world_there_is_nothing_to_write(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="no world"):
         write_mcap(tmp_path, tmp_path / "out")
     with pytest.raises(InputError, match="no run directory"):

@@ -25,6 +25,7 @@ def test_robots_move_and_maps_grow(tmp_path: Path) -> None:
 
 
 def test_without_a_world_there_is_nothing_to_draw(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="no world"):
         write_video(tmp_path, tmp_path / "out")
     with pytest.raises(InputError, match="no run directory"):

@@ -110,6 +110,7 @@ def test_coverage_of_robots_and_team_is_a_curve(found: dict[str, Rows]) -> None:
 
 
 def test_without_a_world_there_is_nothing_to_replay(tmp_path: Path) -> None:
+    (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="no world"):
         record(tmp_path, tmp_path / "run.rrd")
     with pytest.raises(InputError, match="no run directory"):
