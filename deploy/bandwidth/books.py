@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from deploy.report.rundir import BROKEN, MAX_TIME_S
+from deploy import manifest
+from deploy.report.rundir import BROKEN, MAX_TIME_S, OF_LOGS
 from protocol.document import check_is_file, read_text
 from protocol.errors import InputError
 from world.radio.gate import Passage
@@ -73,8 +74,27 @@ class _Books(_Part):
     wire: dict[str, dict[str, _Flow]] = {}
 
 
+def check_simulated(run: Path) -> None:
+    """Raise NoRunError for a directory of recorded logs, which has a manifest.json and maps, too."""
+    try:
+        of_logs = "logs" in manifest.read(run)
+    except InputError:
+        return
+    if of_logs:
+        raise NoRunError(f"{run} {OF_LOGS}")
+
+
+def check_has(run: Path, *names: str) -> None:
+    """Raise NoRunError, which names it, for a file that a run directory lacks."""
+    for name in names:
+        if not (run / name).exists():
+            raise NoRunError(f"{run} is no finished run: it has no {name}")
+
+
 def read_books(run: Path) -> dict[str, Any]:
     """bandwidth.json of a run. Raises NoRunError where there is none, or where it and radio.csv do not agree."""
+    check_simulated(run)
+    check_has(run, "bandwidth.json", "radio.csv")
     try:
         text = read_text(run / "bandwidth.json", MAX_BOOKS_BYTES)
         books: dict[str, Any] = json.loads(text, parse_float=_finite, parse_constant=_finite)

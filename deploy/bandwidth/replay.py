@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deploy import manifest
-from deploy.bandwidth.books import NoRunError
+from deploy.bandwidth.books import NoRunError, check_has, check_simulated
 from deploy.config import RunConfig
 from deploy.report.rundir import BROKEN, read_trajectory, read_truth
 from protocol.arrays import Floats
@@ -42,6 +42,7 @@ class Seen:
 
 def config_of(run: Path) -> RunConfig:
     """The configuration of a run directory. Raises NoRunError."""
+    check_simulated(run)
     try:
         return RunConfig.model_validate(manifest.read(run)["config"])
     except (OSError, ValueError, LookupError, TypeError):
@@ -50,6 +51,7 @@ def config_of(run: Path) -> RunConfig:
 
 def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     """What each robot of a run directory saw. Raises NoRunError."""
+    check_has(run, "world.yaml", "truth.json", "events.jsonl")
     try:
         world = load(str(run / "world.yaml"))
         frames = {robot: frame.tolist() for robot, frame in read_truth(run / "truth.json")[0].items()}
@@ -89,6 +91,8 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
 
 def _track(file: Path) -> Floats:
     """(t, 3) poses of a TUM file, world frame. Raises one of BROKEN."""
+    if not file.exists():
+        raise ValueError(f"it has no trajectories/{file.name}")
     poses = read_trajectory(file)
     if poses is None:
         raise ValueError(f"{file.name} holds no pose")

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import track
 
 from agent.communication.config import TalkConfig
-from deploy.bandwidth.books import NoRunError, passages, read_books
+from deploy.bandwidth.books import NoRunError, check_has, passages, read_books
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
@@ -116,6 +116,7 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     """
     config = config or config_of(run)
     books, seen = read_books(run), seen_again(run, config)
+    check_has(run, "updates.jsonl")
     period_s = 1 / config.spec.lidar.rate_hz
     try:
         ours = [passage for passage in passages(run) if passage.kind in OURS]

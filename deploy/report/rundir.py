@@ -39,6 +39,8 @@ PARTS = (
     "metrics.csv", "events.jsonl",
 )  # fmt: skip
 """What is read of a run directory."""
+OF_LOGS = "is a directory of `wireswarm map`: recorded logs have no world, radio or settings of a run"
+"""What to say where it needs these."""
 
 MAX_TIME_S = 1e9  # of a simulated time in a file
 MAX_M = 1e6  # of a coordinate (or a second of a path) in a file: neither pictures nor pages can show more
@@ -238,8 +240,11 @@ def read_drawable(path: Path) -> tuple[Run, World]:
     Raises InputError.
     """
     run = read_run(path)
+    if run.of_logs:
+        raise InputError(f"{path} {OF_LOGS}")
     if run.world is None or not run.poses:
-        raise InputError(f"{path} has no world or no paths to be drawn: {'; '.join(run.notes)}"[:400])
+        why = "; ".join(run.notes) or "no file in trajectories/ holds a pose"
+        raise InputError(f"{path} has no world or no paths to be drawn: {why}"[:400])
     return run, run.world
 
 

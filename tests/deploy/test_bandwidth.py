@@ -174,8 +174,9 @@ def test_the_books_balance_and_say_where_they_do_not(
             (copy / "bandwidth.json").write_text(json.dumps(changed))
         with pytest.raises(NoRunError, match=words):
             read_books(copy)
-    with pytest.raises(NoRunError, match="no finished run"):
-        read_books(tmp_path)
+    (copy / "radio.csv").unlink()
+    with pytest.raises(NoRunError, match=r"no finished run: it has no radio\.csv$"):
+        read_books(copy)
 
 
 def test_the_command_prints_and_keeps_the_figures(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:

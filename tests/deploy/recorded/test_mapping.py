@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,19 @@ import pytest
 
 from agent.config import AgentConfig
 from agent.passenger import IN_LIVED_ROOMS
+from deploy.bandwidth.books import read_books
+from deploy.bandwidth.representations import measure
 from deploy.bench.rings import laps
+from deploy.exchange.mcap import write_mcap
+from deploy.finish import finish
 from deploy.recorded import mapping
 from deploy.recorded.lidar_log import LidarLog, Scan
 from deploy.recorded.words import print_mapped
+from deploy.recorded.written import write_carmen
 from deploy.report import write_report
-from deploy.report.rundir import read_run
+from deploy.report.rundir import read_drawable, read_run
 from protocol.arrays import Floats
-from protocol.errors import ProtocolError
+from protocol.errors import InputError, ProtocolError
 from tests.carried import DRIFT, HALF_TURN, observations, path_error, ring_corridor
 
 LOGS = Path("/work/shared/logs")
@@ -95,6 +101,26 @@ def test_a_recorded_log_is_mapped_as_well_as_by_grid_slam(tmp_path: Path) -> Non
     assert found["ate_m"] < 0.12, "iris_lama's, /work/shared/facts/real.md"
     assert found["explained"] > 0.85 and found["supported"] > 0.9
     assert json.loads((out / "summary.json").read_text())["robots"]["r1"]["map_bytes"] < 8000
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        read_drawable,
+        lambda run: write_carmen(run, run / "carmen"),
+        lambda run: write_mcap(run, run / "mcap"),
+        finish,
+        measure,
+        read_books,
+    ],
+)
+def test_what_needs_a_world_says_that_logs_have_none(tmp_path: Path, ask: Callable[[Path], object]) -> None:
+    scan = Scan(0, 0.0, np.full(180, 2.0), (0.0, 0.0, 0.0))
+    mapping.map_logs([LidarLog(HALF_TURN, "log", [scan])], AgentConfig(), tmp_path, quiet=True)
+    files = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match="is a directory of `wireswarm map`: recorded logs have no world"):
+        ask(tmp_path)
+    assert sorted(tmp_path.iterdir()) == files
 
 
 def test_a_log_has_no_settings_of_a_run(tmp_path: Path) -> None:

@@ -109,6 +109,13 @@ def test_coverage_of_robots_and_team_is_a_curve(found: dict[str, Rows]) -> None:
     assert len(found["coverage/r1"]["Scalars:scalars"]) == 61
 
 
+def test_paths_without_a_pose_are_said(tmp_path: Path) -> None:
+    for file in (path := write_run(tmp_path / "run")).glob("trajectories/*"):
+        file.write_text("")
+    with pytest.raises(InputError, match=r"no paths to be drawn: no file in trajectories/ holds a pose$"):
+        record(path, tmp_path / "run.rrd")
+
+
 def test_without_a_world_there_is_nothing_to_replay(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="no world"):
