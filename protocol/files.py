@@ -8,6 +8,8 @@ from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
 
+from protocol.errors import InputError
+
 PIECE_CHARS = 1 << 16
 """A LineFile keeps at most about so much before it hands it to the system."""
 _NO_FILE = "this is no file"
@@ -26,6 +28,14 @@ class UnwritableError(OSError):
 
     def __reduce__(self) -> tuple[type["UnwritableError"], tuple[tuple[Path, str], ...]]:
         return type(self), self.failures
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder that --out names, with those above it, where it is not there yet. Raises InputError."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: {error.strerror}; name a directory that can be written") from None
 
 
 def write_whole(file: Path, content: str | bytes, *, private: bool = False, durable: bool = True) -> None:

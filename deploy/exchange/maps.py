@@ -17,7 +17,7 @@ from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError, ProtocolError
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 from protocol.geometry import seen_from
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
@@ -127,7 +127,7 @@ def export_maps(path: Path, out: Path, frame: Frame, forms: Mapping[str, Form]) 
     Raises InputError and UnwritableError.
     """
     maps = read_maps(path, frame)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     made = []
     for named in maps:
         for suffix, form in forms.items():

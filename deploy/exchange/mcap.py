@@ -22,7 +22,7 @@ from deploy.report import style
 from deploy.report.rundir import Map, Run, read_drawable
 from deploy.report.story import SEVERITY, sentence
 from protocol.arrays import Floats
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Label
 from world.recorder import TEAM
@@ -36,7 +36,7 @@ LEVELS = {"warning": m.LogLevel.Warning, "error": m.LogLevel.Error}
 def write_mcap(path: Path, out: Path) -> list[Path]:
     """Write run.mcap into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
     run, world = read_drawable(path)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     with TemporaryDirectory() as folder:
         made, context = Path(folder, "run.mcap"), Context()
         with open_mcap(made, context=context):

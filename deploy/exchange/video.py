@@ -17,7 +17,7 @@ from deploy.report import style
 from deploy.report.rundir import Run, read_drawable
 from deploy.report.words import headline
 from protocol.arrays import Floats
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 from world.worldfile import World, polygons_of
 
 SIZE_PX = 880  # of the plan's longer side
@@ -40,7 +40,7 @@ def write_video(path: Path, out: Path) -> list[Path]:
     data = io.BytesIO()
     durations = [FRAME_MS] * len(rest) + [LAST_MS]
     first.save(data, "GIF", save_all=True, append_images=rest, duration=durations, loop=0, optimize=False)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     write_whole(out / "run.gif", data.getvalue())
     return [out / "run.gif"]
 

@@ -18,7 +18,7 @@ from deploy.recorded.carmen import FLASER, REVOLUTION, ROBOTLASER, SICK_RANGE_M
 from deploy.recorded.runs import kept_files, kept_scans
 from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
 
@@ -34,7 +34,7 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
     """
     lidar, made = config_of(run).spec.lidar, []
     sources = kept_files(run)
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     for source in sources:
         scans = list(kept_scans(source, lidar.beams))
         try:

@@ -20,7 +20,7 @@ from deploy.sweep.work import OK, Row
 from deploy.terminal.tables import add_row
 from protocol.document import parse_document
 from protocol.errors import InputError
-from protocol.files import write_whole
+from protocol.files import make_folder, write_whole
 
 MEASURES = (
     "team.coverage", "team.t_90", "team.t_99", "mean.path_m", "worst.wall_recall", "worst.wall_precision",
@@ -207,7 +207,9 @@ def draw(sheet: Sheet, file: Path) -> None:
 
 
 def show(sheets: Sequence[Sheet], out: Path | None) -> None:
-    """Print tables, and write each to out/TITLE as csv, tex and png. Raises UnwritableError."""
+    """Print tables, and write each to out/TITLE as csv, tex and png. Raises InputError, UnwritableError."""
+    if out is not None:
+        make_folder(out)
     console = Console()
     console.width = max(console.width, WIDTH)
     for sheet in sheets:
@@ -216,7 +218,6 @@ def show(sheets: Sequence[Sheet], out: Path | None) -> None:
             add_row(table, *map(words, line))
         console.print(table)
         if out is not None:
-            out.mkdir(parents=True, exist_ok=True)
             stem = out / sheet.title.split(" ")[0].lower()
             write_whole(stem.with_suffix(".csv"), to_csv(sheet))
             write_whole(stem.with_suffix(".tex"), to_latex(sheet))

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from PIL import Image
 
 from deploy.exchange import FORMS, map_server
 from deploy.exchange.maps import NamedMap, export_maps, read_maps
+from deploy.exchange.mcap import write_mcap
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, STARTS, seen, write_run
@@ -150,6 +152,16 @@ def test_without_a_run_the_frame_of_the_world_is_not_known(tmp_path: Path) -> No
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(InputError, match="has no maps"):
         export_maps(tmp_path, tmp_path / "out", "own", EVERY)
+
+
+@pytest.mark.parametrize("write", [lambda run, out: export_maps(run, out, "own", FORMS["svg"]), write_mcap])
+def test_a_file_in_the_place_of_the_folder_is_a_sentence(
+    run: Path, tmp_path: Path, write: Callable[[Path, Path], object]
+) -> None:
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match=r"^--out .*file: File exists; name a directory that can be written$"):
+        write(run, tmp_path / "file")
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_tangle_of_walls_is_refused_at_once(tmp_path: Path) -> None:

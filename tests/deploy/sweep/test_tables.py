@@ -94,6 +94,8 @@ def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Pa
     assert {line["radio.range_m"]: float(line["team.t_90"]) for line in lines} == {"2": 104.5, "4": 94.5}
     assert float(lines[0]["team.t_90 low"]) < float(lines[0]["team.t_90"]) < float(lines[0]["team.t_90 high"])
     assert r"radio.range\_m & runs" in (out / "medians.tex").read_text()
+    with pytest.raises(InputError, match="name a directory that can be written"):
+        show([medians(rows, NAMES)], out / "medians.csv")
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
