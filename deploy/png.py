@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings, filterwarnings
 
 from protocol.files import write_whole
 
@@ -15,5 +16,7 @@ if TYPE_CHECKING:
 def write_figure(figure: Figure, file: Path, **options: Any) -> None:
     """Write a PNG, whole or not at all; options: of Figure.savefig. Raises UnwritableError."""
     png = io.BytesIO()
-    figure.savefig(png, format="png", **options)
+    with catch_warnings():
+        filterwarnings("ignore", "Glyph .* missing from font", UserWarning)  # a box is drawn, and the page has the name
+        figure.savefig(png, format="png", **options)
     write_whole(file, png.getvalue())

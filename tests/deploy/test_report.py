@@ -4,6 +4,7 @@ import math
 import re
 import shutil
 import subprocess
+import warnings
 from collections import Counter
 from html.parser import HTMLParser
 from importlib.resources import files
@@ -164,6 +165,12 @@ def test_the_picture_shows_every_robot(whole: Path) -> None:
     for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00)):
         near = np.abs(image - np.array(colour) / 255).max(axis=2) < 0.02
         assert near.sum() > 1000
+
+
+def test_a_name_that_the_font_lacks_is_drawn_without_a_warning(tmp_path: Path) -> None:
+    with warnings.catch_warnings(action="error"):
+        write_report(write_run(tmp_path / "run", "迷路 🤖"))
+    assert (tmp_path / "run" / "report.png").exists()
 
 
 def test_legends_of_many_robots_leave_room_for_their_curves(tmp_path: Path) -> None:
