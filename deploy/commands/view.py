@@ -33,6 +33,14 @@ def view(
 
     A run that is under way is shown as it goes on, a finished one from its begin.
     """
+    from protocol.errors import InputError
+
+    if connect is not None and (run is not None or save is not None):
+        other = "DIR" if run is not None else "--save"
+        raise InputError(f"--connect and {other}: one shows a world elsewhere, one a run directory; leave one out")
+    if connect is None and (secrets is not None or certs is not None):
+        option = "--secrets" if secrets is not None else "--certs"
+        raise InputError(f"{option}: it is for --connect; a run directory needs none, leave it out")
     from deploy.view import command
 
     if connect is not None:

@@ -146,6 +146,10 @@ finally:
         (["run", "--world", "tiny.yaml", "--out", "full"], "something is there already"),
         (["run", "--world", "tiny.yaml", "--robots", "400", "--out", "crowd"], "no room for 400 robots"),
         (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
+        (["view", "full", "--connect", "tcp/127.0.0.1:1"], "--connect and DIR: one shows a world elsewhere"),
+        (["view", "--connect", "tcp/127.0.0.1:1", "--save", "run.rrd"], "--connect and --save: "),
+        (["view", "full", "--secrets", "secrets"], "--secrets: it is for --connect"),
+        (["view", "full", "--certs", "certs"], "--certs: it is for --connect"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
