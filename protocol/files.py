@@ -38,6 +38,14 @@ def make_folder(out: Path) -> None:
         raise InputError(f"--out {out}: {error.strerror}; name a directory that can be written") from None
 
 
+def has_other_than(begin: bytes, file: Path) -> bool:
+    """Whether a file is there that has bytes and does not begin with these: one of another kind, not to be replaced."""
+    if not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        return not begin.startswith(stream.read(len(begin)))
+
+
 def write_whole(file: Path, content: str | bytes, *, private: bool = False, durable: bool = True) -> None:
     """Write a file so that it has all of its content, or is as it was before.
 

@@ -16,11 +16,13 @@ from deploy.terminal.worlds import size_of
 from protocol.arrays import Floats
 from protocol.document import check_size, parse_document, read_document, read_text
 from protocol.errors import InputError
-from protocol.files import write_whole
+from protocol.files import has_other_than, write_whole
 from protocol.text import printable
 from world.worldfile import World, WorldFileError, from_document, to_yaml
 
 PICTURES = frozenset({".png", ".pgm", ".pbm", ".bmp", ".gif", ".jpg", ".jpeg", ".tif", ".tiff"})
+PNG = b"\x89PNG"  # what a file of the kind begins with
+SHAPES = frozenset({"boxes", "walls", "polygons"})  # of a world file, one at least
 BODY_M = raster.BODY_M
 CLOSE = "--close 2 closes doors of 2 m"
 SEED = 0  # by which the starts of the preview are drawn
@@ -49,6 +51,11 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
         for written in (out, picture):
             if written.resolve() in sources:
                 raise InputError(f"{written} would be written over; give the world another name by --out")
+        for written, other in ((out, _is_other_than_world(out)), (picture, has_other_than(PNG, picture))):
+            if other:
+                raise InputError(
+                    f"{written} is there already and of another kind; give the world another name by --out"
+                )
         shapes = read_shapes(file, options)
         if options.close_m:
             shapes = shapes.closed(options.close_m)
@@ -71,6 +78,17 @@ def import_world(file: Path, out: Path, options: Options) -> list[str]:
         for what, count in shapes.left_out.items()
     ]
     return [*told, str(out), str(picture)]
+
+
+def _is_other_than_world(file: Path) -> bool:
+    """Whether a file is there that has something other than a world in it."""
+    if not file.is_file() or not file.stat().st_size:
+        return False
+    try:
+        document = read_document(file)
+    except InputError:
+        return True
+    return not isinstance(document, dict) or SHAPES.isdisjoint(document)
 
 
 def _sources(file: Path) -> set[Path]:

@@ -19,12 +19,13 @@ from deploy.view.show import show
 from protocol.command import stop_on_signals
 from protocol.credentials import of_viewer
 from protocol.errors import InputError
-from protocol.files import write_whole
+from protocol.files import has_other_than, write_whole
 from protocol.inbox import Inbox
 
 RUNS = Path("runs")
 SUMMARY = "summary.json"
 """Of a run that has ended."""
+RECORDING = b"RRF"  # what a file of Rerun begins with
 POLL_S = 0.1
 
 
@@ -37,7 +38,9 @@ def newest() -> Path:
 
 
 def save(run: Path, file: Path) -> None:
-    """Write the recording of a finished run. Raises InputError, UnwritableError."""
+    """Write the recording of a finished run. Raises InputError, also for a file of another kind; UnwritableError."""
+    if has_other_than(RECORDING, file):
+        raise InputError(f"--save {file}: what is there already is no recording; name another file")
     with TemporaryDirectory() as folder:
         record(run, made := Path(folder, "run.rrd"))
         write_whole(file, made.read_bytes())

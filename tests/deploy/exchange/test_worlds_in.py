@@ -94,6 +94,21 @@ def test_sdf_is_cut_at_the_height_of_the_lidar(tmp_path: Path) -> None:
     assert "3 robots can start" in told[0] and "hall" in told[0]
 
 
+@pytest.mark.parametrize(("name", "text"), [("made.yaml", "a note: mine"), ("made.yaml", "- [:"), ("made.png", "mine")])
+def test_what_is_there_and_no_world_is_not_written_over(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / "hall.sdf").write_text(sdf())
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=f"hall.sdf: .*{name} is there already and of another kind"):
+        imported(tmp_path / "hall.sdf")
+    assert (tmp_path / name).read_text() == text and len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_world_that_was_imported_before_is_written_over(tmp_path: Path) -> None:
+    (tmp_path / "hall.sdf").write_text(sdf())
+    for _ in range(2):
+        imported(tmp_path / "hall.sdf")
+
+
 def test_a_map_of_map_server_is_solid_where_it_is_not_free(tmp_path: Path) -> None:
     def draw(image: ImageDraw.ImageDraw) -> None:
         image.rectangle((19, 19, 180, 120), fill=0)

@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
+from deploy.view.command import save
 from deploy.view.replay import record
 from protocol.errors import InputError
 from tests.deploy.test_report import STARTS, write_run
@@ -107,6 +108,15 @@ def test_scans_of_which_none_is_drawn_are_no_error(tmp_path: Path, ticks: list[i
 def test_coverage_of_robots_and_team_is_a_curve(found: dict[str, Rows]) -> None:
     assert found["coverage/team"]["Scalars:scalars"][100] == [[pytest.approx(20 / 35)]]
     assert len(found["coverage/r1"]["Scalars:scalars"]) == 61
+
+
+def test_a_recording_takes_the_place_of_another_and_of_nothing_else(run: Path, tmp_path: Path) -> None:
+    for _ in range(2):
+        save(run, tmp_path / "run.rrd")
+    (mine := tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(InputError, match="what is there already is no recording; name another file"):
+        save(run, mine)
+    assert mine.read_text() == "{}"
 
 
 def test_paths_without_a_pose_are_said(tmp_path: Path) -> None:
