@@ -55,6 +55,12 @@ class WorldConfig(Config):
                 raise ValueError(f"faults: {fault} is of no robot that takes part")
         return self
 
+    @model_validator(mode="after")
+    def _ends_at_its_time(self) -> Self:
+        if self.until != "complete" and self.until > self.max_time_s:
+            raise ValueError(f"until: {self.until:g} s are more than max_time_s, {self.max_time_s:g}: raise that, too")
+        return self
+
     @property
     def robot_ids(self) -> list[str]:
         """r1, r2, ..."""

@@ -138,6 +138,7 @@ finally:
         (["run", "--set", "robots.x=2"], "robots"),
         (["run", "--robots", "2", "--mind", "r9=a:B"], "wireswarm: mind: r9 is no robot that takes part\n"),
         (["run", "--set", "faults=[r9@3]"], "wireswarm: faults: r9@3 is of no robot that takes part\n"),
+        (["run", "--until", "10", "--max-time", "3"], "wireswarm: until: 10 s are more than max_time_s, 3: raise that"),
         (["run", "--set", "seed"], "KEY=VALUE"),
         (["run", "--set", "seed=[1"], "is no value"),
         (["run", "--config", "absent.yaml"], "absent.yaml: there is no such file"),

@@ -49,7 +49,7 @@ def fill(episode):
                 pass
 
 try:
-    run(WorldConfig(world=sys.argv[2], until=20000.0), AgentConfig(), out, fill, make_mind=Wanderer)
+    run(WorldConfig(world=sys.argv[2], until=20000.0, max_time_s=20000.0), AgentConfig(), out, fill, make_mind=Wanderer)
     said = "nothing"
 except UnwritableError as error:
     said = str(error)
