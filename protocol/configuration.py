@@ -74,6 +74,8 @@ def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
     if not key:  # of settings that do not go together, which the sentence names
         return in_own_words(same[0]["msg"])
     wishes = " or ".join(dict.fromkeys(in_own_words(one["msg"]) for one in same))
+    if same[0]["type"] == "value_error" and isinstance(same[0]["input"], Mapping):  # likewise, of a group
+        return f"{key}: {wishes}"
     return f"{key}: {wishes}, not {reprlib.repr(same[0]['input'])}"
 
 

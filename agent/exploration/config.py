@@ -1,8 +1,8 @@
 """Settings of exploration and driving. All ours; the paper gives none."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from protocol.settings import Chance, Config, Positive
 
@@ -57,3 +57,13 @@ class DrivingConfig(Config):
     """Air in metres left to walls by every command: 1.5 standard deviations of a range, three of a fitted wall."""
     teammate_air_m: Air = 0.06
     """Air in metres left to a teammate by every command: it may come 0.044 m nearer in the same tick."""
+
+    @model_validator(mode="after")
+    def _ways_can_be_driven(self) -> Self:
+        for name in ("tight_path_air_m", "path_air_m"):
+            if (air := getattr(self, name)) < self.wall_air_m:
+                raise ValueError(
+                    f"wall_air_m {self.wall_air_m:g} is more than {name}, {air:g}: no command may drive such paths; "
+                    f"lower it, or raise {name}"
+                )
+        return self

@@ -139,6 +139,15 @@ finally:
         (["run", "--robots", "2", "--mind", "r9=a:B"], "wireswarm: mind: r9 is no robot that takes part\n"),
         (["run", "--set", "faults=[r9@3]"], "wireswarm: faults: r9@3 is of no robot that takes part\n"),
         (["run", "--until", "10", "--max-time", "3"], "wireswarm: until: 10 s are more than max_time_s, 3: raise that"),
+        (
+            ["run", "--set", "agent.driving.wall_air_m=0.03"],
+            "wireswarm: agent.driving: wall_air_m 0.03 is more than tight_path_air_m, 0.025: no command may drive such "
+            "paths; lower it, or raise tight_path_air_m\n",
+        ),
+        (
+            ["run", "--set", "agent.driving={path_air_m: 0.01, tight_path_air_m: 0.02}"],
+            "is more than path_air_m, 0.01: ",
+        ),
         (["run", "--set", "seed"], "KEY=VALUE"),
         (["run", "--set", "seed=[1"], "is no value"),
         (["run", "--config", "absent.yaml"], "absent.yaml: there is no such file"),

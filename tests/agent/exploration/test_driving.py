@@ -89,7 +89,10 @@ def test_a_standing_teammate_is_passed_at_a_distance():
     assert beside[1] < 1.0  # on the right
 
 
-@pytest.mark.parametrize("air", [{"wall_air_m": 1e-3, "teammate_air_m": 1.0}, {"wall_air_m": 1.0}])
+@pytest.mark.parametrize(
+    "air",
+    [{"wall_air_m": 1e-3, "teammate_air_m": 1.0}, dict.fromkeys(("wall_air_m", "tight_path_air_m", "path_air_m"), 1.0)],
+)
 def test_room_beside_a_teammate_is_looked_for_in_bounded_steps(air, monkeypatch):
     tries = []
     monkeypatch.setattr(driving, "keeps_clear", lambda *_: tries.append(1))  # there is no room at all
