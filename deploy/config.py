@@ -4,12 +4,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import model_validator
+from pydantic import ValidationInfo, model_validator
 
 from agent.config import ProcessConfig
 from agent.shell.ros2.config import Ros2Config
 from protocol import configuration
 from protocol.messages import EVERYONE
+from protocol.settings import is_to_come
 from world.config import ServerConfig, WorldConfig
 
 
@@ -24,15 +25,15 @@ class RunConfig(WorldConfig, ProcessConfig):
     """How robots of ROS 2 are reached."""
 
     @model_validator(mode="after")
-    def _minds_of_robots(self) -> Self:
-        for robot in self.mind:
+    def _minds_of_robots(self, info: ValidationInfo) -> Self:
+        for robot in self.mind if is_to_come(info) else ():
             if robot not in (EVERYONE, *self.robot_ids):
                 raise ValueError(f"mind: {robot:.60} is no robot that takes part")
         return self
 
     @model_validator(mode="after")
-    def _enough_to_begin(self) -> Self:
-        if (first := self.server.begin_with) is not None and first > self.robots:
+    def _enough_to_begin(self, info: ValidationInfo) -> Self:
+        if is_to_come(info) and (first := self.server.begin_with) is not None and first > self.robots:
             raise ValueError(f"server.begin_with: {first} robots are more than the {self.robots} that take part")
         return self
 

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo
 
 
 class Config(BaseModel):
@@ -10,6 +10,15 @@ class Config(BaseModel):
 
     # built when first asked to check something: a robot's process is handed settings that were checked
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, defer_build=True)
+
+
+RAN = {"ran": True}
+"""Context for the settings of a run that was made: fewer robots may have come than settings of robots name."""
+
+
+def is_to_come(info: ValidationInfo) -> bool:
+    """Whether the settings are of a run that is to be made, in which all that they name must take part."""
+    return not info.context
 
 
 MAX_NUMBER = 1e9

@@ -2,10 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StringConstraints, field_validator, model_validator
+from pydantic import Field, StringConstraints, ValidationInfo, field_validator, model_validator
 
 from protocol.messages import MTU_BYTES, RobotSpec
-from protocol.settings import Config, Positive
+from protocol.settings import Config, Positive, is_to_come
 from world.radio.config import RadioConfig
 
 FaultText = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}@[1-9][0-9]{0,8}$")]
@@ -49,10 +49,17 @@ class WorldConfig(Config):
         return spec
 
     @model_validator(mode="after")
-    def _faults_of_robots(self) -> Self:
-        for fault in self.faults:
+    def _faults_of_robots(self, info: ValidationInfo) -> Self:
+        for fault in self.faults if is_to_come(info) else ():
             if fault.partition("@")[0] not in self.robot_ids:
                 raise ValueError(f"faults: {fault} is of no robot that takes part")
+        return self
+
+    @model_validator(mode="after")
+    def _radio_of_robots(self, info: ValidationInfo) -> Self:
+        for robot in self.radio.named() if is_to_come(info) else ():
+            if robot not in self.robot_ids:
+                raise ValueError(f"radio.models: {robot} is no robot that takes part")
         return self
 
     @model_validator(mode="after")

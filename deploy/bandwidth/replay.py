@@ -19,6 +19,7 @@ from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
 from protocol.geometry import relative
 from protocol.messages import LidarSpec
+from protocol.settings import RAN
 from world.config import WorldConfig
 from world.draws import generator
 from world.lidar.lidar import Lidar
@@ -44,7 +45,7 @@ def config_of(run: Path) -> RunConfig:
     """The configuration of a run directory. Raises NoRunError."""
     check_simulated(run)
     try:
-        return RunConfig.model_validate(manifest.read(run)["config"])
+        return RunConfig.model_validate(manifest.read(run)["config"], context=RAN)
     except (OSError, ValueError, LookupError, TypeError):
         raise NoRunError(f"{run} is no finished run: it has no manifest.json with its configuration") from None
 

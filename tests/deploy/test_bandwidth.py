@@ -22,7 +22,7 @@ from deploy import inprocess
 from deploy.bandwidth.books import NoRunError, read_books
 from deploy.bandwidth.plots import draw
 from deploy.bandwidth.pool import processes
-from deploy.bandwidth.replay import seen_again
+from deploy.bandwidth.replay import config_of, seen_again
 from deploy.bandwidth.representations import NAMES, Measurement, _changed_cells, measure, write
 from deploy.cli import app
 from deploy.config import RunConfig
@@ -223,3 +223,11 @@ def test_the_plots_of_thirty_robots_have_room(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib's, of axes that collapsed
         draw(tmp_path, Measurement([], sent, 0, 0, 0, {}))
+
+
+def test_the_settings_of_a_run_to_which_fewer_came_are_read_again(tmp_path: Path) -> None:
+    models = [{"kind": "blackout", "begin_s": 1.0, "end_s": 2.0, "robots": ["r3"]}]
+    config = tiny_config(tmp_path, radio={"models": models}, faults=["r3@5"], mind={"r3": "a:B"})
+    config = config.model_copy(update={"robots": 1})  # as `wireswarm world --settle` does
+    (tmp_path / "manifest.json").write_text(json.dumps({"config": config.model_dump(mode="json")}))
+    assert config_of(tmp_path) == config

@@ -148,6 +148,15 @@ finally:
             ["run", "--set", "agent.driving={path_air_m: 0.01, tight_path_air_m: 0.02}"],
             "is more than path_air_m, 0.01: ",
         ),
+        (
+            ["run", "--set", "radio.models=[{kind: blackout, begin_s: 1, end_s: 2, robots: [r9]}]"],
+            "wireswarm: radio.models: r9 is no robot that takes part\n",
+        ),
+        (
+            ["run", "--robots", "2", "--set", "radio.models=[{kind: asymmetric, links: {r1>r3: 1}}]"],
+            "wireswarm: radio.models: r3 is no robot that takes part\n",
+        ),
+        (["run", "--set", "radio.models=[{kind: asymmetric, links: {r1>r1: 1}}]"], "r1>r1 is from a robot to itself"),
         (["run", "--set", "seed"], "KEY=VALUE"),
         (["run", "--set", "seed=[1"], "is no value"),
         (["run", "--config", "absent.yaml"], "absent.yaml: there is no such file"),

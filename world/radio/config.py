@@ -4,6 +4,7 @@ What a model does is in `world.radio.air`, of `Capacity` in the gate. The reason
 radio.csv, which docs/formats.md lists.
 """
 
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
@@ -86,6 +87,13 @@ class Asymmetric(Config):
     links: dict[LinkName, Chance] = Field(default_factory=dict)
     """Probabilities that are given instead of drawn, such as "r1>r2": 1.0."""
 
+    @model_validator(mode="after")
+    def _between_two(self) -> Self:
+        for link in self.links:
+            if len(set(link.split(">"))) < 2:
+                raise ValueError(f"links: {link} is from a robot to itself; name two robots")
+        return self
+
     def __str__(self) -> str:
         given = "".join(f", {link} {loss:.0%}" for link, loss in self.links.items())
         return f"asymmetric (each link 0 to {self.most:.0%}{given})"
@@ -159,6 +167,15 @@ class RadioConfig(Config):
     """The longest message that goes on the air; robots are told it."""
     models: list[Model] = Field(default_factory=list, max_length=100)
     """Further losses and delays in this order, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""
+
+    def named(self) -> Iterator[str]:
+        """Robots that the models name."""
+        for model in self.models:
+            if isinstance(model, Blackout):
+                yield from model.robots
+            elif isinstance(model, Asymmetric):
+                for link in model.links:
+                    yield from link.split(">")
 
     def __str__(self) -> str:
         reach = f"range {self.range_m:g} m" if self.range_m else "no range limit"
