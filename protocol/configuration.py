@@ -15,6 +15,11 @@ from protocol.text import in_own_words
 
 NEAR = 0.8
 """How alike a key and the one that may be meant are, as difflib counts it (ours)."""
+OF_A_RUN = {
+    *("world", "robots", "seed", "starts", "until", "max_time_s", "people", "snapshot_s", "scans", "faults", "spec"),
+    *("radio", "agent", "mind", "join_timeout_s", "reconnect_s", "restart", "server", "ros2"),
+}
+"""Groups and settings at the top of a whole run's file (`deploy.config`), which not every program has."""
 MAX_KEY = 100
 """Characters of a key that are compared."""
 
@@ -34,12 +39,12 @@ def load(
 ) -> Model:
     """Configuration from a YAML file, flags by dotted key (None: not given), and KEY=VALUE settings, in this order.
 
-    shared: the file is that of a whole run, and other programs read (and check) what this model does not have.
+    shared: the file is that of a whole run, and other programs read (and check) what of it this model does not have.
     Raises ConfigError.
     """
     tree = _read(file) if file else {}
     if shared:
-        tree = {key: value for key, value in tree.items() if key in model.model_fields}
+        tree = {key: value for key, value in tree.items() if key in model.model_fields or key not in OF_A_RUN}
     for key, value in (flags or {}).items():
         if value is not None:
             put(tree, key, value)

@@ -17,7 +17,7 @@ from deploy import cli
 from deploy.commands.run import _as_called
 from deploy.config import RunConfig, load
 from deploy.launch.launcher import run_directory
-from protocol.configuration import ConfigError
+from protocol.configuration import OF_A_RUN, ConfigError
 from protocol.session import open_router
 from tests.tiny import ROOM
 
@@ -164,6 +164,12 @@ finally:
         (["run", "--config", "list.yaml"], "KEY: VALUE, not list"),
         (["run", "--world", "tiny.yaml", "--out", "full"], "something is there already"),
         (["run", "--world", "tiny.yaml", "--robots", "400", "--out", "crowd"], "no room for 400 robots"),
+        (
+            ["agent", "--id", "r1", "--connect", "tcp/127.0.0.1:1", "--config", "typo.yaml"],
+            "wireswarm: agnet: there is no such setting\n",
+        ),
+        (["agent", "--ros2", "r1", "--config", "typo.yaml"], "wireswarm: agnet: there is no such setting\n"),
+        (["map", "log", "--out", "mapped", "--config", "typo.yaml"], "wireswarm: agnet: there is no such setting\n"),
         (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
         (["view", "full", "--connect", "tcp/127.0.0.1:1"], "--connect and DIR: one shows a world elsewhere"),
         (["view", "--connect", "tcp/127.0.0.1:1", "--save", "run.rrd"], "--connect and --save: "),
@@ -177,6 +183,7 @@ def test_what_a_user_can_act_on_is_one_sentence(
 ) -> None:
     (tmp_path / "broken.yaml").write_text("a: [1")
     (tmp_path / "list.yaml").write_text("- 1")
+    (tmp_path / "typo.yaml").write_text("robots: 2\nagnet: {}")
     (tmp_path / "tiny.yaml").write_text(ROOM)
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "file").touch()
@@ -211,6 +218,10 @@ def test_later_settings_win(tmp_path: Path) -> None:
     assert load() == RunConfig()
     with pytest.raises(ConfigError, match="spec\\.lidar\\.noise_m"):
         load(None, {}, ["spec.lidar.noise_m=.nan"])
+
+
+def test_programs_know_what_else_the_file_of_a_run_holds() -> None:
+    assert RunConfig.model_fields.keys() == OF_A_RUN
 
 
 def test_run_directories_are_numbered(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
