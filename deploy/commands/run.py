@@ -77,7 +77,10 @@ def run(
     from deploy.launch.launcher import launch, run_directory
     from deploy.terminal.live import Display, print_summary
     from deploy.view.beside import beside
+    from protocol.errors import InputError
 
+    if as_ros2 and mind:
+        raise InputError("--ros2: it goes without --mind, as what drives the robots is on ROS 2")
     settings, bodies = settings_of(context), None
     if as_ros2:
         settings, bodies = _of_ros2(settings)
