@@ -107,8 +107,15 @@ def _class(name: str) -> Any:
     if (here := str(Path.cwd())) not in sys.path:
         sys.path.append(here)  # last, so that nothing there hides what is installed
     try:
-        found = getattr(import_module(package), what)
-    except (ImportError, AttributeError) as error:
+        module = import_module(package)
+    except ImportError as error:
+        raise InputError(f"--mind {name:.200}: {error}") from None
+    except (Exception, SystemExit) as error:  # a module runs as it is imported, and may raise anything
+        why = f"{type(error).__name__}: {error}"
+        raise InputError(f"--mind {name:.200}: {package:.200} fails on import: {why}") from None
+    try:
+        found = getattr(module, what)
+    except AttributeError as error:
         raise InputError(f"--mind {name:.200}: {error}") from None
     if not callable(getattr(found, "step", None)):
         raise InputError(f"--mind {name:.200}: a mind is a class with a method `step` (agent.shell.mind)")

@@ -66,3 +66,21 @@ def test_the_command_takes_a_mind_for_one_robot_from_the_working_directory(tmp_p
 def test_a_mind_that_is_not_there_is_a_sentence(name: str, sentence: str) -> None:
     with pytest.raises(InputError, match=f"--mind {name}: .*{sentence}"):
         minds_of({"*": name})
+
+
+@pytest.mark.parametrize(
+    ("source", "sentence"),
+    [
+        ("class Mind(", r"SyntaxError: .* \(broken_1.py, line 1\)"),
+        ("raise ValueError('of wings')", "ValueError: of wings"),
+        ("import sys; sys.exit(0)", "SystemExit: 0"),
+        ("import json; json.wings", "broken_1 fails on import: AttributeError: .* 'wings'"),
+    ],
+)
+def test_a_mind_whose_module_fails_on_import_is_a_sentence(
+    source: str, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "broken_1.py").write_text(source)
+    with pytest.raises(InputError, match=f"--mind broken_1:Mind: .*{sentence}"):
+        minds_of({"*": "broken_1:Mind"})
