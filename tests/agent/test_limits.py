@@ -16,6 +16,9 @@ from protocol.messages import LidarSpec, RobotSpec
         {"field_of_view_deg": 180.0, "first_beam_deg": 90.0, "clockwise": True},
         {"range_max_m": 25.0},
         {"dropout": 0.9},
+        {"range_min_m": 0.4},
+        {"mount_x_m": -0.1},
+        {"noise_share": 0.03},
     ],
 )
 def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
@@ -38,7 +41,10 @@ def test_of_a_usual_robot_nothing_is_doubted(lidar: dict) -> None:
         ),
         (RobotSpec(radius_m=4.0), "sees 3.50 m"),
         (RobotSpec(max_speed_mps=10.0), "lower spec.max_speed_mps"),
-        (RobotSpec(lidar=LidarSpec(mount_x_m=-4.0)), "sees 0.00 m"),
+        (RobotSpec(radius_m=4.5, lidar=LidarSpec(mount_x_m=-4.0)), "sees 0.00 m"),
+        (RobotSpec(lidar=LidarSpec(range_min_m=0.45)), "nothing nearer than 0.45 m"),
+        (RobotSpec(lidar=LidarSpec(mount_x_m=0.1, mount_y_m=0.1)), "stands 0.14 m from the middle of a body"),
+        (RobotSpec(lidar=LidarSpec(noise_share=0.04)), "errs by 4 % of a range"),
         (RobotSpec(lidar=LidarSpec(dropout=1.0)), "loses 100 % of its beams"),
         (RobotSpec(max_turn_rps=15.0, lidar=LidarSpec(turning=True)), "172 degrees during one scan"),
     ],
