@@ -59,6 +59,8 @@ def read_map_server(about: Mapping[Any, Any], folder: Path, straighten: bool) ->
     free_below, occupied_above = (
         _number(about, f"{kind}_thresh", d, 0, 1) for kind, d in (("free", 0.25), ("occupied", 0.65))
     )
+    if occupied_above < free_below:
+        raise InputError(f"occupied_thresh: {occupied_above:g} is below free_thresh, {free_below:g}; exchange them")
     origin = about.get("origin", [0.0, 0.0, 0.0])
     if not isinstance(origin, list) or len(origin) != 3 or not all(_finite(value) for value in origin):
         raise InputError("origin: must be a list of 3 numbers")

@@ -137,13 +137,13 @@ def _shape(geometry: Element | None, frame: Matrix, name: str, reading: _Reading
             raise InputError(f"more than {MAX_SHAPES} collision shapes")
         match shape.tag:
             case "box":
-                x, y, z = _numbers(shape.findtext("size"), 3)
+                x, y, z = _sizes(shape.findtext("size"), 3)
                 base, low, high = np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) / 2, -z / 2, z / 2
             case "cylinder":
-                (radius,), (length,) = _numbers(shape.findtext("radius"), 1), _numbers(shape.findtext("length"), 1)
+                (radius,), (length,) = _sizes(shape.findtext("radius"), 1), _sizes(shape.findtext("length"), 1)
                 base, low, high = _circle(radius), -length / 2, length / 2
             case "sphere":
-                (radius,) = _numbers(shape.findtext("radius"), 1)
+                (radius,) = _sizes(shape.findtext("radius"), 1)
                 off = reading.height_m - frame[2, 3]
                 if abs(off) >= radius:
                     continue
@@ -195,6 +195,14 @@ def _pose(element: Element) -> Matrix:
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
+
+
+def _sizes(text: str | None, count: int) -> list[float]:
+    """So many finite numbers of at least 0: with less, a shape would be left out untold, or be turned around."""
+    numbers = _numbers(text, count)
+    if min(numbers) < 0:
+        raise InputError(f"a shape has the size {(text or '').strip()!r:.60}: no size is below 0")
+    return numbers
 
 
 def _numbers(text: str | None, count: int) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import reprlib
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -160,7 +161,12 @@ class Run:
         return float(max(times, default=0.0))
 
     def map(self, robot: str, frame: Literal["own", "world"] = "own") -> Map:
-        """The final map of a robot in its own frame or in the world's. Raises KeyError where the run lacks it."""
+        """The final map of a robot in its own frame or in the world's.
+
+        Raises KeyError where the run lacks it, InputError for another frame.
+        """
+        if frame not in ("own", "world"):
+            raise InputError(f"frame: 'own' or 'world', not {reprlib.repr(frame)}")
         return self.maps[robot].moved(None if frame == "own" else self.frames[robot])
 
     def plot(self, robot: str | None = None, axes: Axes | None = None) -> Axes:

@@ -77,6 +77,8 @@ def test_what_is_asked_wrongly_is_one_sentence(tmp_path: Path) -> None:
         wireswarm.run(settings={"wings": 2})
     with pytest.raises(ValueError, match="nowhere: neither a file nor a bundled world"):
         wireswarm.run("nowhere")
+    with pytest.raises(ValueError, match=r"^frame: 'own' or 'world', not 'bogus'$"):
+        wireswarm.Run(tmp_path).map("r1", frame="bogus")  # type: ignore[arg-type]
     with pytest.raises(NotADirectoryError, match="is no run directory"):
         wireswarm.load(tmp_path / "absent")
     (tmp_path / "file").touch()

@@ -134,6 +134,13 @@ def test_what_a_map_of_map_server_wants_and_is_not_done_is_refused(tmp_path: Pat
         imported(tmp_path / "map.yaml")
 
 
+def test_thresholds_of_map_server_that_overlap_are_refused(tmp_path: Path) -> None:
+    picture(tmp_path / "map.png", lambda image: image.rectangle((20, 20, 179, 119), fill=254))
+    (tmp_path / "map.yaml").write_text("image: map.png\nresolution: 0.05\nfree_thresh: 0.7\n")
+    with pytest.raises(InputError, match=r"occupied_thresh: 0.65 is below free_thresh, 0.7"):
+        imported(tmp_path / "map.yaml")
+
+
 @pytest.mark.parametrize("name", ["map.png", "map.pgm", "map.tiff"])
 def test_a_picture_of_16_bits_is_as_dark_as_that_of_8(tmp_path: Path, name: str) -> None:
     """Walls that are not black were free, as all from 255 of 65,535 on was white."""
@@ -245,6 +252,7 @@ def test_a_closet_in_a_house_that_is_open_is_told(tmp_path: Path) -> None:
 
 BAD = {
     "a.sdf": sdf().replace("6.15 0.15 2.5", "6.15 x 2.5"),
+    "less.sdf": sdf().replace("6.15 0.15 2.5", "6.15 -0.15 2.5"),
     "b.sdf": "<!DOCTYPE x [<!ENTITY a 'aaaa'>]><sdf>&a;</sdf>",
     "c.sdf": "<sdf>" + "<model name='m'>" * 40 + "</model>" * 40 + "</sdf>",
     "d.sdf": "<a>" * 100_000,
