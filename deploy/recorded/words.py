@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from deploy.terminal.live import print_pairs
+from deploy.terminal.live import MAX_ROBOTS, print_pairs
 from deploy.terminal.tables import add_row
 
 COLUMNS = ("robot", "log", "scans", "skipped", "path m", "loops", "map B", "step ms", "99 % ms")
@@ -29,4 +29,4 @@ def print_mapped(out: Path, summary: Mapping[str, Any]) -> None:
     console.print(table)
     for sentence in sentences:
         console.print(sentence, markup=False, highlight=False)
-    print_pairs(out, console, summary["robots"], True)
+    print_pairs(out, console, summary["robots"], len(summary["robots"]) <= MAX_ROBOTS)

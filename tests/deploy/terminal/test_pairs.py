@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.recorded.words import print_mapped
 from deploy.terminal.live import print_summary
 from deploy.terminal.pairs import fates
 
@@ -69,3 +70,13 @@ def test_pairs_of_many_robots_are_listed_when_asked_for(tmp_path: Path, capsys: 
     assert capsys.readouterr().out.splitlines()[-1].startswith("6 pairs met, 6 are merged: wireswarm report")
     print_summary(tmp_path, pairs=True)
     assert capsys.readouterr().out.splitlines()[-1].startswith("r7     r6")
+
+
+def test_pairs_of_many_logs_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A log that was cut into a hundred robots had ten thousand lines."""
+    write(tmp_path, 7)
+    counts = dict.fromkeys(("scans", "path_m", "loops", "map_bytes", "step_ms_median", "step_ms_99"), 0)
+    figures = {"log": "a.log", "skipped": {}, "notes": [], **counts}
+    print_mapped(tmp_path, {"robots": {f"r{number}": figures for number in range(1, 8)}})
+    *_, last = capsys.readouterr().out.splitlines()
+    assert last.startswith("6 pairs met, 6 are merged: wireswarm report")
