@@ -19,7 +19,7 @@ from deploy.sweep.work import Row, WorkerTask
 from protocol.geometry import Pose, pose_of
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.episode import Episode
-from world.worldfile import to_yaml
+from world.worldfile import WorldFileError, to_yaml
 
 ALIGNMENT = ("attempt", "proposed", "accepted", "rejected", "unmerged")
 EMPTY = encode_wireframe(Wireframe())
@@ -34,14 +34,18 @@ def task_of(job: Job) -> WorkerTask:
 def measure(job: Job) -> Row:
     """Run a job in this process; its figures."""
     with TemporaryDirectory(prefix="wireswarm-") as folder:
-        return _figures(job, Path(folder))
+        kept = Path(folder, "world.yaml")
+        try:
+            return _figures(job, kept)
+        except WorldFileError as error:  # it names the file that is kept here
+            raise WorldFileError(str(error).replace(str(kept), job.settings["world"])) from None
 
 
-def _figures(job: Job, folder: Path) -> Row:
+def _figures(job: Job, kept: Path) -> Row:
     config, seen = RunConfig.model_validate(job.config), _Seen()
     if job.world is not None:
-        (folder / "world.yaml").write_text(to_yaml(job.world), encoding="utf-8")
-        config = config.model_copy(update={"world": str(folder / "world.yaml")})
+        kept.write_text(to_yaml(job.world), encoding="utf-8")
+        config = config.model_copy(update={"world": str(kept)})
     summary = inprocess.run(config, config.agent, None, seen.look, minds_of(config.mind), seen.watch)
     episode, robots = seen.episode, summary["robots"]
     frames = {robot: pose_of(start) for robot, start in zip(episode.robots, episode.starts, strict=True)}

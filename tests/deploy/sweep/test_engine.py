@@ -148,7 +148,8 @@ def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp
     file = write_sweep(tmp_path, "worlds: [tiny.yaml]\nsettings: {until: 2, robots: 400}")
     assert sweep(file, tmp_path / "out", workers=1, quiet=True)[:2] == (1, 1)
     (row,) = read_rows(tmp_path / "out")
-    assert row["status"] == FAILED and "WorldFileError" in row["reason"]
+    assert row["status"] == FAILED
+    assert row["reason"] == "WorldFileError: tiny.yaml: spawns: no room for 400 robots"
     (path,) = results(tmp_path / "out")
     before = path.stat().st_mtime_ns
     sweep(file, tmp_path / "out", workers=1, quiet=True)
