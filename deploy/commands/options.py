@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Context, Option
 
+from protocol.command import say
+
 if TYPE_CHECKING:
     from deploy.config import RunConfig
+    from protocol.messages import RobotSpec
 
 SETTINGS_BELOW = ("radio.range_m", *(f"server.{name}" for name in ("real_time", "listen", "connect", "insecure")))
 
@@ -62,3 +65,11 @@ def settings_of(context: Context) -> RunConfig:
         sure = settings.model_copy(update={"robots": 1}) if given.get("settle_s") else settings  # else it may be fewer
         starts_of(sure, load_world(settings.world))
     return settings
+
+
+def say_doubts(spec: RobotSpec) -> None:
+    """Tell why a complete map is not to be expected of robots, before they drive."""
+    from agent.limits import doubts
+
+    for doubt in doubts(spec):
+        say(f"a complete map is not to be expected: {doubt}")

@@ -25,6 +25,7 @@ from deploy.commands.options import (
     Set,
     Until,
     World,
+    say_doubts,
     settings_of,
 )
 from deploy.commands.results import leave, write_results
@@ -72,7 +73,6 @@ def run(
     forks.begin()
     if view:
         import rerun_cli  # noqa: F401  (tells before the run that the extra is missing)
-    from agent.limits import doubts
     from deploy.launch.interrupts import on_interrupt
     from deploy.launch.launcher import launch, run_directory
     from deploy.terminal.live import Display, print_summary
@@ -84,8 +84,7 @@ def run(
     settings, bodies = settings_of(context), None
     if as_ros2:
         settings, bodies = _of_ros2(settings)
-    for doubt in doubts(settings.spec):
-        say(f"a complete map is not to be expected: {doubt}")
+    say_doubts(settings.spec)
     with (
         run_directory(out, settings.world, settings.seed) as directory,
         beside(directory) if view else nullcontext(),

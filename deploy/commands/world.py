@@ -22,6 +22,7 @@ from deploy.commands.options import (
     Set,
     Until,
     World,
+    say_doubts,
     settings_of,
 )
 from deploy.commands.results import leave, write_results
@@ -88,6 +89,7 @@ def world_(
     from world.worldfile import load
 
     settings = settings_of(context) if resume is None else _resumed(context, resume)
+    say_doubts(settings.spec)
     loaded = load(settings.world)
     stop_on_signals(inbox := WorldInbox())
 

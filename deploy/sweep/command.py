@@ -1,19 +1,27 @@
 """`wireswarm sweep`: plan, leave out what is there, run the rest, keep each result."""
 
+import json
 import os
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from agent.limits import doubts
 from deploy.launch import forks
 from deploy.launch.interrupts import on_interrupt
 from deploy.revision import revision
 from deploy.sweep.measure import task_of
-from deploy.sweep.plan import read_jobs
+from deploy.sweep.plan import Job, read_jobs
 from deploy.sweep.progress import SweepProgress
 from deploy.sweep.store import Store
 from deploy.sweep.work import Row, WorkerTask
+from protocol.command import say
 from protocol.errors import InputError
+from protocol.messages import RobotSpec
 from protocol.status import Status
+
+MOST_DOUBTS = 10
+"""So many are said: drawn settings may make a robot, and a doubt, for each run."""
 
 
 def sweep(
@@ -30,7 +38,9 @@ def sweep(
 
     Raises ConfigError, WorldFileError, InputError, LinkError and OSError.
     """
-    tasks = [task_of(job) for job in read_jobs(file)]
+    jobs = read_jobs(file)
+    _say_doubts(jobs)
+    tasks = [task_of(job) for job in jobs]
     try:
         store = Store(out / revision(), revision())
     except OSError as error:
@@ -74,6 +84,18 @@ def _left(store: Store, tasks: Sequence[WorkerTask], retry_failed: bool) -> list
     """Tasks of which the store has no result."""
     kept = store.kept() - (store.failed() if retry_failed else set())
     return [task for task in tasks if task.key not in kept]
+
+
+def _say_doubts(jobs: Sequence[Job]) -> None:
+    """Tell why complete maps are not to be expected, and of how many runs, before they are made."""
+    robots, found = Counter(json.dumps(job.config["spec"]) for job in jobs), Counter[str]()
+    for spec, runs in robots.items():
+        for doubt in doubts(RobotSpec.model_validate_json(spec)):
+            found[doubt] += runs
+    for doubt, runs in found.most_common(MOST_DOUBTS):
+        say(f"a complete map is not to be expected of {runs} runs of {len(jobs)}: {doubt}")
+    if len(found) > MOST_DOUBTS:
+        say(f"doubts of this kind that are not listed: {len(found) - MOST_DOUBTS}")
 
 
 def _leave(progress: SweepProgress) -> None:

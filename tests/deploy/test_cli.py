@@ -194,6 +194,13 @@ def test_what_a_user_can_act_on_is_one_sentence(
     assert err.count("\n") == 1 and "Traceback" not in err
 
 
+def test_a_world_doubts_its_robots_before_they_come(wireswarm: Command, tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    status, _, err = wireswarm("world", "--world", "tiny.yaml", "--certs", "absent", "--set", "spec.lidar.beams=90")
+    assert status == 2
+    assert err.startswith("wireswarm: a complete map is not to be expected: the lidar has 90 beams a revolution: ")
+
+
 def test_an_agent_that_is_refused_or_finds_no_world(wireswarm: Command) -> None:
     with open_router() as (_, endpoint):
         pass

@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 from deploy.certs import issue
 from deploy.revision import ROOT, revision
-from deploy.sweep.command import fill, sweep
+from deploy.sweep.command import MOST_DOUBTS, fill, sweep
 from deploy.sweep.engine import SETTINGS
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
@@ -120,6 +120,20 @@ def test_results_go_into_a_folder(tmp_path: Path) -> None:
     (tmp_path / "out").touch()
     with pytest.raises(InputError, match=r"--out .*out: Not a directory; name a directory that can be written"):
         sweep(write_sweep(tmp_path), tmp_path / "out", workers=1, quiet=True)
+
+
+def test_robots_are_doubted_before_they_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").touch()
+    beams = [360, *range(90, 101)]
+    file = write_sweep(tmp_path, f"worlds: [tiny.yaml]\nseeds: 2\ngrid: {{spec.lidar.beams: {beams}}}")
+    with pytest.raises(InputError, match="Not a directory"):
+        sweep(file, tmp_path / "out")
+    *doubts, last = capsys.readouterr().err.splitlines()
+    assert len(doubts) == len(set(doubts)) == MOST_DOUBTS
+    assert doubts[0].startswith(
+        "wireswarm: a complete map is not to be expected of 2 runs of 24: the lidar has 90 beams"
+    )
+    assert last == "wireswarm: doubts of this kind that are not listed: 1"
 
 
 def die(deaths: str, times: int) -> Row:
