@@ -27,11 +27,6 @@ STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to
 TELLING_HITS = 1.0
 """Pieces with fewer hits than this, as PIECE counts them, tell of no ends, but for corners that they share with pieces
 of more. Every sixth end of such a piece is none, and the others are off by the distance of two beams."""
-TELLING_SLACK_M = 0.2
-"""Slack from which an end is seen too flat to tell where it is. Few beams reach such an end, and the last are mixed or
-lost: 440 with 0.4 m and more were farther out than in their middle by 0.25 to 0.4 of it. Corridors of rooms were mapped
-up to 0.4 % too short with 180 beams a revolution, without these up to 0.25 %."""
-
 START_TOLERANCE = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
 
 PIECE = np.dtype(

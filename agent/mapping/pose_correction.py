@@ -18,11 +18,11 @@ from agent.mapping.ends import END_MARGIN_M
 from agent.mapping.joint import (
     AXIS,
     BEGIN,
-    END_AT,
     END_SIGMAS,
     MIN_VIEWS,
     SLACK_SD,
     corner_slopes,
+    end_at,
     end_sd,
     has_rows,
     is_landmark,
@@ -260,7 +260,7 @@ def _observe_wall(
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue
         outward, tip = 1.0 if side == 1 else -1.0, tip_at(w, side)
-        off = tip - t - p.end[side] + outward * (0.5 * w.slack[side] - END_AT * p.slack[side])
+        off = tip - t - p.end[side] + outward * (0.5 * w.slack[side] - end_at(p.slack[side]) * p.slack[side])
         ex, ey = w.x + tip * w.ux - pose[0], w.y + tip * w.uy - pose[1]
         sd = end_sd(SLACK_SD * (p.slack[side] + w.slack[side]), noise)
         lengthwise, f = (w.ux, w.uy, w.uy * ex - w.ux * ey), w.link[side]

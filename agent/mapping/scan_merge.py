@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from agent.corner_scan import FRONTIER, NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS, TELLING_SLACK_M
+from agent.corner_scan import NOISE_SIGMAS, NOMINAL, OCCLUSION, TELLING_HITS
 from agent.geometry.lines import Record, along
 from agent.kernels import kernel
 from agent.mapping.association import (
@@ -123,8 +123,7 @@ def _rename_cut(edges: Records, new: int, pieces: Records, walls: Ints) -> None:
 def _see_open_ends(edges: Records, pieces: Records, walls: Ints, k: int, patience: float) -> None:
     """Fuse what piece k shows of those ends of its wall that are no corners.
 
-    A corner is an occlusion end where its other wall is unknown, or where one of both is known to go on. An end that is
-    seen too flat tells how far the wall reaches at least, and not where it ends.
+    A corner is an occlusion end where its other wall is unknown, or where one of both is known to go on.
     """
     p, e = pieces[k], walls[k]
     t = along(edges[e], p.x, p.y)
@@ -135,8 +134,6 @@ def _see_open_ends(edges: Records, pieces: Records, walls: Ints, k: int, patienc
             if _is_wall(edges, f) and (f == e or may_meet(edges, e, side, f)):
                 continue
             label, slack = OCCLUSION, 0.0
-        elif label == OCCLUSION and slack >= TELLING_SLACK_M:
-            label, slack = FRONTIER, 0.0
         see_end(edges, e, side, label, t + p.end[side], slack, face, patience)
 
 
