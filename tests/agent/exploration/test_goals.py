@@ -87,3 +87,21 @@ def test_an_end_is_told_once_somebody_has_looked_at_it_from_a_standing_point() -
         goals.looked(task)
         goals.abandon(here, along, "still open seen from 1 standing points")
     assert [told[:2] for told in goals.in_vain] == [tuple(here.tolist())]
+
+
+def test_an_end_that_stays_open_is_looked_at_from_behind() -> None:
+    """Where a wall is too thin for its tip to show, nothing before it shows its back: half of a building stayed unseen."""
+    wall = Wireframe(
+        np.array(((-4.0, 0.4), (-1.0, 0.4))),
+        np.array((Label.FRONTIER, Label.OCCLUSION), np.uint8),
+        np.array(((1, 0),), np.int32),  # its free side, and the robot, are below
+        np.ones(1, np.float32),
+        np.ones(1, np.bool_),
+    )
+    goals, roads, sides = goals_of(wall), Roads(wall, np.zeros(2), 0.2), []
+    end = np.flatnonzero(~goals.ends.frontier)
+    for _ in range(3):
+        (task,) = goals.tasks(end, roads)
+        sides.append(bool(task.stand[1] > 0.4))
+        goals.looked(task)
+    assert sides == [False, False, True]
