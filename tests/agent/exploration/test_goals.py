@@ -90,7 +90,7 @@ def test_an_end_is_told_once_somebody_has_looked_at_it_from_a_standing_point() -
 
 
 def test_an_end_that_stays_open_is_looked_at_from_behind() -> None:
-    """Where the tip of a thin wall does not show, nothing before it shows its back: half of a building stayed unseen."""
+    """Where the tip of a thin wall does not show, nothing before it shows its back: half a building stayed unseen."""
     wall = Wireframe(
         np.array(((-4.0, 0.4), (-1.0, 0.4))),
         np.array((Label.FRONTIER, Label.OCCLUSION), np.uint8),
