@@ -21,7 +21,7 @@ MAX_STRAYS = 2  # stray beams across which a line may go on
 STRAY_SIGMAS = 10.0  # standard deviations off its line from which a beam is none of a piece's hits
 STRAY_END_SIGMAS = 6.0
 """Standard deviations off a wall's line up to which a beam may be noise, if the next one is on the line again. Of
-1,000 scans in a corridor 14 had an end that one such beam made. Without this bound the jambs of a door that one beam
+1,000 scans in a corridor one has an end that such a beam makes. Without this bound the jambs of a door that one beam
 passes were such ends, too, and one map of five in `symmetric` was 7 mm off in itself instead of 3."""
 EDGE_OF_RANGE_SIGMAS = 3.5
 """A wall within so many standard deviations of the lidar's range may give no return. With 1.5, three views in a hundred

@@ -378,22 +378,36 @@ def test_a_wall_ends_before_the_first_beam_from_which_nothing_came_back(dropout:
     assert (piece["slack"] < 1.05 * 2.5 * BEAM).all() and (piece["slack"] > 0.0).all()
 
 
-def test_a_stray_beam_is_one_too_after_one_that_may_have_dropped_out() -> None:
+def seen_past_a_stray(sigmas: float) -> Records:
+    """Pieces of the panel where a stray follows one beam that may have dropped out, and then the wall goes on."""
+
     def past(ranges: Floats) -> None:
-        ranges[1], ranges[2:8] = 2.5 + 5.5 * 0.0175 * 2.5, 2.52
+        ranges[1], ranges[2:8] = 2.5 + sigmas * 0.0175 * 2.5, 2.52
 
-    first = seen_from_the_middle(0.02, past)[0]
-    assert first["stray"].tolist() == [0, 1] and (first["slack"] < 1.05 * 2.5 * BEAM).all()
+    return seen_from_the_middle(0.02, past)
 
 
-def test_ends_in_the_middle_of_a_wall_are_known_as_strays() -> None:
+def test_a_stray_beam_is_one_too_after_one_that_may_have_dropped_out() -> None:
+    pieces = seen_past_a_stray(6.5)
+    panel = pieces[np.argmax(pieces["end"][:, 1])]
+    assert panel["stray"].tolist() == [0, 1] and (panel["slack"] < 1.05 * 2.5 * BEAM).all()
+
+
+def test_a_wall_goes_on_past_a_beam_that_noise_explains() -> None:
+    """It ended there, as the beam's point was more than 0.25 m from the next one's."""
+    (whole,) = seen_past_a_stray(5.0)
+    assert whole["end"][1] - whole["end"][0] > 0.5
+
+
+def test_a_wall_hardly_ever_ends_in_its_middle_and_if_so_by_a_stray() -> None:
+    """Of 1,000 scans in a corridor 14 had such an end, where a beam's point and the next one's were 0.25 m apart."""
     lidar, rng = ideal_lidar(noise_share=0.0175), np.random.default_rng(0)
     corridor = Lidar(np.array([[-10.0, 1.0, 10.0, 1.0], [10.0, -1.0, -10.0, -1.0]]), lidar)
     ranges = corridor.cast(np.zeros((1, 3)))
     scans = [np.asarray(corridor.measured(ranges, [rng])[0], np.float64) for _ in range(1000)]
     pieces = np.concatenate([perceive(scan, ideal_spec(lidar=lidar), alone=True).pieces for scan in scans])
     strays = pieces["stray"][pieces["label"] == Label.OCCLUSION]
-    assert len(strays) >= 5 and np.mean(strays) > 0.9
+    assert 1 <= len(strays) <= 3 and strays.all()
 
 
 def test_a_door_that_one_beam_passes_has_jambs_and_no_strays() -> None:
