@@ -27,6 +27,7 @@ STILL_M = 0.06  # a disc that moved by no more is still: its spread from scan to
 TELLING_HITS = 1.0
 """Pieces with fewer hits than this, as PIECE counts them, tell of no ends, but for corners that they share with pieces
 of more. Every sixth end of such a piece is none, and the others are off by the distance of two beams."""
+
 START_TOLERANCE = 1e-3  # m and rad by which the odometry of a robot that has not moved differs from zero at most
 
 PIECE = np.dtype(

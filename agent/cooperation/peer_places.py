@@ -75,13 +75,13 @@ class PeerPlaces:
         return rows[in_touch], rows[~in_touch]
 
     def is_stranger_to(self, contacts: Iterable[str]) -> bool:
-        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said.
+        """Whether maps are shared, and one of those in contact has not merged the robot's, by all that it said."""
+        return self._sharing and not all(map(self._knows_me, contacts))
 
-        Where work is not divided, nobody says so: then who merged whom is taken to be mutual.
-        """
-        if not self._division:
-            return self._sharing and any(not isinstance(self._peers.get(name), Merged) for name in contacts)
-        return self._sharing and any(name not in self._peers or not self._peers[name].log.knows_me for name in contacts)
+    def _knows_me(self, name: str) -> bool:
+        """Whether somebody has merged the robot's map. Where work is not divided nobody says so: merges are mutual."""
+        peer = self._peers.get(name)
+        return peer is not None and (peer.log.knows_me if self._division else isinstance(peer, Merged))
 
     def strangers_among(self, tick: int, heard: Iterable[str]) -> bool:
         """Whether the robot has not merged the map of one of those that are heard, or only lately."""

@@ -124,10 +124,9 @@ class DefaultStates:
         """Once around, along the longest chain of walls [paper: the outer perimeter]."""
         if self._lap is None:
             self._lap = _lap(wireframe)
-        near = self._lap[roads.standable(self._lap)]
-        for point in near[roads.reached(near)][:1]:
-            return Task("perimeter", point, point)
-        return None
+        left = self._lap[roads.standable(self._lap)]
+        left = left[roads.reached(left)]
+        return Task("perimeter", left[0], left[0]) if len(left) else None
 
 
 def _lap(wireframe: Wireframe) -> Floats:

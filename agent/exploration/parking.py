@@ -30,10 +30,11 @@ class Parking:
         kept where it was a place to park.
         """
         places = np.vstack((here[None], own))
-        stays = parked is not None and parked.task.kind == "park"
-        if parked is not None and stays:
+        if parked is not None and parked.task.kind != "park":
+            parked = None
+        if parked is not None:
             places = np.vstack((parked.task.stand, places))
-        route = None if stays else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
+        route = None if parked is not None else standing.out_of_the_way(own[np.hypot(*own.T) <= AT_HOME_M], roads)
         route = route or standing.out_of_the_way(places, roads)
         return _at_end_of(here[None] if route is None else route.path, roads)
 

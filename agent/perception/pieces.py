@@ -182,8 +182,7 @@ def _split_at_gaps(scan: RangeScan, cuts: Ints, sums: Floats) -> Ints:
         bridge = scan.bridge_m if cuts[k, 1] - begin >= SURE_HITS else BRIDGE_M
         for j in range(cuts[k, 0] + 1, cuts[k, 1] + 1):
             last, following = scan.used[(j - 1) % m], scan.used[j % m]
-            apart = _apart(line, scan.beams, last, following)
-            if j < cuts[k, 1] and apart <= bridge and not _opens(scan, last, following):
+            if j < cuts[k, 1] and _goes_on(scan, line, last, following, bridge):
                 continue
             seen_in_front = width_of(scan.beams, _beam(scan, begin), _beam(scan, j - 1)) > 0.0
             if j - begin >= MIN_HITS and seen_in_front:
@@ -191,6 +190,14 @@ def _split_at_gaps(scan: RangeScan, cuts: Ints, sums: Floats) -> Ints:
                 count += 1
             begin = j
     return out[:count].copy()
+
+
+@kernel
+def _goes_on(
+    scan: RangeScan, line: tuple[float, float, float, float], last: int, following: int, bridge: float
+) -> bool:
+    """Whether the hits of two beams on a line show that there is wall between them. bridge: metres, at most."""
+    return _apart(line, scan.beams, last, following) <= bridge and not _opens(scan, last, following)
 
 
 @kernel
@@ -269,8 +276,7 @@ def _only_strays(scan: RangeScan, first: int, end: int, joint: Floats) -> bool:
         if not abs(scan.beams.distances[beam] * u - 1.0) < NOISE_SIGMAS * scan.noise[beam] * u:
             return False
     last, following = scan.used[(first - 1) % m], scan.used[end % m]
-    apart = _apart(_line_of(joint), scan.beams, last, following)
-    return apart <= BRIDGE_M and not _opens(scan, last, following)
+    return _goes_on(scan, _line_of(joint), last, following, BRIDGE_M)
 
 
 @kernel
