@@ -40,6 +40,7 @@ from agent.mapping.ends import (
     END_MARGIN_M,
     close_open_corners,
     cut_behind_partition,
+    f_ends_both,
     inner_ends_give_way,
     may_meet,
     see_corner,
@@ -196,10 +197,9 @@ def _unite(edges: Records, e: int, f: int) -> None:
     else:
         add_hits(a, b.hits, b.x, b.y, (b.xx, b.xy, b.yy))
     for side in range(2):
-        outward = 1.0 if side == 1 else -1.0
+        if not f_ends_both(a, b, side):
+            continue  # the end of f lies inside the joint wall, and is none
         other = along(a, b.tip[side, 0], b.tip[side, 1])
-        if outward * other <= outward * tip_at(a, side):
-            continue  # the corner of f lies inside the joint wall, and is none
         part(edges, e, side)
         set_end(a, side, b.label[side], b.slack[side], b.strength[side])
         a.conflict[side] = b.conflict[side]

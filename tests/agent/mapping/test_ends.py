@@ -232,3 +232,29 @@ def test_a_piece_speaks_against_a_corner_only_where_it_passes_it(head_m: float, 
     piece["ux"], piece["end"] = 1.0, (-1.5, head_m)
     found = [inner_ends_give_way(edges, 0, 1, piece[0], 1.0) for _ in range(9)]
     assert any(found) is gives_way
+
+
+@pytest.mark.parametrize(("beyond_m", "one"), [(-0.1, True), (0.14, True), (0.3, False)])
+@pytest.mark.parametrize("first", [0, 1])
+def test_an_open_end_just_beyond_a_corner_is_that_corner(beyond_m: float, one: bool, first: int) -> None:
+    """A wall of `hall` stood twice over 6 m, as one of the two ended 0.14 m beyond the corner of the other."""
+    edges, piece, gates = np.zeros(4, EDGE), np.zeros(1, PIECE), Gates(0.01, OFFSET_GATE_M)
+    edges["kind"], edges["link"], edges["label"], edges["own"] = WALL, -1, FRONTIER, 1
+    edges["hits"], edges["xx"], edges["yy"] = 50.0, (50.0, 50.0, 0.0, 0.0), (0.0, 0.0, 50.0, 50.0)
+    edges["ux"], edges["uy"], edges["x"], edges["y"] = (1, 1, 0, 0), (0, 0, 1, -1), (9, 6, 12, 0), (0, 0, 1, 1)
+    for k, (tail, head) in enumerate([(-3.0, 3.0), (-6.0, 6.0 + beyond_m), (-1.0, 1.0), (-1.0, 1.0)]):
+        set_tip(edges[k], 0, tail)
+        set_tip(edges[k], 1, head)
+    join(edges, 0, 2, 9.0)  # the wall from x = 6 on ends by a corner, and the one from x = 0 on begins by one
+    join(edges, 3, 1, 9.0)
+    piece["x"], piece["ux"], piece["end"], piece["hits"], piece["spread"] = 9.5, 1.0, (-1.5, 1.5), 9.0, 7.0
+    piece["link"], piece["label"] = -1, FRONTIER
+    for _ in range(9):
+        merge_scan(edges, 4, piece, np.array([first]), np.full(1, 0.5), gates, 1.0, True)
+    walls = np.flatnonzero((edges["kind"] == WALL) & (edges["uy"] == 0.0))
+    assert len(walls) == (1 if one else 2)
+    if one:
+        assert edges["label"][walls[0]].tolist() == [NOMINAL, NOMINAL]
+        assert edges["tip"][walls[0]].ravel() == pytest.approx([0.0, 0.0, 12.0, 0.0])
+        assert edges["link"][walls[0]].tolist() == [3, 2] and edges["link"][2:, 0].tolist() == [walls[0], -1]
+    assert not edges["conflict"][1, 0]  # nothing speaks against a corner that stays
