@@ -92,7 +92,7 @@ def pieces_of(scan: RangeScan, cuts: Ints, sums: Floats) -> tuple[Records, Bools
                 if explained[beam]:  # a stray that the piece was joined across is in no sum
                     totals[k] -= (1.0 - worth[beam]) * (sums[j + 1] - sums[j])
         pieces = _with_corners(scan, cuts[whole], ends[whole], totals[whole], worth)
-    return pieces, explained
+    return _plausible(pieces, scan.range_max), explained
 
 
 @kernel
@@ -116,6 +116,27 @@ def _with_corners(scan: RangeScan, cuts: Ints, ends: Ints, totals: Floats, worth
                     p.slack[side] = abs(_on_ray(p, scan.beams, beyond) - p.end[side])
                     p.stray[side] = scan.grows and _is_stray(p, scan, decided, side)
     return pieces
+
+
+@kernel
+def _plausible(pieces: Records, range_max: float) -> Records:
+    """Those of pieces (k,) that a lidar of this range can have seen: that end after they begin, and not out of sight.
+
+    Where beams run along the line that is fitted to them, they meet it anywhere. Seen where the robot seemed to pass
+    through a wall, as the wheels slipped or the lidar is not where its specification says.
+    """
+    kept, new = np.empty(len(pieces), np.bool_), np.full(len(pieces), -1)
+    for k in range(len(pieces)):
+        tail, head = pieces[k].end
+        kept[k] = tail < head and max(-tail, head) <= 2.0 * range_max
+    new[kept] = np.arange(kept.sum())
+    for k in range(len(pieces)):
+        for side in range(2):
+            p = pieces[k]
+            if p.link[side] >= 0:
+                p.link[side] = new[p.link[side]]
+                p.label[side] = NOMINAL if p.link[side] >= 0 else FRONTIER
+    return pieces[kept]
 
 
 @kernel

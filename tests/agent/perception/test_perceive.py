@@ -517,3 +517,18 @@ def test_a_wall_of_which_the_lidar_cuts_off_the_farther_hits_is_not_seen() -> No
     assert len(seen_wall(3.45, 100)) < 10
     off, hits = seen_wall(3.2, 100).T
     assert len(off) >= 100 and abs(np.average(off, weights=hits)) < 0.005
+
+
+def test_no_piece_ends_before_it_begins_or_out_of_sight() -> None:
+    """A robot whose lidar was not where its specification says took a wall to end 1e9 m away, and was no more.
+
+    Clutter within reach of a robot that turns: beams run along the lines that are fitted to what they met.
+    """
+    spec = RobotSpec()
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        ranges = np.repeat(rng.uniform(0.12, 0.4, 24), 15) + 0.01 * rng.standard_normal(360)
+        way = np.linspace((0.0, 0.0, 0.0), (0.2, 0.0, rng.uniform(-0.6, 0.6)), 11)
+        ends = perceive(ranges, spec, way=way).pieces["end"]
+        assert (ends[:, 0] < ends[:, 1]).all()
+        assert (np.abs(ends) < 2 * spec.lidar.range_max_m + 0.1).all()
