@@ -21,7 +21,7 @@ from agent.perception.pieces import OPEN_BEAMS, RangeScan, pieces_of
 from agent.perception.segmentation import MIN_HITS, piecewise
 from agent.perception.split_and_merge import split_and_merge
 from protocol.arrays import Bools, Floats, Ints
-from protocol.geometry import Pose, apply, compose, seen_from
+from protocol.geometry import Pose, apply, compose, pose_of, relative, seen_from
 from protocol.messages import Observation, RobotSpec
 from protocol.walls import lengths
 from protocol.wireframe import Wireframe
@@ -96,7 +96,7 @@ class Perception:
             self._map, self._walls = known, walls[lengths(walls) >= WALL_M]
         x, y, theta = way[-1].tolist()
         predicted = compose(start, (x, y, theta))
-        unrolled = way if observation.tick == self._tick + 1 else None  # after a missed tick its start is unknown
+        unrolled = way if observation.tick == self._tick + 1 else _of_revolution(way)
         self._tick = observation.tick
         if heard:
             self._posts.hear(observation.tick, predicted, stranger=strangers)
@@ -128,6 +128,17 @@ class Perception:
     def remember(self, tick: int, pose: Pose) -> None:
         """Note where the last scan's discs are, once the pose is corrected."""
         self._posts.add(tick, apply(pose, self._discs), self._places)
+
+
+def _of_revolution(way: Floats) -> Floats | None:
+    """The way of the last revolution, of a way (k + 1, 3) that began earlier, as scans were missed.
+
+    Odometry does not tell where it began: its first step is taken to be like the second. None where there is no second.
+    """
+    if len(way) < 3:
+        return None
+    first, second = pose_of(way[1]), pose_of(way[2])
+    return np.vstack((compose(first, relative(second, first)), way[1:]))
 
 
 def perceive(
