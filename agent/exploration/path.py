@@ -1,7 +1,5 @@
 """A path as it is driven: what is left of it, and whether walls still let it pass (ours)."""
 
-import math
-
 import numpy as np
 
 from agent.geometry.clearance import distance_to_walls, keeps_clear, path_clear
@@ -9,7 +7,6 @@ from protocol.arrays import Floats
 
 ARRIVED_M = 0.08  # nearer is there: nearly what two ticks drive at full speed, so that no robot overshoots
 GIVE_M = 0.03  # a path stays good while walls come this much nearer than its clearance, and may be cut by as much
-_WAYPOINT_M = 0.03  # a waypoint this near is passed
 _START_SHARE = 0.98  # a start nearer to a wall than the clearance keeps this share of its distance, to get away
 
 
@@ -35,12 +32,25 @@ def still_clear(path: Floats, walls: Floats, clearance_m: float) -> bool:
 
 
 def ahead_of(path: Floats, here: Floats, walls: Floats, clearance_m: float) -> Floats:
-    """What is left of a path (k, 2) from here (2,) on, without waypoints that are passed or can be left out."""
+    """What is left of a path (k, 2) from here (2,) on, without waypoints that can be left out.
+
+    A robot that cuts a corner passes its waypoint at some distance: what is left then begins beside the robot. Else
+    it grew while the robot drove on, which took itself to be stuck in each third doorway at 0.1 m/s.
+    """
     x, y = here
-    while len(path) > 2:
-        (ax, ay), (bx, by) = path[1], path[2]
-        passed = math.hypot(ax - x, ay - y) < _WAYPOINT_M
-        if not passed and not keeps_clear(x, y, bx, by, walls, clearance_m):
-            break
+    while len(path) > 2 and keeps_clear(x, y, path[2][0], path[2][1], walls, clearance_m):
         path = path[1:]
-    return np.vstack((here, path[1:] if len(path) > 1 else path))
+    left = path[1:].copy() if len(path) > 1 else path
+    if len(left) > 1:
+        point = _beside(here, left[0], left[1])
+        if keeps_clear(x, y, point[0], point[1], walls, first_clearance(here, walls, clearance_m)):
+            left[0] = point
+    return np.vstack((here, left))
+
+
+def _beside(here: Floats, start: Floats, end: Floats) -> Floats:
+    """The point (2,) of a piece of a path, from start to end, that is nearest to here; all (2,)."""
+    along = end - start
+    share = float((here - start) @ along) / max(float(along @ along), 1e-12)
+    point: Floats = start + min(max(share, 0.0), 1.0) * along
+    return point
