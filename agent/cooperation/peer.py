@@ -71,6 +71,8 @@ class PeerLog:
     """Walls that the owners saw themselves, of the own map and of the peer's, at the last alignment."""
     growth: float = 0.0
     """Share of them that one map must gain before the next alignment."""
+    is_off_map: bool = False
+    """Whether it was far from all walls of its own map when an alignment was last due."""
     explained: int = 0
     """Sightings that the last alignment by sight explained."""
     explained_by_proposal: int = 0

@@ -71,18 +71,18 @@ class Aligner:
             self._own = own, prepare(own, self.config)
         return self._own[1]
 
-    def take_growth(self, log: PeerLog, own: Wireframe, growth: float) -> bool:
-        """Whether one of two maps has gained this share of its walls since both were aligned, and note that."""
-        assert log.map is not None
-        counts = int(own.own.sum()), int(log.map.wireframe.own.sum())
+    def has_grown(self, log: PeerLog, own: Wireframe, growth: float) -> bool:
+        """Whether one of two maps has gained this share of its walls since both were aligned, and both have enough."""
+        counts = _own_walls(log, own)
         grown = any(
             now >= before + max(RETRY_WALLS, growth * before)
             for now, before in zip(counts, log.aligned_walls, strict=True)
         )
-        if not grown or min(counts) < self.config.min_corners // 2:
-            return False
-        log.aligned_walls, log.growth, log.map_is_news = counts, RETRY_GROWTH, False
-        return True
+        return grown and min(counts) >= self.config.min_corners // 2
+
+    def take_growth(self, log: PeerLog, own: Wireframe) -> None:
+        """Note that both maps are aligned as they are now."""
+        log.aligned_walls, log.growth, log.map_is_news = _own_walls(log, own), RETRY_GROWTH, False
 
     def both(self, log: PeerLog, own: Wireframe) -> tuple[PreparedMap, PreparedMap] | None:
         """The own map and the peer's newest, made ready; None where one is too large."""
@@ -210,6 +210,12 @@ class Aligner:
         if beside(mine.walls, theirs.walls, fit.transform, EXACT_M) > most:
             return False
         return bear_out(*agreement(mine.walls, theirs.walls, fit.transform), self.config)
+
+
+def _own_walls(log: PeerLog, own: Wireframe) -> tuple[int, int]:
+    """Walls that the owners saw themselves, of the own map and of the peer's newest."""
+    assert log.map is not None
+    return int(own.own.sum()), int(log.map.wireframe.own.sum())
 
 
 def is_known(fit: WallFit) -> bool:

@@ -232,16 +232,14 @@ class Team:
             else:
                 self._replace(peer, refit(peer, tick, own))
             return True
-        if isinstance(peer, Unaligned) and log.first_encounter is not None and self._align_by_word(peer, own):
+        if log.first_encounter is None:  # a map that came before the first beacon waits for that
+            return False
+        if isinstance(peer, Unaligned) and self._align_by_word(peer, own):
             return True
         growth = log.growth if isinstance(peer, Unaligned) else GROWTH_ON_TRIAL
-        if not self.aligner.take_growth(log, own, growth):
+        if not self.aligner.has_grown(log, own, growth) or self._is_off_its_map(log):
             return isinstance(peer, Unaligned) and self._align_by_sight(peer, own)
-        if log.first_encounter is None:
-            return False
-        if off_its_map(log, self.spec.lidar.range_max_m):
-            self._say("attempt", log, "its place is off its own map", None, {})
-            return True
+        self.aligner.take_growth(log, own)
         said = self.aligner.align(log, own)
         if isinstance(peer, Proposed):
             self.aligner.compare(peer, said)
@@ -251,6 +249,13 @@ class Team:
         else:
             self.propose(peer, said.transform, own, said.figures(), said)
         return True
+
+    def _is_off_its_map(self, log: PeerLog) -> bool:
+        """Whether a peer is where its own map has nothing. That is said once, until it is back."""
+        was_off, log.is_off_map = log.is_off_map, off_its_map(log, self.spec.lidar.range_max_m)
+        if log.is_off_map and not was_off:
+            self._say("attempt", log, "its place is off its own map", None, {})
+        return log.is_off_map
 
     def _update(self, tick: int, peer: Merged, own: Wireframe) -> None:
         """Take the newest map of a merged peer and fit its transform anew, or undo the merge."""
@@ -266,7 +271,8 @@ class Team:
         """
         reach_m = self.spec.lidar.range_max_m
         for peer in self.proposed:
-            if self.aligner.take_growth(peer.log, own, 0.0) and not off_its_map(peer.log, reach_m):
+            if self.aligner.has_grown(peer.log, own, 0.0) and not off_its_map(peer.log, reach_m):
+                self.aligner.take_growth(peer.log, own)
                 self.aligner.compare(peer, self.aligner.align(peer.log, own))
         self._decide(tick, own)
         for merged in self.merged:

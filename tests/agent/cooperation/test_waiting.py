@@ -6,18 +6,23 @@ import pytest
 from agent.alignment.by_sight import Sighting
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import Encounter
+from agent.communication.exchange import News
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation.config import CooperationConfig
 from agent.cooperation.peer import PeerLog, Proposed, Unaligned
 from agent.cooperation.team import Team
 from agent.cooperation.verification import DISC_NATS, GROUND_MOST_NATS
+from protocol.geometry import Pose
 from protocol.messages import RobotSpec
+from protocol.talk import Beacon
 from protocol.wireframe import Wireframe, enclosed
+from tests.agent.alignment.test_alignment import maze
 from tests.agent.alignment.test_by_sight import SCAN
 
 HERE = (0.0, 0.0, 0.0)
 EMPTY = Wireframe()
 ROOM = enclosed([np.array([(0.0, 0.0), (5.0, 0.0), (5.0, 3.0), (0.0, 3.0)])])
+BESIDE = (1.5, 5.5, 0.0)  # free in the maze of seed 0, as (1.5, 3.5) is
 LATER = 1000  # a tick, long after the last contact
 
 
@@ -80,3 +85,31 @@ def test_a_silent_peer_is_driven_to_once_and_not_sought_by_its_walls() -> None:
     team, proposed = on_trial(0.0, theirs=ROOM)
     assert len(proposed.trial.walls.unseen())
     assert team.errand is None and team.proposed == [proposed]
+
+
+def heard_by(beacons: dict[int, Pose]) -> list[tuple[int, str]]:
+    """Ticks and reasons of what a team says of a peer whose map, like the own one, is whole when it comes, at tick 1.
+
+    beacons: where the peer says that it is, by tick. Each begins a contact.
+    """
+    team, said = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0)), []
+    own = maze(0)
+    for tick in range(1, 10):
+        beacon = Beacon(tick, beacons[tick]) if tick in beacons else None
+        news = News("r2", tick, beacon=beacon, map=ReceivedMap(own, 1) if tick == 1 else None)
+        team.hear(tick, [news], (1.5, 3.5, 0.0), SCAN, own)
+        team.align_maps(tick, own)
+        said += [(tick, str(event.data["reason"])) for event in team.events]
+    return said
+
+
+@pytest.mark.parametrize("first", [1, 4])
+def test_a_map_that_comes_before_the_first_beacon_is_aligned_with_it(first: int) -> None:
+    """Two robots with whole maps were never aligned, as neither map grew any more."""
+    assert heard_by({first: BESIDE}) == [(first, "aligned")]
+
+
+def test_who_is_off_its_own_map_is_aligned_when_it_is_back_and_that_is_said_once() -> None:
+    off = (50.0, 50.0, 0.0)
+    said = heard_by({1: off, 3: off, 6: BESIDE})
+    assert said == [(1, "its place is off its own map"), (6, "aligned")]
