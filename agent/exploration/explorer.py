@@ -158,11 +158,14 @@ class Explorer:
         return self.target
 
     def way_home(self, scene: Scene) -> Target | None:
-        """Home, for a robot that does not know its place and has begun nothing else; None without need or way."""
+        """Home, for a robot that does not know its place and has begun nothing else; None without need or way.
+
+        It goes on home where its path is no longer clear.
+        """
         if self.complete or self.target is not None or not scene.pose_sd_m > LOST_M >= self._sd_at_home_m:
             return None
         home = self.homing.home(scene.map_sd_m, self.surroundings.ways(scene))
-        return None if home is None else self._pursue(scene, home.task, home.roads, None)
+        return None if home is None else self._pursue(scene, home.task, home.roads, self._put_back)
 
     def frontier(self, scene: Scene) -> Target | None:
         """The frontier that is under way or comes first, or a sweep with a short detour before it; None without."""
@@ -277,7 +280,7 @@ class Explorer:
             self._errand_arrived = True
         if target.task.kind == "home":
             self._sd_at_home_m = scene.pose_sd_m
-        self.states.done(target.task)
+        self._done(target.task)
         self.target = None
 
     def _looked(self, scene: Scene, target: Target) -> None:
@@ -303,7 +306,12 @@ class Explorer:
         else:
             if target.task.kind == "home":
                 self._sd_at_home_m = math.inf
-            self.states.done(target.task)
+            self._done(target.task)
+
+    def _done(self, task: Task) -> None:
+        """The task is not to be proposed again: the robot stood where it asked, or could not."""
+        self.states.done(task)
+        self.homing.done(task)
 
     def _reconsiders(self, scene: Scene, target: Target) -> bool:
         """Whether the target is to be compared with other tasks, or its path is no longer good."""
@@ -357,7 +365,7 @@ class Explorer:
                 return self._pursue(scene, task, roads, None)
             tried.append(roads)
         if (home := self.homing.next(scene.map_sd_m, tried)) is not None:
-            return self._pursue(scene, home.task, home.roads, None)
+            return self._pursue(scene, home.task, home.roads, old)
         if self.surroundings.teammates.in_the_way(scene.tick) and self._waits < WAITS and self._barred(scene):
             return self._wait(scene)
         self.complete = True
@@ -370,7 +378,6 @@ class Explorer:
         route = roads.way_to(task.stand)
         assert route is not None, "tasks are made of standing points that are reached"
         looks_due = self._ticks(LOOKS_S[task.kind]) if task.kind in LOOKS_S else 1
-        self.homing.pursue(task)
         deadline = self._deadline(scene, route.path)
         self.target = Target(task, route.path, roads.clearance, deadline, looks_due, chosen=scene.tick)
         if old is not None and self.goals.same(old.task, task):
@@ -378,6 +385,7 @@ class Explorer:
             self.target.stands_tried, self.target.stuck = old.stands_tried, old.stuck
             self.headway.allow(length_of(route.path))
             return self.target
+        self.homing.pursue(task)
         self.headway.restart(scene.tick)
         self._waits = 0
         if is_end(task):

@@ -25,6 +25,9 @@ with corners 8 to 24 mm off, and 6 were not, with corners 14 to 50 mm off. Walls
 HELPS = 0.95  # share of its deviation that a lap leaves at most, else there are no more: it may be lost for good
 LAPS_M = (1.0, 1.8, 1.4, 2.2)  # radii of the laps: each passes other sides of what stands near
 STOPS = 6  # places on a lap
+MOST_LEFT = 6
+"""Times that the way home may be left before its end: as often as a robot waits for teammates that bar a goal. Past a
+door that opens and closes by the side from which it is seen, one would go to and fro for ever."""
 
 
 class Way(NamedTuple):
@@ -38,7 +41,9 @@ class Homing:
     """What is left to do at home."""
 
     def __init__(self) -> None:
-        self._was_home = False  # whether the last task was one of these
+        self._heads_home = False  # whether the last task is to go home
+        self._was_home = False  # whether that has ended, and all since were laps
+        self._left = 0  # times that it was left for another goal since it last ended
         self._lap: list[Floats] = []  # places (2,) that are left of the lap under way
         self._radii: Iterator[float] = iter(())  # of the laps that may follow
         self._sd_m = math.inf  # how well the map was known before the last lap
@@ -46,10 +51,13 @@ class Homing:
     def home(self, map_sd_m: Callable[[], float], ways: Iterable[Roads]) -> Way | None:
         """To go home; None where the robot just was there, where that would tell nothing new, and without a way.
 
+        Nor is there one that was left too often.
         map_sd_m: by how much walls may be off in the frame, root mean square, worked out when it is asked. ways: the
         first that leads there is taken.
         """
-        return None if self._was_home or map_sd_m() < EXACT_MAP_M else _way("home", HOME, ways)
+        if self._was_home or self._left >= MOST_LEFT or map_sd_m() < EXACT_MAP_M:
+            return None
+        return _way("home", HOME, ways)
 
     def next(self, map_sd_m: Callable[[], float], ways: Sequence[Roads]) -> Way | None:
         """Home, or on along a lap about it; None where the map is known well enough, or no better for all that."""
@@ -70,7 +78,15 @@ class Homing:
 
     def pursue(self, task: Task) -> None:
         """The robot sets out for a task, one of these or another."""
-        self._was_home = task.kind in ("home", "lap")
+        if task.kind not in ("home", "lap"):
+            self._left += self._heads_home and task.kind != "errand"  # of these there are only so many
+            self._was_home = False
+        self._heads_home = task.kind == "home"
+
+    def done(self, task: Task) -> None:
+        """A task has ended: the robot stood where it asked, or could not."""
+        if task.kind == "home":
+            self._heads_home, self._was_home, self._left = False, True, 0
 
 
 def _way(kind: TaskKind, place: Floats, ways: Iterable[Roads]) -> Way | None:

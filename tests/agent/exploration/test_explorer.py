@@ -422,6 +422,27 @@ def test_a_lost_robot_goes_home_before_it_looks_at_an_open_end_and_not_again_whe
     assert set(reasons[began : began + 15]) == {"frontier"}  # in which goals are compared anew
 
 
+@pytest.mark.parametrize("barred", [False, True])
+def test_a_lost_robot_goes_on_home_where_a_wall_moves_into_its_path(barred):
+    """It took itself to have been there, and went for a frontier; a way that is barred for good is left."""
+    walls, pose = [[(-2, -2), (4, -2), (4, 2), (0.5, 2)]], np.array((3.0, 1.0, 2.0))
+    robot, reasons = explorer(default_state="least-likely", pockets=False), []
+    for tick in range(200):
+        if tick == 10:
+            walls.append([(1.5, -2), (1.5, 3)] if barred else [(1.5, 0.4), (1.5, 0.6)])
+        opened = chain(*walls, labels=Label.FRONTIER)
+        situation = Situation(
+            tick, opened, len(walls), pose_of(pose), Wireframe(), NOBODY, pose_sd_m=0.2, map_sd_m=lambda: 1
+        )
+        command = step(robot, situation)
+        ahead, turn = command.speed_mps * 0.2, command.turn_rps * 0.2
+        pose = np.array(compose(pose_of(pose), (ahead * math.cos(turn / 2), ahead * math.sin(turn / 2), turn)))
+        reasons.append(command.reason)
+        if reasons[-1] != "home":
+            break
+    assert len(reasons) == 11 if barred else math.hypot(*pose[:2]) < 0.1
+
+
 @pytest.mark.parametrize("pockets", [False, True])
 def test_a_robot_that_does_not_get_on_says_stuck_and_gives_the_goal_up(pockets):
     wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=Label.FRONTIER)

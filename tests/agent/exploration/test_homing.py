@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agent.exploration.agenda import Task
-from agent.exploration.homing import EXACT_MAP_M, HELPS, LAPS_M, STOPS, SURE_MAP_M, Homing
+from agent.exploration.homing import EXACT_MAP_M, HELPS, LAPS_M, MOST_LEFT, STOPS, SURE_MAP_M, Homing
 from agent.exploration.planning import Roads
 from tests.agent.exploration.test_planning import chain
 
@@ -20,6 +20,7 @@ def driven(sds, room=OPEN, most=100, clearances=(0.25, 0.2)):
         if way is None:
             break
         homing.pursue(way.task)
+        homing.done(way.task)
         tasks.append(way.task)
     return homing, ways, tasks
 
@@ -62,3 +63,15 @@ def test_after_another_task_home_is_new_again():
 def test_where_only_tight_ways_lead_laps_are_driven_too():
     _, _, tasks = driven([0.03], most=3, clearances=(9.5, 0.2))
     assert [task.kind for task in tasks] == ["home", "lap", "lap"]
+
+
+@pytest.mark.parametrize(("kind", "ends"), [("frontier", False), ("frontier", True), ("errand", False)])
+def test_a_way_home_that_is_left_again_and_again_for_other_goals_is_given_up(kind, ends):
+    homing, ways, tries = Homing(), [Roads(OPEN, np.array((3.0, 1.0)), 0.25)], 0
+    while tries < 3 * MOST_LEFT and (home := homing.home(lambda: 0.03, ways)) is not None:
+        homing.pursue(home.task)
+        if ends:
+            homing.done(home.task)
+        homing.pursue(Task(kind, np.zeros(2), np.zeros(2)))
+        tries += 1
+    assert tries == (1 if kind == "frontier" and not ends else 3) * MOST_LEFT
