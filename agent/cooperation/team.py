@@ -4,7 +4,9 @@ A peer is heard, then proposed (an alignment is on trial while the robot drives 
 given up. One pair of maps is aligned in a tick, and only where one of them has grown; the others wait their turn.
 """
 
+from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,6 +39,7 @@ from agent.period import Period
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import Event, RobotSpec
+from protocol.talk import Beacon
 from protocol.wireframe import Wireframe
 
 LOOK_S = 0.6
@@ -44,13 +47,26 @@ LOOK_S = 0.6
 CIRCLES_S = 3.0
 """Interval at which circles of three are closed: what others say of frames comes with their beacons."""
 LATE_S = 0.4
-"""A place in a message older than this is no sighting: the peer drives 0.1 m in the time."""
+"""A place in a message is held against a scan at most so much later or earlier: the peer drives 0.1 m in the time."""
+RECALL_S = 3.0
+"""Scans are kept for so long, for messages that come late: a mesh of radios or a satellite takes a second or two."""
 REFINE_S = 4.0
 """Least interval between two fits of a merged peer's transform."""
 ALONE_S = 20.0
 """Who was not heard for so long is not in view, as who is in view sends a beacon every 5 s."""
 EMPTY_LOOKS = 4
 """Looks in a row at free floor where a merged teammate must be before the merge is undone: one in ten misses it."""
+
+
+class PastScan(NamedTuple):
+    """A scan, and from where."""
+
+    tick: int
+    here: Pose
+    """The robot in its own frame."""
+    discs: Floats
+    """(d, 2) metres, the robot's own frame."""
+    scan: CornerScan
 
 
 class Team:
@@ -72,6 +88,8 @@ class Team:
         self.views = TeamViews()
         """From where merged peers saw what is in their merged maps."""
         self._views_changed = False
+        self._lately = deque[PastScan](maxlen=self._ticks(RECALL_S))
+        """Of the last ticks, the newest last."""
         self._looks, self._circles = Period(self._ticks(LOOK_S)), Period(self._ticks(CIRCLES_S))
         self.events: list[Event] = []
         """What happened in this tick."""
@@ -115,13 +133,12 @@ class Team:
         Maps that are far larger than the own one wait.
         """
         self.events, self.changed, self._views_changed = [], False, False
-        discs = apply(here, scan.discs)
+        self._lately.append(PastScan(tick, here, apply(here, scan.discs), scan))
         alone = self._hears_one(tick, told)
         for news in told:
             peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
             if (beacon := news.beacon) is not None:
-                sighting = Sighting(here, beacon.pose, discs, scan, alone)
-                self._take_beacon(tick, peer, news.since, min(beacon.tick, tick), sighting)  # nobody is ahead of time
+                self._take_beacon(tick, peer, news.since, beacon, alone)
             self._take_word(peer.log, news)
         self._take_maps(tick, own)
         if self._looks.take_due(tick):
@@ -132,19 +149,29 @@ class Team:
                 for peer in self.peers.values():
                     self._look(peer, view)
 
-    def _take_beacon(self, tick: int, peer: Peer, since: int, pose_tick: int, sighting: Sighting) -> None:
-        """Keep where a peer says that it was at pose_tick, if that is new; if it is not late, its sighting counts."""
-        log = peer.log
+    def _take_beacon(self, tick: int, peer: Peer, since: int, beacon: Beacon, alone: bool) -> None:
+        """Keep where a peer says that it was, if that is new; it is a sighting where a scan of then is known."""
+        log, pose_tick = peer.log, min(beacon.tick, tick)  # nobody is ahead of time
         if pose_tick <= log.pose_tick:
             return
+        past = self._scan_of(beacon.tick)
+        _, here, discs, scan = past or self._lately[-1]
+        sighting = Sighting(here, beacon.pose, discs, scan, alone)
         log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
-        if tick - pose_tick > self._ticks(LATE_S):
+        if past is None:
             return
         log.take_sighting(sighting)
         if isinstance(peer, Proposed):
             self._weigh(peer.trial, sighting)
         elif isinstance(peer, Merged) and self.config.verification.discs:
             self._watch(peer, sighting)
+
+    def _scan_of(self, tick: int) -> PastScan | None:
+        """The newest scan if that is of about a tick, else the first one from then on; None where none is kept."""
+        newest, late = self._lately[-1], self._ticks(LATE_S)
+        if abs(newest.tick - tick) <= late:
+            return newest
+        return next((past for past in self._lately if 0 <= past.tick - tick <= late), None)
 
     def _take_word(self, log: PeerLog, news: News) -> None:
         """Keep what a peer says of frames, its map, which then waits, and its viewpoints."""

@@ -5,12 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agent.cooperation.config import VerificationConfig
+from agent.alignment.config import AlignmentConfig
+from agent.communication.exchange import News
+from agent.cooperation.config import CooperationConfig, VerificationConfig
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces, pieces_of, sees_place
+from agent.cooperation.team import Team
 from agent.cooperation.verification import Trial
 from agent.mapping.views import view_of
 from protocol.geometry import seen_from
-from protocol.wireframe import enclosed
+from protocol.messages import RobotSpec
+from protocol.talk import Beacon
+from protocol.wireframe import Wireframe, enclosed
+from tests.agent.alignment.test_by_sight import SCAN
 from tests.agent.mapping.test_layers import scan_at
 from tests.agent.mapping.test_particle_filter import ROOM, ring
 
@@ -118,3 +124,22 @@ def test_pieces_on_own_walls_are_not_fresh_wherever_the_sender_s_frame_lies() ->
         fresh = fresh_pieces(replace(theirs, points=seen_from(frame, theirs.points)), np.array(frame), own)
         assert not fresh[wall < 4].any()
         assert fresh[np.isin(wall, (4, 5, 6, 7, 9, 11))].all()
+
+
+@pytest.mark.parametrize(("late", "seen"), [
+    (0, 100), (2, 100), (3, 97), (5, 95), (14, 86),  # of its own tick, or of now where that is as good
+    (7, 94), (18, None), (40, None),  # a tick was left out; longer ago than scans are kept
+    (-2, 100), (-3, None),  # a clock that is ahead
+])  # fmt: skip
+def test_where_a_peer_was_is_held_against_the_scan_of_then(late: int, seen: int | None) -> None:
+    """By a radio that takes three ticks no peer was ever seen, and no two robots merged."""
+    team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(), np.random.default_rng(0))
+    for tick in range(1, 101):
+        if tick != 93:
+            beacon = Beacon(tick - late, (1.0, 0.0, 0.0)) if tick == 100 else None
+            discs = np.array([[2.0, 0.01 * tick]])
+            team.hear(tick, [News("r2", 100, beacon)], (tick, 0.0, 0.0), replace(SCAN, discs=discs), Wireframe())
+    log = team.peers["r2"].log
+    assert log.pose_tick == min(100 - late, 100) and log.first_encounter is not None
+    kept = [(one.here[0], one.discs.tolist()) for one in log.sightings]
+    assert kept == ([] if seen is None else [(seen, [[seen + 2.0, pytest.approx(0.01 * seen)]])])
