@@ -206,6 +206,7 @@ class Robot:
             partners=partners,
             silent=silent,
             viewpoints=self.team.views.places,
+            withdrawn=self.team.views.withdrawn,
             left_ends=self.team.views.ends,
             glimpses=self.filter.glimpses,
             is_stranger=self.team.places.is_stranger_to(self.exchange.contacts),

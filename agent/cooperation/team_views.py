@@ -78,6 +78,8 @@ class TeamViews:
         """(k, 2) metres, the robot's own frame: what was seen from there is in merged maps."""
         self.ends = np.zeros((0, 4))
         """(g, 4) metres and unit, the same frame: open ends that peers looked at in vain, and where walls go on."""
+        self.withdrawn = 0
+        """Times that some of the places were taken back, with a merge or by who had told them."""
         self._usable: dict[str, _Usable] = {}
         self._first_hand: dict[str, Floats] = {}
         self._taken: dict[str, _Taken] = {}
@@ -96,6 +98,7 @@ class TeamViews:
         held = {peer.log.name: peer for peer in merged}
         editions = {name: peer.log.views.editions for name, peer in held.items()}
         anew = [name for name, taken in self._taken.items() if editions.get(name) != taken.editions]
+        self.withdrawn += any(len(self._first_hand[name]) + len(self._taken[name].places) for name in anew)
         for name in anew:
             del self._taken[name]
         if not self._passed_on.keys().isdisjoint(anew):

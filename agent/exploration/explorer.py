@@ -82,6 +82,7 @@ class Explorer:
         self._decided_tick, self._decided_version = 0, -1
         self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
         self._sd_at_home_m = 0.0  # of its place when it was last there: where that did not help, it is not tried again
+        self._withdrawn = 0  # times that teammates' viewpoints were taken back
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
@@ -98,7 +99,7 @@ class Explorer:
         self._events, self._errand_arrived, self._put_back = [], None, None
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
-        self._take_viewpoints(scene, situation.viewpoints)
+        self._take_viewpoints(scene)
         self.states.glimpses.keep(scene.tick, situation.glimpses)
         if not len(scene.wireframe.edges):
             return scene
@@ -199,18 +200,19 @@ class Explorer:
         elif last is None or (errand != last).any():
             self.target = None
 
-    def _take_viewpoints(self, scene: Scene, viewpoints: Floats) -> None:
+    def _take_viewpoints(self, scene: Scene) -> None:
         """What teammates saw need not be swept; what is taken back with a merge must.
 
         A sweep goes on while they have not seen what it is for: a crowd tells of new viewpoints at all times.
         """
-        more, self.viewpoints.teammates = len(viewpoints) - len(self.viewpoints.teammates), viewpoints
-        if more and self.target is not None and self.target.task.samples is not None:
-            left, swept = self.sweep.left(self.target.task.samples, NO_EYES, viewpoints, scene.walls)
+        news, back = len(scene.viewpoints) != len(self.viewpoints.teammates), scene.withdrawn != self._withdrawn
+        self.viewpoints.teammates, self._withdrawn = scene.viewpoints, scene.withdrawn
+        if (news or back) and self.target is not None and self.target.task.samples is not None:
+            left, swept = self.sweep.left(self.target.task.samples, NO_EYES, scene.viewpoints, scene.walls)
             self.target.task = self.target.task._replace(samples=left)
-            if swept or more < 0:
+            if swept or back:
                 self.target = None
-        if more < 0 and self.complete:
+        if back and self.complete:
             self._resume(scene.here, "what a teammate saw was taken back")
 
     def _wake(self, read_ticks: int) -> None:

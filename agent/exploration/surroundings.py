@@ -42,6 +42,7 @@ class Situation:
     silent: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(j, 3) the same of those that have been silent for a while."""
     viewpoints: Floats = field(default_factory=lambda: np.zeros((0, 2)))  # (j, 2) of teammates with merged maps
+    withdrawn: int = 0  # times that some of these were taken back
     left_ends: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     """(v, 4) open ends that are left to teammates, which looked at them in vain, and unit: where their walls go on."""
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))

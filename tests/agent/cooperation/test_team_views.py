@@ -66,6 +66,15 @@ def test_an_undone_merge_takes_its_viewpoints_back_from_those_that_were_told() -
     assert sorted(again.points[:, 0].tolist()) == [0.0, 0.5, 11.0]
 
 
+def test_what_is_taken_back_is_said_though_others_tell_as_much_at_once() -> None:
+    views = TeamViews()
+    views.gather([merged("b", [1.0], []), merged("e", [], [])])
+    views.gather([merged("b", [1.0, 2.0], [])])  # e had told of nothing
+    assert views.withdrawn == 0
+    views.gather([merged("c", [3.0, 4.0], [])])
+    assert len(views.places) == 2 and views.withdrawn == 1
+
+
 def test_who_tells_all_anew_is_believed_anew() -> None:
     views = TeamViews()
     views.gather([merged("b", [1.0], [5.0])])

@@ -301,19 +301,22 @@ def driven(robot: Explorer, east_of: Callable[[int, float, bool], bool], wall: W
     return events
 
 
-def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back():
+@pytest.mark.parametrize("instead", [0, 8])
+def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back(instead):
+    """Also where others tell as much in the same tick: eight viewpoints in a corner."""
     room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
     seen = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])
     alone, told = explorer(default_state="interior-sweep"), explorer(default_state="interior-sweep")
     assert not at(room, alone, range(5))[-1].complete
 
-    def told_step(tick: int, viewpoints: np.ndarray):
-        return step(told, Situation(tick, room, 1, (0.0, 0.0, 0.0), Wireframe(), NOBODY, viewpoints=viewpoints))
+    def told_step(tick: int, viewpoints: np.ndarray, withdrawn: int = 0):
+        pose, told_of = (0.0, 0.0, 0.0), {"viewpoints": viewpoints, "withdrawn": withdrawn}
+        return step(told, Situation(tick, room, 1, pose, Wireframe(), NOBODY, **told_of))
 
     assert told_step(0, seen[:2]).reason == "sweep"
     more = [told_step(tick, seen) for tick in range(1, 5)]  # dropped on the way to what is seen by now
     assert more[-1].complete
-    back = [told_step(tick, seen[:0]) for tick in range(5, 9)]
+    back = [told_step(tick, np.tile((3.9, 1.9), (instead, 1)), 1) for tick in range(5, 9)]
     assert [event.event for command in back for event in command.events] == ["resumed"]
     assert not back[-1].complete and back[-1].reason == "sweep"
 
