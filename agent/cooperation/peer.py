@@ -31,6 +31,8 @@ sight."""
 MOST_SPEED = 1.5
 """Times a robot's top speed: who seems to have driven faster was started anew, in another frame. A smaller jump is one
 by which its map corrected its pose."""
+KNOWN_S = 16.0
+"""Who has merged the robot's map says so in the first and the third beacon's period of each contact, of 5 s at most."""
 GIVEN_SD_M, LEAST_CORNER_SD_M = 0.1, 0.01
 """Standard error of a transform that no alignment gave, and least one of a corner in it: that of a range."""
 
@@ -79,7 +81,9 @@ class PeerLog:
     """The same of the last proposal by sight: another one must explain more."""
 
     knows_me: bool = False
-    """Whether it has said where the robot's own frame lies: it has merged the robot's map."""
+    """Whether it has said where the robot's own frame lies, and not gone back on it: it has merged the robot's map."""
+    knew_me: int = -1
+    """When it last said so."""
     claim: Floats | None = None
     """(3,) its frame in the robot's own by its own word, which it gives where it has merged the robot's map."""
     tried_claim: Floats | None = None
@@ -122,9 +126,15 @@ class PeerLog:
         seen = [one for one in self.sightings if len(one.discs)]
         return len(seen) > 0 and all(one.alone for one in seen)
 
-    def take_frame(self, mine_in_theirs: Pose) -> None:
+    def take_contact(self, tick: int, since: int, known_ticks: int) -> None:
+        """Something was heard in the contact that began then. Who has not said in known_ticks of it that it knows the
+        robot's frame does so no more: it has undone the merge, or begun anew."""
+        if self.knew_me < since < tick - known_ticks:
+            self.knows_me = False
+
+    def take_frame(self, tick: int, mine_in_theirs: Pose) -> None:
         """Keep where the peer says that the robot's own frame lies in its frame, if that was not on trial before."""
-        self.knows_me, claim = True, inverse(np.array(mine_in_theirs))
+        self.knows_me, self.knew_me, claim = True, tick, inverse(np.array(mine_in_theirs))
         if self.tried_claim is None or apart(claim, self.tried_claim, np.zeros(2), DISTINCT_M, DISTINCT_RAD):
             self.claim = claim
 
@@ -147,6 +157,7 @@ class PeerLog:
         if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
             self.sightings.clear()  # it was started anew, in another frame
             self.explained = self.explained_by_proposal = 0
+            self.knows_me = False
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))

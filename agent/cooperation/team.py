@@ -27,7 +27,7 @@ from agent.cooperation.merging import (
     refit,
     update,
 )
-from agent.cooperation.peer import Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
+from agent.cooperation.peer import KNOWN_S, Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.peer_places import PeerPlaces
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
@@ -137,9 +137,10 @@ class Team:
         alone = self._hears_one(tick, told)
         for news in told:
             peer = self.peers.setdefault(news.peer, Unaligned(PeerLog(news.peer)))
+            peer.log.take_contact(tick, news.since, self._ticks(KNOWN_S))
             if (beacon := news.beacon) is not None:
                 self._take_beacon(tick, peer, news.since, beacon, alone)
-            self._take_word(peer.log, news)
+            self._take_word(tick, peer.log, news)
         self._take_maps(tick, own)
         if self._looks.take_due(tick):
             for proposed in self.proposed:
@@ -173,10 +174,10 @@ class Team:
             return newest
         return next((past for past in self._lately if 0 <= past.tick - tick <= late), None)
 
-    def _take_word(self, log: PeerLog, news: News) -> None:
+    def _take_word(self, tick: int, log: PeerLog, news: News) -> None:
         """Keep what a peer says of frames, its map, which then waits, and its viewpoints."""
         if news.frame is not None:
-            log.take_frame(news.frame)
+            log.take_frame(tick, news.frame)
         log.take_frames(news.others)
         if news.map is not None:
             log.offer_map(news.map)

@@ -5,6 +5,7 @@ import pytest
 
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.encounter import Encounter
+from agent.communication.exchange import News
 from agent.communication.receiving import ReceivedMap
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
@@ -17,7 +18,9 @@ from agent.mapping.layers import layer_of
 from deploy.bench.alignment.pairs import moved
 from protocol.arrays import Floats
 from protocol.geometry import pose_of, relative
+from protocol.talk import Beacon
 from protocol.wireframe import Wireframe
+from tests.agent.alignment.test_by_sight import SCAN
 from tests.ideal import ideal_spec
 from world.worldfile import load
 
@@ -79,8 +82,32 @@ def test_who_is_merged_is_no_stranger_after_a_while_and_all_others_are() -> None
 def test_who_has_merged_the_robots_map_says_so() -> None:
     team = team_of({"a": PEER})
     assert team.places.is_stranger_to(["a"]) and not team.places.is_stranger_to([])
-    team.peers["a"].log.take_frame((1.0, 2.0, 0.3))
+    team.peers["a"].log.take_frame(0, (1.0, 2.0, 0.3))
     assert not team.places.is_stranger_to(["a"]) and team.places.is_stranger_to(["a", "never heard of"])
+
+
+@pytest.mark.parametrize(
+    ("later", "stranger"),
+    [
+        ({}, False),
+        ({"x": 20.0}, True),  # it was started anew
+        ({"since": 100}, False),  # it has some seconds to say so
+        ({"since": 100, "tick": 200}, True),  # it has undone the merge
+        ({"since": 100, "tick": 200, "frame": PEER}, False),
+    ],
+)
+def test_who_no_longer_knows_the_robots_frame_is_a_stranger_again(later: dict[str, object], stranger: bool) -> None:
+    """A complete robot no longer let itself be seen by one that had undone the merge, or begun anew."""
+    team = Team(CooperationConfig(), AlignmentConfig(), SPEC, np.random.default_rng(0))
+
+    def hear(tick: int = 100, since: int = 1, x: float = 1.0, frame: object = None) -> None:
+        news = News("a", since, beacon=Beacon(tick, (x, 0.0, 0.0)), frame=frame)
+        team.hear(tick, [news], (0.0, 0.0, 0.0), SCAN, Wireframe())
+
+    hear(tick=1, frame=PEER)
+    assert not team.places.is_stranger_to(["a"])
+    hear(**later)
+    assert team.places.is_stranger_to(["a"]) is stranger
 
 
 def test_the_word_of_most_is_taken() -> None:
