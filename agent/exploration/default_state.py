@@ -18,11 +18,12 @@ from agent.exploration.sweep import Sweep, Viewpoints
 from agent.geometry.chains import chains_of
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec
-from protocol.walls import neighbours
+from protocol.walls import lengths, neighbours
 from protocol.wireframe import Wireframe
 
 POCKET_REACH_M = 5.0  # distance to either side within which pockets are looked for: two rooms
-VERTEX_VISITS = 10  # random vertices visited in a row without a change of the map: then the state ends
+VERTEX_VISITS = 10  # random vertices visited in a row that showed no new wall: then the state ends
+MOST_VERTEX_VISITS = 100  # ... and in all: walls that noise makes of nothing are new, too
 _OFF_M = 0.5  # distance from which a vertex is looked at, and of the points visited along the perimeter from its walls
 _PERIMETER_STEP_M = 1.5  # distance between these points; from each, 3.5 m of wall to either side are in view
 
@@ -35,7 +36,8 @@ class DefaultStates:
         self.glimpses = Glimpses(lidar)
         self._edges = GoalMemory()
         self._lap: Floats | None = None
-        self._vertices, self._vertex_version = 0, -1
+        self._in_vain, self._visits = 0, 0  # random vertices visited since there was a new wall, and in all
+        self._most_wall_m = 0.0  # of all maps until then
 
     def next(self, scene: Scene, roads: Roads, viewpoints: Viewpoints) -> Task | None:
         """The next task, None at the state's end."""
@@ -66,7 +68,8 @@ class DefaultStates:
         elif task.kind == "edge":
             self._edges.note(task.place, task.along).attempts += 1
         elif task.kind == "vertex":
-            self._vertices += 1
+            self._in_vain += 1
+            self._visits += 1
         elif task.kind == "perimeter" and self._lap is not None:
             self._lap = self._lap[(self._lap != task.place).any(1)]
 
@@ -107,10 +110,15 @@ class DefaultStates:
         return None
 
     def _random_vertex(self, scene: Scene, roads: Roads) -> Task | None:
-        """Vertices at random [paper], until so many in a row changed nothing. None where ten drawn are out of reach."""
-        if scene.version != self._vertex_version:
-            self._vertex_version, self._vertices = scene.version, 0
-        for _ in range(VERTEX_VISITS - self._vertices):
+        """Vertices at random [paper], until so many showed no new wall. None where ten drawn are out of reach.
+
+        A wall is new where there is more of it than ever, by the smallest object: corners move by centimetres with each
+        visit, and faces of that size go and come back.
+        """
+        wall_m = float(lengths(scene.wireframe.segments()).sum())
+        if wall_m >= self._most_wall_m + self.config.smallest_object_m:
+            self._most_wall_m, self._in_vain = wall_m, 0
+        for _ in range(min(VERTEX_VISITS - self._in_vain, MOST_VERTEX_VISITS - self._visits)):
             points = scene.wireframe.points
             point = points[int(self.rng.integers(len(points)))]
             around = point + _OFF_M * circle(12)

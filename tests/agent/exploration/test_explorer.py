@@ -12,6 +12,7 @@ import shapely
 
 from agent.exploration.agenda import Target, Task
 from agent.exploration.config import DrivingConfig, ExplorationConfig
+from agent.exploration.default_state import MOST_VERTEX_VISITS, VERTEX_VISITS
 from agent.exploration.explorer import Explorer
 from agent.exploration.frontiers import open_ends, same_wall, stands_of
 from agent.exploration.glimpses import LEAST_SCANS
@@ -724,6 +725,33 @@ def test_what_only_tight_ways_reach_is_visited_after_roomy_ones_were_asked(state
         task = robot.states.next(scene, tight, robot.viewpoints)
         assert task is not None
         robot.states.done(task)
+
+
+@pytest.mark.parametrize(("maps", "visits"), [
+    ("at rest", VERTEX_VISITS),
+    ("corners that move", VERTEX_VISITS),
+    ("a wall that comes and goes", VERTEX_VISITS + 1),
+    ("a new wall at times", 4 + VERTEX_VISITS),
+    ("new walls without end", MOST_VERTEX_VISITS),
+])  # fmt: skip
+def test_random_vertices_are_visited_until_they_show_no_new_wall(maps, visits):
+    """With default sensing the state had no end: corners move by a centimetre, and a face of 0.1 m came and went."""
+    robot, box = explorer(default_state="random-vertex"), [(-3, -3), (3, -3), (3, 3), (-3, 3), (-3, -3)]
+    for visit in range(MOST_VERTEX_VISITS + 1):
+        new_m = {
+            "at rest": 0.0,
+            "corners that move": 0.02 * (visit % 2),
+            "a wall that comes and goes": 0.4 * (visit % 2),
+            "a new wall at times": 0.4 * (visit >= 4),
+            "new walls without end": 0.02 * visit,
+        }[maps]
+        room = chain(box, [(-2.5, 0), (-2.0 + new_m, 0)])
+        scene = robot.surroundings.look(Situation(visit, room, visit, (0.0, -2.0, 0.0), Wireframe(), NOBODY))
+        task = robot.states.next(scene, Roads(room, scene.here, 0.12), robot.viewpoints)
+        if task is None:
+            break
+        robot.states.done(task)
+    assert visit == visits
 
 
 def test_no_more_unlikely_edges_are_looked_at_than_are_remembered():
