@@ -39,6 +39,12 @@ class DefaultStates:
         self._in_vain, self._visits = 0, 0  # random vertices visited since there was a new wall, and in all
         self._most_wall_m = 0.0  # of all maps until then
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is kept beside the sweep."""
+        lap = 0 if self._lap is None else self._lap.nbytes
+        return self.glimpses.nbytes + self._edges.nbytes + lap
+
     def next(self, scene: Scene, roads: Roads, viewpoints: Viewpoints) -> Task | None:
         """The next task, None at the state's end."""
         state = self.config.default_state

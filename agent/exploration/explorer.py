@@ -90,8 +90,8 @@ class Explorer:
     @property
     def nbytes(self) -> int:
         """Bytes of what is kept of the places seen and tried."""
-        kept = self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.states.glimpses.nbytes
-        return kept + self.goals.memory.nbytes
+        kept = self.viewpoints.nbytes + self.surroundings.touch.walls.nbytes + self.goals.nbytes
+        return kept + self.sweep.nbytes + self.states.nbytes
 
     def look(self, situation: Situation) -> Scene:
         """Take in the situation. The target is dropped where it is resolved, in vain, or to be compared anew."""

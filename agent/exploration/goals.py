@@ -50,6 +50,11 @@ class Goals:
         self._version, self._tick = -1, -1
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of what is remembered."""
+        return self.memory.nbytes + 24 * len(self.in_vain)
+
+    @property
     def reasons(self) -> list[str]:
         """Per open end why it was given up; empty where it was not."""
         ends = zip(self._records(), self._left, strict=True)

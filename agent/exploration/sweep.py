@@ -42,6 +42,7 @@ MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
 table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""
 MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
+MOST_SLIVERS = 2 * MOST_KEPT  # most samples kept that sweeps have left, two of each at most; the oldest are forgotten
 
 
 class Viewpoints:
@@ -146,6 +147,11 @@ class Sweep:
         """(s, 2) samples that sweeps have left, as too few to go for. A wall that moved by 5 mm had one more before it,
         and a robot drove the same 20 m again (maze of 20 m, seed 41 of `bench exploration`)."""
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is kept."""
+        return 16 * len(self._stood) + self._slivers.nbytes
+
     def unseen(self, wireframe: Wireframe, viewpoints: Viewpoints) -> Floats:
         """Samples (n, 2) of the free area that nobody has seen from within the radius."""
         face = free_face(wireframe, viewpoints.all(), self.range)
@@ -195,7 +201,9 @@ class Sweep:
 
     def leave(self, samples: Floats) -> None:
         """Go no more for samples (n, 2): so few were left when a sweep ended."""
-        self._slivers = np.vstack((self._slivers, samples))
+        lattice, more = marked(samples, self.sample_m)
+        more[lattice.places(self._slivers)] = False
+        self._slivers = np.vstack((self._slivers, lattice.points(more)))[-MOST_SLIVERS:]
 
     def stood(self, stand: Floats) -> None:
         """Ask no more to stand at (2,) stand."""

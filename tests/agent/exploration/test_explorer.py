@@ -754,6 +754,26 @@ def test_random_vertices_are_visited_until_they_show_no_new_wall(maps, visits):
     assert visit == visits
 
 
+def test_all_that_it_keeps_of_places_is_counted():
+    robot, there, along = explorer(default_state="perimeter"), np.array((3.0, 1.0)), np.array((1.0, 0.0))
+    room, kept = chain([(-2, -2), (2, -2), (2, 2), (-2, 2), (-2, -2)]), [robot.nbytes]
+
+    def grows() -> bool:
+        kept.append(robot.nbytes)
+        return kept[-1] > kept[-2]
+
+    robot.sweep.stood(there)
+    assert grows()
+    robot.sweep.leave(there[None])
+    assert grows()
+    robot.states.done(Task("edge", there, there, along))
+    assert grows()
+    robot.states.next(scene_of(robot, 0, 0.0, room, NOBODY), Roads(room, np.zeros(2), 0.12), robot.viewpoints)
+    assert grows()
+    robot.goals.in_vain.append((3.0, 1.0, 0))
+    assert grows()
+
+
 def test_no_more_unlikely_edges_are_looked_at_than_are_remembered():
     """Each was forgotten before it had been looked at often enough, and so looked at for ever."""
     memory, along = GoalMemory(), np.array((1.0, 0.0))

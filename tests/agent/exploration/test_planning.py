@@ -13,7 +13,7 @@ from agent.exploration.config import DrivingConfig
 from agent.exploration.frontiers import open_ends
 from agent.exploration.path import still_clear
 from agent.exploration.planning import Roads, hurdles_of
-from agent.exploration.sweep import LEAST_SAMPLES, Sweep, Viewpoints, free_face
+from agent.exploration.sweep import LEAST_SAMPLES, MOST_SLIVERS, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -233,6 +233,18 @@ def test_what_a_sweep_has_left_stays_left_where_a_wall_moves():
     sweep.leave(left)
     assert len(sweep.unseen(after, eyes)) == 1
     assert not len(sweep.unseen(chain(room(1.0, 0.3)), eyes))  # a map that holds none of them any more
+
+
+def test_what_sweeps_have_left_is_kept_once_and_not_for_ever():
+    sweep, left = Sweep(0.1, ideal_lidar()), 0.1 * np.array([(1, 1), (2, 1)])
+    for _ in range(3):
+        sweep.leave(left)
+    assert sweep.nbytes == left.nbytes
+    assert not len(sweep.left(left, NOWHERE, NOWHERE, np.zeros((0, 4)))[0])
+    for row in range(MOST_SLIVERS):
+        sweep.leave(left + np.array((0.0, 0.1 * row)))
+    assert sweep.nbytes == 16 * MOST_SLIVERS
+    assert len(sweep.left(left, NOWHERE, NOWHERE, np.zeros((0, 4)))[0]) == 2  # the oldest are forgotten
 
 
 def test_nothing_is_unseen_where_no_middle_of_the_smallest_object_can_be():
