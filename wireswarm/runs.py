@@ -6,18 +6,19 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from agent.shell.mind import minds_of
-from deploy import config, inprocess
+from deploy import inprocess
 from deploy.report.rundir import Run, read_run
+from wireswarm.settings import settings_of
 from world.episode import Episode
 from world.worldfile import bundled
 
 
 def run(
-    world: str | Path = "maze-15",
-    robots: int = 3,
-    seed: int = 0,
+    world: str | Path | None = None,
+    robots: int | None = None,
+    seed: int | None = None,
     *,
-    until: float | str = "complete",
+    until: float | str | None = None,
     settings: Mapping[str, Any] | None = None,
     file: str | Path | None = None,
     out: str | Path | None = None,
@@ -27,17 +28,19 @@ def run(
 
     It gives the same maps, paths and events as `wireswarm run` with the same settings, byte for byte.
 
-    world:    a bundled world's name (see worlds()) or a world file.
-    until:    "complete", or simulated seconds.
+    world:    a bundled world's name (see worlds()) or a world file; maze-15 where nothing says it.
+    robots:   how many; 3 where nothing says it.
+    seed:     of all that is random; 0 where nothing says it.
+    until:    "complete", which it is where nothing says it, or simulated seconds.
     settings: further settings by dotted key, such as {"radio.range_m": 6}; `wireswarm config` lists them.
-    file:     a YAML file of settings; the arguments here win over it.
+    file:     a YAML file of settings; arguments and `settings` win over it.
     out:      run directory to write; without one, nothing stays on the disk.
     progress: called after every tick with the episode: its `tick`, its `robots`.
 
-    Raises protocol.configuration.ConfigError, world.worldfile.WorldFileError and FileExistsError.
+    Raises protocol.configuration.ConfigError, also for what is an argument and in `settings`;
+    world.worldfile.WorldFileError and FileExistsError.
     """
-    given = {"world": str(world), "robots": robots, "seed": seed, "until": until}
-    loaded = config.load(None if file is None else Path(file), {**(settings or {}), **given})
+    loaded = settings_of({"world": world, "robots": robots, "seed": seed, "until": until}, settings, file)
     with TemporaryDirectory(prefix="wireswarm-") as temporary:
         directory = Path(temporary, "run") if out is None else Path(out)
         if directory.exists() and any(directory.iterdir()):

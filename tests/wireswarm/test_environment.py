@@ -87,6 +87,15 @@ def test_many_worlds_in_one_process_are_those_one_by_one() -> None:
         assert stopped.tolist() == [tick % 11 == 9] * 6 and not ended.any() and (rewards >= 0).all()
 
 
+def test_settings_say_what_no_argument_does() -> None:
+    settings = {"world": "apartment", "robots": 2, "seed": 4, "until": 2.0}
+    config = wireswarm.parallel_env(settings=settings).config
+    assert (config.world, config.robots, config.seed, config.until) == ("apartment", 2, 4, 2.0)
+    assert wireswarm.parallel_env("apartment").config.until == 600.0
+    with pytest.raises(ConfigError, match="until: given twice"):
+        wireswarm.parallel_env(until=2.0, settings=settings)
+
+
 def test_what_is_no_action_is_a_sentence() -> None:
     with pytest.raises(ConfigError, match=r"message_bytes: 0 to radio\.mtu_bytes, 1200, not 1201"):
         wireswarm.parallel_env("apartment", 1, message_bytes=1201)

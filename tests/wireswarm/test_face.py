@@ -1,5 +1,6 @@
 """The public face: what it holds, that it stays light, and that the worked example runs."""
 
+import json
 import re
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from deploy.config import RunConfig
 from deploy.inprocess import run as run_in_process
 from protocol.configuration import ConfigError
 from tests.tiny import ROOM
+from wireswarm.settings import settings_of
 
 REPO = Path(__file__).parents[2]
 
@@ -72,9 +74,23 @@ def test_a_run_without_a_directory_leaves_nothing_and_equals_one_with(tmp_path: 
     np.testing.assert_array_equal(run.map("r1").vertices, other.map("r1").vertices)
 
 
+def test_what_no_argument_says_is_of_settings_then_of_the_file_then_the_default(tmp_path: Path) -> None:
+    (tmp_path / "tiny.yaml").write_text(ROOM)
+    file = tmp_path / "run.yaml"
+    file.write_text(f"world: {tmp_path / 'tiny.yaml'}\nrobots: 2\nseed: 7\nuntil: 1\nspec: {{radius_m: 0.1}}\n")
+    for arguments, expected in (({}, [2, 7, 1.0]), ({"seed": 3, "settings": {"robots": 1, "until": 0.4}}, [1, 3, 0.4])):
+        wireswarm.run(**arguments, file=file, out=(out := tmp_path / str(expected[0])))  # type: ignore[arg-type]
+        config = json.loads((out / "manifest.json").read_text())["config"]
+        assert [config[key] for key in ("robots", "seed", "until")] == expected
+        assert config["spec"]["radius_m"] == 0.1
+    assert settings_of({"world": None, "robots": None}, None) == RunConfig()
+
+
 def test_what_is_asked_wrongly_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"^wings: there is no such setting$"):
         wireswarm.run(settings={"wings": 2})
+    with pytest.raises(ConfigError, match=r"^robots: given twice, as an argument and in settings$"):
+        wireswarm.run(robots=3, settings={"robots": 5})
     with pytest.raises(ValueError, match="nowhere: neither a file nor a bundled world"):
         wireswarm.run("nowhere")
     with pytest.raises(ValueError, match=r"^frame: 'own' or 'world', not 'bogus'$"):
