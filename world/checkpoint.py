@@ -27,7 +27,7 @@ CHECKPOINT_FILE = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
-FORMAT = 5
+FORMAT = 6
 """Version of the file; others are refused."""
 State = Mapping[str, Any]
 """What a part of the world needs in order to go on, as values of msgpack."""

@@ -51,9 +51,9 @@ class Episode:
         self.ended: str | None = None
         """None while the run goes on; "complete", "time", "dead" (nobody is left), or what `close` was told."""
         self.late_ticks = 0
-        """Ticks that robots missed in real time; set by the shell."""
+        """Ticks that robots missed in real time; counted by the shell."""
         self.links_lost = 0
-        """How often a robot's link was lost; set by the shell before `close`."""
+        """How often a robot's link was lost; counted by the shell."""
         self.wall_s: float | None = None
         """Seconds that the run took; set by the shell before `close`, because the core has no clock."""
         self.wire: dict[str, Any] | None = None
@@ -151,6 +151,7 @@ class Episode:
             "processes": self.processes,
             "dead": self.dead,
             "late_ticks": self.late_ticks,
+            "links_lost": self.links_lost,
             "physics": self._physics.state(),
             "people": self._people.state(),
             "lidar_noise": [rng_state(rng) for rng in self._lidar_noise],
@@ -160,7 +161,8 @@ class Episode:
         }
 
     def _restore(self, state: State) -> None:
-        self.tick, self.late_ticks = int(state["tick"]), int(state["late_ticks"])
+        self.tick = int(state["tick"])
+        self.late_ticks, self.links_lost = int(state["late_ticks"]), int(state["links_lost"])
         self._checkpoint_tick, self._resumed_s = self.tick, self.t
         self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
         self.processes.update(state["processes"])

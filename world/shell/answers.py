@@ -34,9 +34,6 @@ class Answer:
 class Answers:
     """The answers of all robots."""
 
-    late_ticks = 0
-    """Ticks in which a robot's action of that tick did not come."""
-
     def __init__(self, robots: Iterable[str]) -> None:
         self._answers = {robot: Answer() for robot in robots}
 
@@ -66,9 +63,10 @@ class Answers:
         """Whether a message repeats one that was taken."""
         return False
 
-    def due(self, robots: Iterable[str]) -> list[str]:
-        """Those of the robots whose action has not come."""
-        return [robot for robot in robots if self._answers[robot].action is None]
+    def due(self, robots: Iterable[str], tick: int) -> list[str]:
+        """Those of the robots whose action of this tick has not come."""
+        actions = ((robot, self._answers[robot].action) for robot in robots)
+        return [robot for robot, action in actions if action is None or action.tick < tick]
 
     def again(self, robot: str) -> None:
         """Forget what a robot answered to this tick: it is told the tick again, and answers all of it again."""
@@ -144,8 +142,6 @@ class RealTimeAnswers(Answers):
 
     def _outputs(self, robot: str, answer: Answer, tick: int) -> Outputs:
         action = answer.action
-        if action is None or action.tick < tick:
-            self.late_ticks += 1
         self._missed[robot] = 0 if action is not None else self._missed[robot] + 1
         action = action or self._last.get(robot) or _standing(tick)
         self._last[robot] = action

@@ -150,7 +150,6 @@ class Shell:
         """Robots whose link was lost in this tick."""
         self._asked: Counter[str] = Counter()
         """Questions of each robot in this tick."""
-        self._links_lost = 0
         self._began: float | None = None
         """time.monotonic() at the first tick; None before it and after the last one."""
         self._told = 0.0
@@ -259,6 +258,7 @@ class Shell:
             else:
                 self._take_until(self._began + (tick + 1 - begin) * self.episode.period_s / self.config.real_time)
                 self._give_up_silent()
+                self._count_late()
             self._losers.clear()
             self._asked.clear()
             if self.episode.ended is None:
@@ -269,7 +269,6 @@ class Shell:
         """Publish clock, link table and progress, and call the callback."""
         self._told = time.monotonic()
         episode = self.episode
-        episode.late_ticks = self._answers.late_ticks
         status = {robot: "complete" if done else "exploring" for robot, done in episode.complete.items()}
         status |= dict.fromkeys(self._participants.missing, "away") | dict.fromkeys(episode.dead, "dead")
         clock = Clock(tick=episode.tick, t=episode.t, status=status, ended=ended)
@@ -286,8 +285,7 @@ class Shell:
         if self._began is not None:
             episode.wall_s = time.monotonic() - self._began
         self._began = None
-        episode.wire, episode.late_ticks = self._wire.as_dict(), self._answers.late_ticks
-        episode.links_lost = self._links_lost
+        episode.wire = self._wire.as_dict()
         episode.close(ended)
         self.tell(ended)
         for robot in episode.live:
@@ -302,7 +300,7 @@ class Shell:
 
         That is told once a tick, as a robot may take its token away and give it back as often as it likes.
         """
-        self._links_lost += 1
+        self.episode.links_lost += 1
         self._away[robot] = time.monotonic()
         if robot in self._losers:
             return
@@ -338,6 +336,10 @@ class Shell:
         for robot, since in list(self._away.items()):
             if time.monotonic() - since >= self.config.silence_s:
                 self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
+
+    def _count_late(self) -> None:
+        """Count the robots that have not answered this tick, where the clock ends it."""
+        self.episode.late_ticks += len(self._answers.due(self.episode.live, self.episode.tick))
 
     def _expel(self) -> None:
         """Give up robots whose credentials count no longer."""
@@ -377,7 +379,8 @@ class Shell:
         """
         waits = 0
         end = time.monotonic() + SAY_AGAIN_S
-        while due := self._answers.due(robot for robot in self.episode.live if robot in self._here):
+        tick = self.episode.tick
+        while due := self._answers.due((robot for robot in self.episode.live if robot in self._here), tick):
             if time.monotonic() < end and self._take(end):
                 continue
             waits, end = waits + 1, time.monotonic() + SAY_AGAIN_S

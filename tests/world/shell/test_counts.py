@@ -1,0 +1,37 @@
+"""What the shell counts of robots' links and of their answers."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from agent.config import AgentConfig
+from agent.shell.process import run_agent
+from deploy.config import RunConfig
+from tests.tiny import tiny_config
+from tests.wanderer import Wanderer
+from tests.world.shell.test_roll_call import world
+from world.episode import CHECKPOINT_S, Episode
+from world.tick import Outputs
+
+
+def summary_of(config: RunConfig, out: Path, robots: tuple[str, ...], **more: object) -> dict[str, Any]:
+    """Of a run of Wanderers."""
+    with world(config, out, [], settle_s=None, **more) as (endpoint, ended), ThreadPoolExecutor() as pool:
+        for robot in robots:
+            pool.submit(run_agent, robot, endpoint, AgentConfig(), make_mind=Wanderer)
+        assert ended.result(20) == "time"
+    return json.loads((out / "summary.json").read_text())  # type: ignore[no-any-return]
+
+
+def test_a_world_that_goes_on_counts_on(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=1, until=CHECKPOINT_S + 1.0)
+    killed = Episode(config, tmp_path / "out")
+    mind = Wanderer("r1", killed.welcome("r1").spec, AgentConfig(), 0)
+    killed.late_ticks, killed.links_lost = 7, 3
+    while killed.t < CHECKPOINT_S:
+        step = mind.step(killed.inputs()["r1"].observation, [])
+        killed.advance({"r1": Outputs(step.sends, step.action, step.map)})
+    del killed  # it holds the directory
+    summary = summary_of(config, tmp_path / "out", ("r1",), resume=True)
+    assert (summary["late_ticks"], summary["links_lost"]) == (7, 3)
