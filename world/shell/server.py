@@ -338,8 +338,12 @@ class Shell:
                 self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
 
     def _count_late(self) -> None:
-        """Count the robots that have not answered this tick, where the clock ends it."""
-        self.episode.late_ticks += len(self._answers.due(self.episode.live, self.episode.tick))
+        """Count the robots that had this tick in real time and have not answered it.
+
+        One that is away has no tick to miss: that is told as `left`. One that came back in it was not told all of it.
+        """
+        had = (robot for robot in self._participants.ready if robot in self._here and robot not in self._newcomers)
+        self.episode.late_ticks += len(self._answers.due(had, self.episode.tick))
 
     def _expel(self) -> None:
         """Give up robots whose credentials count no longer."""

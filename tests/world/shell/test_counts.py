@@ -35,3 +35,9 @@ def test_a_world_that_goes_on_counts_on(tmp_path: Path) -> None:
     del killed  # it holds the directory
     summary = summary_of(config, tmp_path / "out", ("r1",), resume=True)
     assert (summary["late_ticks"], summary["links_lost"]) == (7, 3)
+
+
+def test_a_robot_that_has_not_come_is_not_late(tmp_path: Path) -> None:
+    config = tiny_config(tmp_path, robots=2, until=8.0, server={"begin_with": 1, "real_time": 8.0})
+    summary = summary_of(config, tmp_path / "out", ("r1",))
+    assert summary["late_ticks"] < 20  # of 40; r1 is late where this machine is
