@@ -1,4 +1,9 @@
-"""Work that is due every so many ticks, where ticks may be left out, as by a lidar's driver or a slow robot (ours)."""
+"""Time in ticks, and work that is due every so many of them, of which a lidar's driver may leave some out (ours)."""
+
+
+def in_ticks(seconds: float, rate_hz: float) -> int:
+    """So many seconds, in ticks of which rate_hz come a second; at least one, however slow the lidar is."""
+    return max(1, round(seconds * rate_hz))
 
 
 class Period:

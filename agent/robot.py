@@ -21,7 +21,7 @@ from agent.mapping.submaps.loop_closing import LoopClosing
 from agent.mapping.submaps.wireframe import records_of
 from agent.perception.median_scan import MOST_SCANS
 from agent.perception.perceive import Perception
-from agent.period import Period
+from agent.period import Period, in_ticks
 from agent.state import State
 from protocol.geometry import Pose, pose_of
 from protocol.messages import Action, Heard, MapReport, Observation, PoseReport, RobotSpec, ScanReport, Send
@@ -72,12 +72,12 @@ class Robot:
         self._map = Drawing()  # the same with merged maps laid over it
         self._told_version = 0  # rises whenever what peers are told may have changed
         self._map_bytes = encode_wireframe(self.wireframe)
-        self._update = Period(max(1, round(UPDATE_S * spec.lidar.rate_hz)))
+        self._update = Period(in_ticks(UPDATE_S, spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
         self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = 0  # ticks left of the first look
         if spec.odometry.noisy:
-            self._to_look = min(round(FIRST_LOOK_S * spec.lidar.rate_hz), MOST_SCANS)
+            self._to_look = min(in_ticks(FIRST_LOOK_S, spec.lidar.rate_hz), MOST_SCANS)
 
     @property
     def own(self) -> Wireframe:

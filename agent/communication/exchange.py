@@ -13,7 +13,7 @@ from typing import NamedTuple
 from agent.communication.config import TalkConfig
 from agent.communication.receiving import Known, PeerViews, ReceivedMap
 from agent.communication.telling import NEVER, Telling, Told
-from agent.period import Period
+from agent.period import Period, in_ticks
 from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
 from protocol.geometry import Pose
@@ -87,11 +87,12 @@ class Exchange:
         self._refused: dict[str, int] = {}
         """Tick at which a peer's refusal was last told."""
         self._beacon_due = False
-        self._silence_ticks = round(config.silence_s * rate_hz)
-        waits_s = config.beacon_s, config.sight_beacon_s, config.map_period_s, config.retry_s, REASSEMBLY_S
-        beacons, sights, *ticks = [max(1, round(wait_s * rate_hz)) for wait_s in waits_s]
-        self._beacons, self._sight_beacons = Period(beacons), Period(sights)
-        self._period_ticks, self._retry_ticks, self._patience_ticks = ticks
+        self._beacons = Period(in_ticks(config.beacon_s, rate_hz))
+        self._sight_beacons = Period(in_ticks(config.sight_beacon_s, rate_hz))
+        self._silence_ticks = in_ticks(config.silence_s, rate_hz)
+        self._period_ticks = in_ticks(config.map_period_s, rate_hz)
+        self._retry_ticks = in_ticks(config.retry_s, rate_hz)
+        self._patience_ticks = in_ticks(REASSEMBLY_S, rate_hz)
 
     def hear(self, tick: int, heard: Sequence[Heard]) -> tuple[list[News], list[Event]]:
         """Take a tick's messages: news, one of each peer that said something, in the order of `contacts`.

@@ -11,6 +11,7 @@ import numpy as np
 from agent.exploration.agenda import Task
 from agent.exploration.planning import Roads, circle
 from agent.geometry.clearance import distances_to_walls
+from agent.period import in_ticks
 from protocol.arrays import Bools, Floats
 from protocol.messages import LidarSpec
 from protocol.wireframe import Wireframe
@@ -37,7 +38,7 @@ class Glimpses:
         self._places = np.zeros((0, 2))
         self._scans, self._last = np.zeros(0, np.int64), np.zeros(0, np.int64)  # how many, and the tick of the last
         self._done = np.zeros(0, np.bool_)
-        self._break = round(BREAK_S * lidar.rate_hz)
+        self._break = in_ticks(BREAK_S, lidar.rate_hz)
 
     @property
     def nbytes(self) -> int:

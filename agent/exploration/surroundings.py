@@ -13,6 +13,7 @@ from agent.exploration.path import GIVE_M
 from agent.exploration.planning import NODE_SHARE, Roads, circle
 from agent.exploration.teammates import Teammates
 from agent.geometry.clearance import walls_near
+from agent.period import in_ticks
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 from protocol.messages import RobotSpec
@@ -75,7 +76,7 @@ class Touch:
     @property
     def pushes(self) -> bool:
         """Whether the robot has pushed against something for a while."""
-        return self._pushing >= round(PUSHING_S * self.spec.lidar.rate_hz)
+        return self._pushing >= in_ticks(PUSHING_S, self.spec.lidar.rate_hz)
 
     def feel(self, here: Floats) -> None:
         """Compare how far the robot got with its last command; here: (2,) metres."""

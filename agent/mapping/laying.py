@@ -1,5 +1,7 @@
 """When merged maps are laid over the own one anew (ours)."""
 
+from agent.period import in_ticks
+
 LAY_S = 0.6  # least time from one laying to the next for what is new of own walls: until then the scan shows it
 LAY_MORE_S = 0.2
 """More of it for each map beyond two. A map of 490 walls takes 3 ms to lay: ten or more take about 20 ms of each
@@ -14,10 +16,8 @@ class Laying:
 
     def __init__(self, rate_hz: float) -> None:
         """rate_hz: ticks a second."""
-        self._own_ticks, self._more_ticks, self._rest_ticks = (
-            round(seconds * rate_hz) for seconds in (LAY_S, LAY_MORE_S, LAY_COMPLETE_S)
-        )
-        self._last = -self._own_ticks
+        self._rate_hz = rate_hz
+        self._last = -in_ticks(LAY_S, rate_hz)
         self._own_changed = self._merged_changed = False
         self.merged_anew = False
         """Whether merged maps had changed before the last laying, or which of them there are."""
@@ -29,8 +29,9 @@ class Laying:
         """
         self._own_changed |= own_changed
         self._merged_changed |= merged_changed
-        waited = tick - self._last - self._more_ticks * max(0, maps - 2) - (self._rest_ticks if rests else 0)
-        if waited < (0 if self._merged_changed else self._own_ticks) or not (self._merged_changed or self._own_changed):
+        wait_s = LAY_MORE_S * max(0, maps - 2) + (LAY_COMPLETE_S if rests else 0.0)
+        wait_s += 0.0 if self._merged_changed else LAY_S
+        if tick - self._last < in_ticks(wait_s, self._rate_hz) or not (self._merged_changed or self._own_changed):
             return False
         self._last, self.merged_anew = tick, self._merged_changed
         self._own_changed = self._merged_changed = False

@@ -6,6 +6,7 @@ import numpy as np
 
 from agent.corner_scan import STILL_M
 from agent.kernels import kernel
+from agent.period import in_ticks
 from protocol.arrays import Bools, Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
@@ -66,8 +67,8 @@ class Posts:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._reach_m = spec.lidar.range_max_m
-        self._still = round(STILL_S * spec.lidar.rate_hz)
-        self._silence = round(SILENCE_S * spec.lidar.rate_hz)
+        self._still = in_ticks(STILL_S, spec.lidar.rate_hz)
+        self._silence = in_ticks(SILENCE_S, spec.lidar.rate_hz)
         self._heard = -self._silence  # tick of the last message
         self._strange = -self._silence  # tick of the last one from somebody whose place is not known
         self._candidates = np.zeros((0, 4))  # (k, 4) of discs: x, y, and the ticks of the first and last sighting

@@ -17,7 +17,7 @@ import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
-from agent.period import Period
+from agent.period import Period, in_ticks
 from agent.shell.mind import Mind
 from agent.state import State
 from protocol.checksum import UNREADABLE, opened, sealed
@@ -48,7 +48,7 @@ class Keeps(Protocol):
 
 def period(rate_hz: float) -> Period:
     """When a mind is kept after its step; rate_hz: ticks a second."""
-    return Period(max(1, round(CHECKPOINT_S * rate_hz)))
+    return Period(in_ticks(CHECKPOINT_S, rate_hz))
 
 
 def save(folder: Path, robot: str, run: str, tick: int, state: State) -> None:

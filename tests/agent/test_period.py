@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agent.period import Period
+from agent.period import Period, in_ticks
 
 
 @pytest.mark.parametrize(("ticks", "begin"), [(1, 0), (2, 7), (5, 3)])
@@ -35,3 +35,7 @@ def test_of_a_fast_lidar_whose_odd_scans_come_alone_each_period_counts() -> None
 def test_a_tick_that_comes_twice_is_due_once() -> None:
     period = Period(5)
     assert [period.take_due(tick) for tick in (4, 5, 5, 6)] == [False, True, False, False]
+
+
+def test_no_time_is_shorter_than_a_tick() -> None:
+    assert [in_ticks(1.0, rate_hz) for rate_hz in (0.1, 0.5, 1.0, 5.0, 20.0)] == [1, 1, 1, 5, 20]
