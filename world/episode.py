@@ -44,8 +44,7 @@ class Episode:
         self.config = config
         self.world = load(config.world)
         self.robots = config.robot_ids
-        self._name = _name_of_run(config, self.world)
-        """Tells robots whether a world that comes back is the same run."""
+        self._settings = _settings_of(config, self.world)
         self.tick = 0
         self.period_s = 1 / spec.lidar.rate_hz
         self.ended: str | None = None
@@ -145,7 +144,7 @@ class Episode:
         assert self._inputs is None
         self.book()
         return {
-            "settings": _settings_of(self.config, self.world),
+            "settings": self._settings,
             "tick": self.tick,
             "complete": self.complete,
             "processes": self.processes,
@@ -224,7 +223,7 @@ class Episode:
             spec=spec,
             seed=seed,
             lockstep=lockstep,
-            run=self._name,
+            run=self._settings[:16],
             tick=self.tick,
         )
 
@@ -383,11 +382,9 @@ class Episode:
 
 
 def _settings_of(config: WorldConfig, world: World) -> str:
-    """Digest of all that a run's results follow from, but for the robots' minds."""
+    """Digest of all that a run's results follow from, but for the robots' minds: 32 hexadecimal digits.
+
+    A world that comes back with another one is another run, for its robots, too.
+    """
     told = config.model_dump(mode="json", include=WorldConfig.model_fields.keys() - {"world"})
     return blake2s(f"{json.dumps(told, sort_keys=True)} {world.hash}".encode(), digest_size=16).hexdigest()
-
-
-def _name_of_run(config: WorldConfig, world: World) -> str:
-    what = f"{config.seed} {config.starts} {world.hash}"
-    return blake2s(what.encode(), digest_size=8).hexdigest()

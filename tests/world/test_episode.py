@@ -110,9 +110,19 @@ def test_the_run_directory(tmp_path: Path) -> None:
 def test_adding_a_robot_moves_nothing_for_the_others() -> None:
     two, three = (Episode(QUICK.model_copy(update={"robots": n, "starts": "random"}), None) for n in (2, 3))
     assert np.array_equal(two.starts, three.starts[:2])
-    assert [two.welcome(r) for r in two.robots] == [three.welcome(r) for r in two.robots]
+    mine, same = ([(told.seed, told.spec) for told in map(run.welcome, two.robots)] for run in (two, three))
+    assert mine == same
     draws = {generator(0, purpose, robot).integers(2**63) for purpose in "ab" for robot in ("r1", "r2")}
     assert len(draws) == 4
+
+
+def test_other_settings_are_another_run_for_the_robots() -> None:
+    spec = RobotSpec(radius_m=0.2)
+    other = [{"seed": 1}, {"starts": "random"}, {"world": "office"}, {"robots": 2}, {"people": 3}, {"spec": spec}]
+    configs = [QUICK.model_copy(update=update) for update in ({}, *other)]
+    names = [Episode(config, None).welcome("r1").run for config in configs]
+    assert len({*names}) == len(names) and all(len(name) == 16 for name in names)
+    assert Episode(QUICK, None).welcome("r2").run == names[0]
 
 
 def test_inputs_are_the_same_on_every_call_and_measure_the_world() -> None:
