@@ -131,7 +131,8 @@ class Coverage:
     """Which pieces of wall each robot has covered so far, and when that made 90 and 99 %.
 
     A robot covers a piece that its own beams have hit, or that a peer had covered when it sent a map which the robot
-    has merged. The team's coverage is the union of all robots' own beams.
+    has merged, also from a peer of its own: so coverage passes through any number of merges. The team's coverage is the
+    union of all robots' own beams.
     """
 
     MILESTONES = (0.90, 0.99)
