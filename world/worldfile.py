@@ -37,7 +37,7 @@ SPAWN_DISTANCE_M = 1.0
 """Drawn starts keep this distance where there is room, so that no robot blocks another."""
 SPAWN_CLEARANCE_M = 0.1
 """Drawn starts leave this between body and walls, so that a robot can turn and leave."""
-MAX_COORDINATE_M = 1000.0
+MAX_WORLD_M = 1000.0
 """A file with larger coordinates is probably not in metres."""
 MAX_AREA_M2 = 40_000.0
 """Largest rectangle around a world. A robot of 0.22 m/s sees a quarter of it in two hours, and the poses of a
@@ -383,6 +383,6 @@ def _number(value: object, where: str) -> float:
         raise WorldFileError(f"{where}: must be a number, not {reprlib.repr(value)}") from None
     if not math.isfinite(number):
         raise WorldFileError(f"{where}: not finite")
-    if abs(number) > MAX_COORDINATE_M:
-        raise WorldFileError(f"{where}: {number:g} is more than {MAX_COORDINATE_M:g}; is the file in metres?")
+    if abs(number) > MAX_WORLD_M:
+        raise WorldFileError(f"{where}: {number:g} is more than {MAX_WORLD_M:g}; is the file in metres?")
     return number

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from agent.alignment.config import AlignmentConfig
-from agent.alignment.feature import LIKE_COS
+from agent.geometry.lines import ALIKE_COSINE
 from agent.geometry.transform import inverse
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.walls import directions, lengths, points_along
 
-SAMPLE_M = 0.1  # distance of the samples at which walls are compared
+AGREEMENT_SAMPLE_M = 0.1  # distance of the samples at which walls are compared
 MAX_SAMPLES = 20_000  # samples of one map: 2 km of wall at that distance. With more wall they lie farther apart
 MAX_CELLS = 200_000  # cells of one index. A map that would need more gets larger ones
 AGREE_M = 0.08  # a wall this near to one that faces the same way is the same wall: two corners' errors of 3 sigma
@@ -54,7 +54,7 @@ def index_walls(segments: Floats, juts: Bools) -> Walls:
     Around such a corner the ground is free on both its walls' sides, and so also beyond the end of each.
     """
     length, direction = lengths(segments), directions(segments)
-    step = max(SAMPLE_M, float(length.sum()) / MAX_SAMPLES)
+    step = max(AGREEMENT_SAMPLE_M, float(length.sum()) / MAX_SAMPLES)
     count = np.ceil(length / step).astype(np.int64)
     places, wall = points_along(segments, count)
     samples = np.column_stack([places, direction[wall], (length / count)[wall]])
@@ -149,7 +149,7 @@ def _verdicts(samples: Floats, t: Floats, walls: Walls, agree_m: float) -> Label
             beyond = max(-along, along - length, 0.0)
             if beyond * beyond + off * off < STRIP_NEAR_M * STRIP_NEAR_M:
                 touches = True
-                if beyond < AGREE_M and abs(off) < agree_m and ux * vx + uy * vy > LIKE_COS:
+                if beyond < AGREE_M and abs(off) < agree_m and ux * vx + uy * vy > ALIKE_COSINE:
                     out[k] = AGREES
                     break
             elif STRIP_NEAR_M <= off <= STRIP_FAR_M and free[e, 0] < along < free[e, 1]:

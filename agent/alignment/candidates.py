@@ -27,7 +27,7 @@ DISTINCT_M = 0.5  # transforms farther apart at the map's centre contradict: twi
 DISTINCT_RAD = math.radians(10.0)  # the same for their turn
 COARSE_M = 0.25  # corners this near are the same in the first round of refinement (measured)
 FINE_M = 0.12  # the same in the later rounds (measured)
-GATES_M = (COARSE_M, FINE_M, FINE_M)
+REFINEMENT_GATES_M = (COARSE_M, FINE_M, FINE_M)
 
 
 class Candidates(NamedTuple):
@@ -175,8 +175,8 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
     across = a[by_x, 0]
     for k in range(first.shape[0]):
         t = out[k]
-        for g in range(len(GATES_M)):
-            gate2 = GATES_M[g] * GATES_M[g]
+        for g in range(len(REFINEMENT_GATES_M)):
+            gate2 = REFINEMENT_GATES_M[g] * REFINEMENT_GATES_M[g]
             gap[:] = gate2
             nearest[:] = -1
             wish[:] = -1
@@ -186,8 +186,8 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
                     continue
                 x, y = move(t, b[j, 0], b[j, 1])
                 best = gate2
-                begin = np.searchsorted(across, x - GATES_M[g])
-                for i in by_x[begin : np.searchsorted(across, x + GATES_M[g])]:
+                begin = np.searchsorted(across, x - REFINEMENT_GATES_M[g])
+                for i in by_x[begin : np.searchsorted(across, x + REFINEMENT_GATES_M[g])]:
                     d2 = (a[i, 0] - x) ** 2 + (a[i, 1] - y) ** 2
                     if not mine.true[i] or (d2 > best and d2 >= gap[i]):
                         continue
@@ -209,7 +209,7 @@ def _refine(first: Floats, mine: Corners, theirs: Corners, by_walls: bool) -> tu
             counts[k], rms[k] = count, math.sqrt(error / max(count, 1))
             if count < 2:
                 break
-            if g < len(GATES_M) - 1:
+            if g < len(REFINEMENT_GATES_M) - 1:
                 t[:] = fit_on_points(source, target, count)
     return out, counts, rms
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agent.geometry.lines import ALIKE_COSINE
 from agent.geometry.poles import find_poles
 from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints
@@ -21,7 +22,7 @@ LENGTHS, ANGLES = 4, 3
 ENTRIES = LENGTHS + ANGLES
 INTO, OUT_OF, TURN = 1, 2, 5  # entries of the walls into and out of the corner, and of the turn at it
 
-MIN_WALL_M = 0.03  # shorter walls are left out, as they have no direction: 3 sigma of a corner
+MIN_FEATURE_WALL_M = 0.03  # shorter walls are left out, as they have no direction: 3 sigma of a corner
 CORNER_SD_M = 0.02  # standard deviation of a nominal corner (two bound an exact length): thrice the filter's noise
 OCCLUSION_SD_M = 0.04  # the same of an occlusion vertex: half the distance of two beams at 3.5 m more
 ANGLE_SD_RAD = math.radians(2.0)  # of the angle between two long walls; short ones add the error of their ends
@@ -30,7 +31,6 @@ DISCOUNTS = 0.8 ** np.array([2, 1, 1, 2, 1, 0, 1])
 is the paper's, III-C; 0.8 measured)."""
 LOG_WRONG_ENTRY = math.log(0.05)  # share of entries that differ at one corner: a wrong label, or a wall split in two
 LOG_WRONG_BOUND = math.log(0.01)  # share of walls seen longer than they are: less, as noise hardly does that
-LIKE_COS = math.cos(math.radians(20.0))  # walls of two maps are alike where their directions differ by less
 
 
 class Corners(NamedTuple):
@@ -60,7 +60,7 @@ def corners(wireframe: Wireframe) -> Corners:
     Poles are left out: all of them have the same features.
     """
     no_pole = find_poles(wireframe)[1] < 0
-    edges = wireframe.edges[wireframe.own & no_pole & (lengths(wireframe.segments()) > MIN_WALL_M)]
+    edges = wireframe.edges[wireframe.own & no_pole & (lengths(wireframe.segments()) > MIN_FEATURE_WALL_M)]
     used, ends = np.unique(edges, return_inverse=True)
     ends = ends.reshape(-1, 2)
     points = np.ascontiguousarray(wireframe.points[used], np.float64)
@@ -120,7 +120,7 @@ def like_walls(one: Floats, other: Floats, c: float, s: float) -> bool:
         if (ax == 0.0 and ay == 0.0) or (bx == 0.0 and by == 0.0):
             continue
         shared = True
-        if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < LIKE_COS:
+        if bx * (c * ax - s * ay) + by * (s * ax + c * ay) < ALIKE_COSINE:
             return False
     return shared
 

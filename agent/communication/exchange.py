@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from agent.communication.config import TalkConfig
 from agent.communication.receiving import Known, PeerViews, ReceivedMap
-from agent.communication.telling import NEVER, Telling, Told
+from agent.communication.telling import LONG_AGO, Telling, Told
 from agent.period import Period, in_ticks
 from protocol.errors import ProtocolError
 from protocol.frames import FRAMES, ToldFrames, in_messages
@@ -126,7 +126,7 @@ class Exchange:
                 self._beacon_due = True
                 told = self._told[peer]
                 told.frames = {}
-                told.sent, told.tries = NEVER, 0  # what did not arrive before is sent again at once
+                told.sent, told.tries = LONG_AGO, 0  # what did not arrive before is sent again at once
             self.contacts[peer].last = tick
             one = news.get(peer) or News(peer, self.contacts[peer].since)
             match said:
@@ -142,7 +142,7 @@ class Exchange:
                     one = one._replace(others={**one.others, **said.of})
             news[peer] = one
         for peer, why in refused.items():  # not in each tick, as there is room for so many events only
-            if tick - self._refused.get(peer, NEVER) >= self._period_ticks:
+            if tick - self._refused.get(peer, LONG_AGO) >= self._period_ticks:
                 self._refused[peer] = tick
                 events.append(Event(event="refused", data={"peer": peer, "reason": why}))
         lost = [peer for peer, contact in self.contacts.items() if tick - contact.last > self._silence_ticks]

@@ -11,7 +11,7 @@ from protocol.map_codec import Coded, encode_map
 from protocol.talk import Ack, Part, in_parts
 from protocol.wireframe import Wireframe
 
-NEVER = -(10**9)
+LONG_AGO = -(10**9)
 """A tick long ago."""
 WHOLE_BYTES = 1.0
 """A whole map takes more than this a vertex (2.0 measured), so shorter changes are not compared with it."""
@@ -35,9 +35,9 @@ class Told:
     """All parts of the newest update."""
     parts: list[Part] = field(default_factory=list)
     """Those of them that are not acknowledged."""
-    sent: int = NEVER
+    sent: int = LONG_AGO
     """Tick at which parts were last sent."""
-    update: int = NEVER
+    update: int = LONG_AGO
     """Tick of the newest update."""
     tries: int = 0
     """How often the newest update was sent again, or replaced, without an acknowledgement."""

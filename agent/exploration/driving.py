@@ -15,7 +15,7 @@ from protocol.messages import RobotSpec
 LOOKAHEAD_M = 0.6  # distance of the point steered for: a shorter one lets the robot weave, a longer one cuts corners
 _LOOKAHEAD_STEPS = 10  # points of the lookahead that are tried, the farthest first
 TURN_GAIN = 0.6  # share of the heading error corrected in a tick; 1 would overshoot at the slightest delay
-BESIDE_M = 0.6  # a teammate whose centre is nearer is beside the robot
+BESIDE_TEAMMATE_M = 0.6  # a teammate whose centre is nearer is beside the robot
 TURN_BESIDE_RAD = 0.5
 """Heading error beyond which a robot turns on the spot beside a teammate; elsewhere a quarter turn. Both move, and in
 an arc the robot cannot give way: without this, robots touched in one of five runs of five robots in maze-15."""
@@ -183,7 +183,7 @@ class Driver:
         bearing = math.atan2(py - y, px - x) - theta
         error = math.atan2(math.sin(bearing), math.cos(bearing))
         turn = max(-spec.max_turn_rps, min(spec.max_turn_rps, TURN_GAIN * error / self.tick_s))
-        beside = len(obstacles.discs) > 0 and np.hypot(*(obstacles.discs - (x, y)).T).min() < BESIDE_M
+        beside = len(obstacles.discs) > 0 and np.hypot(*(obstacles.discs - (x, y)).T).min() < BESIDE_TEAMMATE_M
         if abs(error) > (TURN_BESIDE_RAD if beside else 0.5 * math.pi):
             return Motion(0.0, turn, False)
         # full speed along the way, and no faster than the tightest arc to the point allows

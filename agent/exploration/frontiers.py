@@ -15,7 +15,8 @@ from agent.kernels import kernel
 from protocol.arrays import Bools, Floats, Ints, Labels
 from protocol.wireframe import Wireframe
 
-GRAZING_RAD = 0.35  # flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle
+EXPECTED_GRAZING_RAD = 0.35
+"""Flattest view of a hidden wall that is expected to show it: 20 degrees; 8 are seen in principle."""
 CLOSE_GRAZING_RAD = 0.05
 """The same at the mouth of a slot that nothing else shows, 3 degrees: a robot 0.04 m aside of a cabinet's corner and
 0.25 m off it has five beams on the first 0.3 m of the cabinet's side. With such views recall in hurtado_apartment is
@@ -112,7 +113,7 @@ def stands_of(ends: Ends, which: Ints, close: bool = False) -> Stands:
 
     which: (k,) rows of `ends`. close: points at the mouth of a slot behind furniture, for ends that nothing else shows.
     """
-    grazing_rad = CLOSE_GRAZING_RAD if close else GRAZING_RAD
+    grazing_rad = CLOSE_GRAZING_RAD if close else EXPECTED_GRAZING_RAD
     points, in_view, goal = [], [], []
     for frontier in (True, False):
         chosen = which[ends.frontier[which] == frontier]

@@ -12,7 +12,7 @@ from protocol.arrays import Floats
 from protocol.messages import RobotSpec
 
 _SAME_M = 0.3  # a teammate seen this near to where one was is the same one; it drives 0.05 m a tick
-STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
+TEAMMATE_STILL_S = 2.0  # a teammate that has not moved for so long is planned around like a wall
 MEMORY_S = 3.0  # how long a teammate is planned around after it was seen last
 AVOID_S = 10.0  # how long a teammate that did not clear the way is planned around: it drives 2 m in the time
 ROOM_M = 0.045  # air around a teammate that is planned around: with a tight path's, a little more than driving asks
@@ -77,7 +77,7 @@ class Teammates:
 
     def in_the_way(self, tick: int) -> list[Teammate]:
         """Those that are planned around, as they stand or did not clear the way."""
-        still = STILL_S * self.rate_hz
+        still = TEAMMATE_STILL_S * self.rate_hz
         return [mate for mate in self.known if tick - mate.still_since >= still or tick < mate.avoid_until]
 
     def walls(self, tick: int) -> Floats:

@@ -14,6 +14,8 @@ Record = Any  # one element of a record array inside a kernel; numba reads its f
 
 MIN_CORNER_SINE = math.sin(math.radians(20.0))
 """Sine of the angle between two lines below which they form no corner: their intersection is too uncertain."""
+ALIKE_COSINE = math.cos(math.radians(20.0))
+"""Cosine of the same angle: walls of which one is turned by less against the other may be one, and others are two."""
 
 
 @kernel

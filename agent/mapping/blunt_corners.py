@@ -23,7 +23,7 @@ LEAST_SINE = math.sin(ANGLE_GATE)  # walls that are turned by less may be one th
 KNOWN_M = 0.1
 """Metres along the walls to which their corner must be known, by NOISE_SIGMAS. Of 118 in ten runs in `made.traced`,
 turned by 4 to 20 degrees, the median was known to 1 cm and off by 1; 116 were off by 8 at most, two by 10 and 30."""
-BESIDE_M = 0.07
+BESIDE_CORNER_M = 0.07
 """How far an end may lie behind the other wall: the hits of the next wall that a line took lie 2 to 5 cm beside it, and
 7 at most, in the same runs."""
 CROSSED_M = 0.15
@@ -38,7 +38,7 @@ def close_blunt_corners(edges: Records, shown: Ints, noise: float) -> None:
     shown: (n,) not negative for walls that are published. noise: m, standard deviation of a range.
     """
     tail_of, head_of = np.full(len(edges), -1), np.full(len(edges), -1)  # the best partner of each head and each tail
-    head_off, tail_off = np.full(len(edges), BESIDE_M), np.full(len(edges), BESIDE_M)
+    head_off, tail_off = np.full(len(edges), BESIDE_CORNER_M), np.full(len(edges), BESIDE_CORNER_M)
     heads, tails = _open_ends(edges, shown, 1), _open_ends(edges, shown, 0)
     for e in heads:
         for f in tails:
@@ -88,7 +88,7 @@ def _off_corner(e: Record, f: Record, noise: float) -> float:
         kept = at_e - tip_at(e, 0) + tip_at(f, 1) - at_f
         return -off if past_e + past_f < kept and off <= CROSSED_M else math.inf
     apart = min(past_e, past_f) < -CLOSE_CORNER_M and past_e + past_f < 0.0
-    if apart or off > BESIDE_M or not LEAST_SINE <= abs(sine) < MIN_CORNER_SINE:
+    if apart or off > BESIDE_CORNER_M or not LEAST_SINE <= abs(sine) < MIN_CORNER_SINE:
         return math.inf
     sd = math.hypot(line_sd(e, at_e, noise), line_sd(f, at_f, noise))
     return max(off, 0.0) if NOISE_SIGMAS * sd <= KNOWN_M * abs(sine) else math.inf

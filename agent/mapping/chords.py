@@ -7,7 +7,7 @@ do not cross, and the two that share a corner explain the hits. So does one wall
 from agent.geometry.clearance import crosses
 from agent.geometry.lines import Record, above, along
 from agent.kernels import kernel
-from agent.mapping.blunt_corners import BESIDE_M, CROSSED_M
+from agent.mapping.blunt_corners import BESIDE_CORNER_M, CROSSED_M
 from agent.mapping.edges import tip_at
 from protocol.arrays import Ints, Records
 
@@ -33,7 +33,7 @@ def _is_along(e: Record, f: Record) -> bool:
     """Whether all of wall e lies close beside wall f, but for what may go on past a corner of it."""
     for x, y in e.tip:
         t = along(f, x, y)
-        if abs(above(f, x, y)) > BESIDE_M or not tip_at(f, 0) - CROSSED_M <= t <= tip_at(f, 1) + CROSSED_M:
+        if abs(above(f, x, y)) > BESIDE_CORNER_M or not tip_at(f, 0) - CROSSED_M <= t <= tip_at(f, 1) + CROSSED_M:
             return False
     return True
 

@@ -32,7 +32,7 @@ from agent.mapping.views import STEP_M, THROUGH, UNSEEN, Samples, View, in_reach
 from protocol.arrays import Bools, Ints, Records
 
 SIDE_BY_SIDE = 0.5  # cosine of 60 degrees: of two walls that meet at less, one is wrong; buildings turn by 90
-BESIDE_M = 0.15
+BESIDE_OVERLAP_M = 0.15
 """Two walls that share a place run side by side from there if they overlap by more; twice the reach of a corner."""
 CUT_AFTER = 3.0  # scans that see through the same part of a wall before it is cut out
 SHOWN_SHARE = 0.75
@@ -124,7 +124,7 @@ def _usurped(edges: Records, count: int, e: int, hit: Bools, margin: float) -> b
             beside = high - t if side == 0 else t - low
             if not low - _unseen(v, 0, margin) < t < high + _unseen(v, 1, margin):
                 continue
-            if abs(above(v, x, y)) > 2 * margin or beside < BESIDE_M:
+            if abs(above(v, x, y)) > 2 * margin or beside < BESIDE_OVERLAP_M:
                 continue
             if abs(above(v, w.tip[1 - side, 0], w.tip[1 - side, 1])) > 2 * margin:
                 return True

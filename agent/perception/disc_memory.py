@@ -12,7 +12,7 @@ from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import RobotSpec
 
 SEEN_SCANS = 4  # scans for which a disc is expected that they miss: one in ten misses it, four in a row almost never
-STILL_S = 3.0  # a disc still for so long while nobody is heard is a post; an exploring robot stands for 0.8 s
+POST_STILL_S = 3.0  # a disc still for so long while nobody is heard is a post; an exploring robot stands for 0.8 s
 SILENCE_S = 21.0  # without any message nobody is near: of four beacons all are lost one time in 120 at 30 % loss
 MAX_POSTS = 200  # posts that are kept, the newest (16 bytes each): a hall has a dozen
 
@@ -67,7 +67,7 @@ class Posts:
 
     def __init__(self, spec: RobotSpec) -> None:
         self._reach_m = spec.lidar.range_max_m
-        self._still = in_ticks(STILL_S, spec.lidar.rate_hz)
+        self._still = in_ticks(POST_STILL_S, spec.lidar.rate_hz)
         self._silence = in_ticks(SILENCE_S, spec.lidar.rate_hz)
         self._heard = -self._silence  # tick of the last message
         self._strange = -self._silence  # tick of the last one from somebody whose place is not known

@@ -23,7 +23,7 @@ from agent.state import State
 from protocol.checksum import UNREADABLE, opened, sealed
 from protocol.files import UnwritableError, write_whole
 
-CHECKPOINT_S = 4.0
+MIND_CHECKPOINT_S = 4.0
 """Simulated time between two checkpoints: a robot that comes back is to lose 5 s of its map at most. One takes 1 ms
 where a map has 50 walls."""
 MAX_BYTES = 64 << 20
@@ -48,7 +48,7 @@ class Keeps(Protocol):
 
 def period(rate_hz: float) -> Period:
     """When a mind is kept after its step; rate_hz: ticks a second."""
-    return Period(in_ticks(CHECKPOINT_S, rate_hz))
+    return Period(in_ticks(MIND_CHECKPOINT_S, rate_hz))
 
 
 def save(folder: Path, robot: str, run: str, tick: int, state: State) -> None:

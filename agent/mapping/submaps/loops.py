@@ -14,7 +14,7 @@ from agent.geometry.lines import above, along, placed
 from agent.kernels import kernel
 from agent.mapping.submaps.matching import (
     COARSE_GATE_M,
-    GATES_M,
+    SUBMAP_GATES_M,
     Match,
     costs_around,
     nearest_wall,
@@ -22,7 +22,7 @@ from agent.mapping.submaps.matching import (
     refine,
     tiles_of,
 )
-from agent.mapping.submaps.segments import SAMPLE_M, every
+from agent.mapping.submaps.segments import SEGMENT_SAMPLE_M, every
 from agent.mapping.submaps.tiles import SegmentTiles
 from protocol.arrays import Bools, Floats, Records
 from protocol.geometry import inverted, pose_of, wrapped
@@ -177,18 +177,18 @@ def find(later: Submap, earlier: Submap, start: Floats, window: Floats, prior: F
     answers: list[tuple[float, Match, float, float, bool]] = []
     """Score, match, metres matched, share explained, and whether little of it was seen through."""
     for pose in poses:
-        match = refine(samples, tiles, pose, prior, GATES_M, ROUNDS)
+        match = refine(samples, tiles, pose, prior, SUBMAP_GATES_M, ROUNDS)
         off = match.pose - start
         off[2] = wrapped(off[2])
         if (np.abs(off) > np.maximum(window, STEP)).any():
             continue
         expected, met = (int(which.sum()) for which in due(earlier, tiles, samples, match.pose))
         through = 0
-        if met * SAMPLE_M >= MATCHED_M and met >= EXPLAINED * expected:
+        if met * SEGMENT_SAMPLE_M >= MATCHED_M and met >= EXPLAINED * expected:
             back = np.array(inverted(pose_of(match.pose)))
             through = _seen_through(earlier, samples, match.pose) + _seen_through(later, earlier.samples, back)
         explained = met / max(expected + through, 1)
-        answers.append((met * explained, match, met * SAMPLE_M, explained, through <= SEEN_THROUGH * met))
+        answers.append((met * explained, match, met * SEGMENT_SAMPLE_M, explained, through <= SEEN_THROUGH * met))
     if not answers:
         return None
     score, best, matched, explained, solid = max(answers, key=lambda answer: answer[0])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agent.geometry.lines import above, along, placed
+from agent.geometry.lines import ALIKE_COSINE, above, along, placed
 from agent.geometry.matrix3 import inverse, times
 from agent.geometry.wall_tiles import boxes_at
 from agent.kernels import kernel, shared_kernel
@@ -14,8 +14,8 @@ from agent.mapping.submaps.tiles import SegmentTiles, tiled
 from protocol.arrays import Floats, Records
 from protocol.geometry import wrapped
 
-FACING = math.cos(math.radians(20.0))  # a wall that is turned farther against a sample is another
-GATES_M = np.array((0.6, 0.3))  # of a pose's two refinements: the first finds walls from afar, the second is accurate
+SUBMAP_GATES_M = np.array((0.6, 0.3))
+"""Of a pose's two refinements: the first finds walls from afar, the second is accurate."""
 COARSE_GATE_M = 0.4  # of the search before them, among poses up to so far apart
 BEYOND_END_M = 0.2  # a sample may lie so far beyond a wall's end: the wall goes on there, unseen so far
 SAMPLE_SD_M = 0.06
@@ -39,8 +39,8 @@ class Match(NamedTuple):
 
 @shared_kernel
 def tiles_of(walls: Records) -> SegmentTiles:
-    """Walls (n,) as all below takes them, with gates of up to `GATES_M[0]`."""
-    return tiled(walls, math.hypot(GATES_M[0], BEYOND_END_M))
+    """Walls (n,) as all below takes them, with gates of up to `SUBMAP_GATES_M[0]`."""
+    return tiled(walls, math.hypot(SUBMAP_GATES_M[0], BEYOND_END_M))
 
 
 @kernel
@@ -49,7 +49,7 @@ def nearest_wall(tiles: SegmentTiles, x: float, y: float, ux: float, uy: float, 
     best, found, distance = gate, -1, 0.0
     for k in boxes_at(tiles.tiles, x, y):
         w = tiles.walls[k]
-        if w.ux * ux + w.uy * uy < FACING:
+        if w.ux * ux + w.uy * uy < ALIKE_COSINE:
             continue
         off = above(w, x, y)
         if abs(off) < best:

@@ -12,7 +12,7 @@ from agent.kernels import kernel, shared_kernel
 from agent.mapping.layers import Layer
 from protocol.arrays import Floats, Records
 
-SAMPLE_M = 0.2  # distance of the samples of a piece: points, not beams, so that density does not count
+SEGMENT_SAMPLE_M = 0.2  # distance of the samples of a piece: points, not beams, so that density does not count
 MOST_SCANS = 100.0  # scans that a received wall's likelihood stands for, at most
 
 SEGMENT = np.dtype(
@@ -79,17 +79,17 @@ def moved(segments: Records, pose: Floats) -> Records:
 
 @shared_kernel
 def samples_along(segments: Records) -> Floats:
-    """(k, 5) points every `SAMPLE_M` along segments, at least one each.
+    """(k, 5) points every `SEGMENT_SAMPLE_M` along segments, at least one each.
 
     x, y, and the segment's direction and length, metres: as long as that is, its points tell its direction.
     """
     count = 0
     for n in range(len(segments)):
-        count += max(1, round((segments[n].high - segments[n].low) / SAMPLE_M))
+        count += max(1, round((segments[n].high - segments[n].low) / SEGMENT_SAMPLE_M))
     out, k = np.empty((count, 5)), 0
     for n in range(len(segments)):
         e = segments[n]
-        number = max(1, round((e.high - e.low) / SAMPLE_M))
+        number = max(1, round((e.high - e.low) / SEGMENT_SAMPLE_M))
         for j in range(number):
             t = e.low + (j + 0.5) * (e.high - e.low) / number
             out[k, 0], out[k, 1], out[k, 2], out[k, 3] = e.x + t * e.ux, e.y + t * e.uy, e.ux, e.uy

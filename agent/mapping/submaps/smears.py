@@ -8,10 +8,10 @@ import math
 import numpy as np
 
 from agent.geometry.clearance import crosses
-from agent.geometry.lines import above, along
+from agent.geometry.lines import ALIKE_COSINE, above, along
 from agent.geometry.wall_tiles import boxes_at
 from agent.kernels import kernel
-from agent.mapping.submaps.matching import FACING, share_beside, tiles_of
+from agent.mapping.submaps.matching import share_beside, tiles_of
 from agent.mapping.submaps.segments import samples_along, tips_of
 from agent.mapping.submaps.tiles import tiled
 from protocol.arrays import Bools, Floats, Records
@@ -55,7 +55,7 @@ def stand_before(walls: Records) -> Bools:
             x, y = samples[j, 0], samples[j, 1]
             for b in boxes_at(tiles, x, y):
                 f = walls[b]
-                if f.hits < often * (f.high - f.low) or f.ux * e.ux + f.uy * e.uy < FACING:
+                if f.hits < often * (f.high - f.low) or f.ux * e.ux + f.uy * e.uy < ALIKE_COSINE:
                     continue
                 if -TWICE_M <= above(f, x, y) <= BEFORE_M and f.low <= along(f, x, y) <= f.high:
                     before += 1

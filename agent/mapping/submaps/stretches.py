@@ -6,7 +6,7 @@ STRETCH_M = 1.0
 """Of way, at least, that is compared at once. Odometry's error grows as the root of the way: steps of 0.1 m err by a
 tenth, and more of those that were told too long count as held. Learned from steps, a length's scale came out 0.86 for
 0.98."""
-LOST_M = 10.0  # of way without a scan that walls hold, after which a new stretch begins
+LOST_WAY_M = 10.0  # of way without a scan that walls hold, after which a new stretch begins
 SIGMAS = 3.0  # of a measurement's error: what differs by more was matched to another wall, or the wheels slipped
 
 
@@ -55,4 +55,4 @@ class Stretches:
 
     @property
     def _lost(self) -> bool:
-        return math.isinf(self._first) or self._way > LOST_M
+        return math.isinf(self._first) or self._way > LOST_WAY_M

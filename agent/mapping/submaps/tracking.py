@@ -9,7 +9,7 @@ import numpy as np
 from agent.mapping.submaps.loops import Submap, due
 from agent.mapping.submaps.matching import (
     COARSE_GATE_M,
-    GATES_M,
+    SUBMAP_GATES_M,
     TRUST,
     Match,
     costs_around,
@@ -23,7 +23,7 @@ from protocol.arrays import Floats
 from protocol.geometry import wrapped
 
 ROUNDS = 6  # Gauss-Newton steps for each gate
-TRACKING_GATES_M = np.array((*GATES_M, 0.2))
+TRACKING_GATES_M = np.array((*SUBMAP_GATES_M, 0.2))
 """Of a scan, whose odometry is nearer than a loop's guess. With the third gate, clutter beside known walls pulls less
 at the pose: paths of intel-drift and csail-drift err by a twentieth less; with 0.15 m those of csail-drift do not."""
 LOST_SHARE = 0.6
@@ -107,7 +107,7 @@ def _likeliest(
 def _unlikely(last_view: Submap, tiles: SegmentTiles, samples: Floats, pose: Floats) -> float:
     """What speaks against a pose (3,) of samples (k, 5), by those of the walls that the last view should show there."""
     known, _ = due(last_view, tiles, samples, pose)
-    cost = float(costs_around(samples[known], tiles, pose[None], GATES_M[-1])[0])
+    cost = float(costs_around(samples[known], tiles, pose[None], SUBMAP_GATES_M[-1])[0])
     return cost + UNKNOWN * float(len(samples) - known.sum())
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from agent.geometry.wall_tiles import MOST
-from agent.mapping.submaps.matching import BEYOND_END_M, FACING, nearest_wall, tiles_of
+from agent.geometry.lines import ALIKE_COSINE
+from agent.mapping.submaps.matching import BEYOND_END_M, nearest_wall, tiles_of
 from agent.mapping.submaps.segments import SEGMENT
 from protocol.arrays import Records
 
@@ -22,7 +23,7 @@ def nearest_of_all(walls: Records, x: float, y: float, ux: float, uy: float, gat
     dx, dy = x - walls["x"], y - walls["y"]
     off, t = np.abs(dy * walls["ux"] - dx * walls["uy"]), dx * walls["ux"] + dy * walls["uy"]
     beside = (walls["low"] - BEYOND_END_M <= t) & (t <= walls["high"] + BEYOND_END_M)
-    off[~beside | (walls["ux"] * ux + walls["uy"] * uy < FACING)] = gate
+    off[~beside | (walls["ux"] * ux + walls["uy"] * uy < ALIKE_COSINE)] = gate
     return int(off.argmin()) if (off < gate).any() else -1
 
 
