@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agent.geometry.wall_tiles import MOST
 from agent.geometry.lines import ALIKE_COSINE
+from agent.geometry.wall_tiles import MOST
 from agent.mapping.submaps.matching import BEYOND_END_M, nearest_wall, tiles_of
 from agent.mapping.submaps.segments import SEGMENT
 from protocol.arrays import Records
