@@ -184,10 +184,11 @@ class Robot:
         else:
             self.filter.move(poses, slips=scan.touching)
         if self.loops and self.loops.take(
-            scan, pose_of(way[-1]), self.filter.length_scale, self.filter.pose, self.filter.covariance
+            tick, scan, pose_of(way[-1]), self.filter.length_scale, self.filter.pose, self.filter.covariance
         ):
             walls, settled = self.loops.settled()
             self.filter.replace(records_of(walls), settled)
+            self.explorer.mend(self.loops.mended)
         self.perception.remember(tick, self.filter.pose)
         return scan, self._own.update(self.filter.wireframe())
 

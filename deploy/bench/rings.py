@@ -95,7 +95,7 @@ class Mapper:
         scan = self._perception.see(observation, way, self.filter.pose, self.wireframe())
         self.filter.update(scan, observation.poses())
         mind = self.filter
-        if self.loops.take(scan, pose_of(way[-1]), mind.length_scale, mind.pose, mind.covariance):
+        if self.loops.take(observation.tick, scan, pose_of(way[-1]), mind.length_scale, mind.pose, mind.covariance):
             walls, pose = self.loops.settled()
             self.filter.replace(records_of(walls), pose)
             self.settled += 1

@@ -14,8 +14,8 @@ from agent.mapping.submaps.chain import MERGE_AFTER_M, SKIPPED, Submaps, travell
 from agent.mapping.submaps.loops import RIVAL_SCORE, on_walls
 from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.segments import moved
-from protocol.arrays import Floats, Records
-from protocol.geometry import Pose, compose, inverted, pose_of, relative, wrapped
+from protocol.arrays import Floats, Ints, Records
+from protocol.geometry import Pose, apply, compose, inverted, pose_of, relative, wrapped
 
 TORN_M = 0.15  # between where a loop and the filter have a submap; matches of submaps err by 0.05 m
 TORN_RAD = math.radians(3.0)
@@ -40,20 +40,22 @@ class LoopClosing:
         """half_view: rad to either side of the heading that the lidar sees."""
         self.submaps = Submaps(config, half_view)
         self._frames: list[Pose] = []  # of the submaps, by the filter
+        self._torn_frames: list[Pose] = []  # the same before they were last settled
+        self._begins: list[int] = []  # ticks at which they began
         self._sds: list[Floats] = []  # (3,) how well it knew each: m, m, rad
         self._against: list[tuple[int, int, Pose]] = []
         """Loops against the filter: both submaps, and the motion of the filter's frame that the loop asks for."""
         self._judged = 0  # loops of the submaps
         self._by: Pose = (0.0, 0.0, 0.0)  # the motion since the last scan that submaps have taken
 
-    def take(self, scan: CornerScan, by: Pose, scale: float, pose: Pose, covariance: Floats) -> bool:
-        """Take a scan; whether a loop shows that the filter's map is torn.
+    def take(self, tick: int, scan: CornerScan, by: Pose, scale: float, pose: Pose, covariance: Floats) -> bool:
+        """Take a tick's scan; whether a loop shows that the filter's map is torn.
 
         by: the motion since the last one by odometry, in the robot's frame then. scale: metres of it for a metre that
         the wheels told. pose: the filter's after the scan, with its covariance (3, 3).
         """
         if not self._frames:
-            self._begin(pose, covariance)
+            self._begin(tick, pose, covariance)
         self._by = compose(self._by, by)
         if travelled(self._by) < MERGE_AFTER_M:
             return False
@@ -61,14 +63,15 @@ class LoopClosing:
         self.submaps.take(scan, self._by, scale)
         self._by = (0.0, 0.0, 0.0)
         if len(self.submaps.poses) > submaps:
-            self._begin(pose, covariance)
+            self._begin(tick, pose, covariance)
         if self.submaps.is_comparing:  # loops found so far are not in the poses yet
             return False
         known, self._judged = self._judged, self.submaps.loops
         return self._torn(known)
 
-    def _begin(self, pose: Pose, covariance: Floats) -> None:
+    def _begin(self, tick: int, pose: Pose, covariance: Floats) -> None:
         """A submap begins where the filter has the robot, with that pose's covariance (3, 3)."""
+        self._begins.append(tick if self._begins else 0)
         self._frames.append(pose)
         self._sds.append(np.sqrt(np.diag(covariance)))
 
@@ -124,9 +127,18 @@ class LoopClosing:
     def settled(self) -> tuple[Records, Pose]:
         """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""
         start = self._frames[0]
-        self._against = []
+        self._against, self._torn_frames = [], self._frames
         self._frames = [compose(start, pose) for pose in map(pose_of, self.submaps.poses)]
         return moved(self.submaps.walls(), np.array(start)), compose(start, self.submaps.pose)
+
+    def mended(self, ticks: Ints, places: Floats) -> Floats:
+        """Where places (k, 2) of the torn map, at which the robot was at ticks (k,), are in the settled one.
+
+        Each moves with the submap of its time: those of two laps may lie side by side.
+        """
+        of = np.searchsorted(self._begins, ticks, "right") - 1
+        by = [compose(new, inverted(old)) for old, new in zip(self._torn_frames, self._frames, strict=True)]
+        return np.array([apply(by[k], place[None])[0] for k, place in zip(of, places, strict=True)]).reshape(-1, 2)
 
 
 def _explains(known_m: float, off: Floats, information: Floats) -> bool:

@@ -322,6 +322,18 @@ def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back(instead):
     assert not back[-1].complete and back[-1].reason == "sweep"
 
 
+def test_places_it_looked_from_move_with_a_map_that_is_mended():
+    """They stayed: what lay behind the tear was swept twice, or taken for swept."""
+    room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
+    robot = explorer()
+    for tick in range(0, 60, 20):
+        at(room, robot, range(tick, tick + 1), pose=(0.05 * tick, 0.0, 0.0))
+    assert robot.viewpoints.own == [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
+    robot.mend(lambda ticks, places: places + (0.0, 0.5) * (ticks[:, None] >= 40))
+    assert np.array(robot.viewpoints.own) == pytest.approx(np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.5)]))
+    assert robot.target is None
+
+
 def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
     targets = {}

@@ -28,8 +28,11 @@ WALLS = ring_corridor(SIDE, WIDTH)
 SPEC = ideal_spec(odometry=OdometrySpec(noisy=True, wheel_sd=0.0, axle_sd=0.0))
 
 
-def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, Floats, list[int]]:
-    """Two laps of a ring; the filter is put 0.8 m aside at one scan. Closings by tick, the filter's path, the true."""
+def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, Floats, list[tuple[int, Floats]]]:
+    """Two laps of a ring; the filter is put 0.8 m aside at one scan.
+
+    The filter's path, the true one, and closings: the tick, and where the path up to there then is.
+    """
     way = laps(SIDE, WIDTH, 2.0, step=0.2)
     mind, loops, path, closed = _filter(), LoopClosing(AgentConfig().filter.submaps, SPEC.lidar.half_view()), [], []
     for seen in observations(WALLS, way, SPEC.lidar, SPEC.odometry, 1):
@@ -39,10 +42,10 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
         if seen.tick == lost_at:
             torn = compose(mind.pose, (0.8, 0.0, 0.0))
             mind.edges["kind"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
-        if loops.take(scan, pose_of(told[-1]), mind.length_scale, mind.pose, mind.covariance):
+        if loops.take(seen.tick, scan, pose_of(told[-1]), mind.length_scale, mind.pose, mind.covariance):
             segments, pose = loops.settled()
             mind.replace(records_of(segments), pose)
-            closed.append(seen.tick)
+            closed.append((seen.tick, loops.mended(np.arange(seen.tick), np.array(path)[:, :2])))
         path.append(mind.pose)
     return loops, mind, np.array(path), way, closed
 
@@ -67,10 +70,13 @@ def test_a_map_that_fits_itself_is_left_alone() -> None:
 def test_a_torn_map_is_made_whole_by_the_loop_that_shows_it() -> None:
     _, mind, path, way, closed = driven(len(laps(SIDE, WIDTH, 0.4, step=0.2)))
     half = len(way) // 2
-    assert closed and closed[0] > half
+    assert closed and closed[0][0] > half
     true = float(np.hypot(*(WALLS[:, 2:] - WALLS[:, :2]).T).sum())
     assert 0.95 * true < length_of(mind.wireframe()) < 1.05 * true
-    assert path_error(path[closed[-1] :], way[closed[-1] :]) < 0.15
+    last, mended = closed[-1]
+    assert path_error(path[last:], way[last:]) < 0.15
+    torn, again = path_error(path[:last], way[:last]), path_error(mended, way[:last])
+    assert torn > 0.3 and again < 0.1
 
 
 def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
@@ -81,7 +87,7 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
         by = relative(before or seen.odometry, seen.odometry)
         before = seen.odometry
         scan = perceive(seen.scan(), SPEC, alone=True)
-        loops.take(scan, by, 1.0, compose(start, seen.odometry), np.zeros((3, 3)))
+        loops.take(seen.tick, scan, by, 1.0, compose(start, seen.odometry), np.zeros((3, 3)))
     segments, pose = loops.settled()
     records = records_of(segments)
     check_records(records)
