@@ -22,13 +22,23 @@ MAX_SCALAR = 4_000
 MAX_INT = 2**63
 """Integers are smaller: longer ones cannot even be printed."""
 
-_EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+")
+_EXPONENT = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+\Z")
 """Numbers such as 1e-5, which are texts in YAML 1.1, but numbers in JSON."""
 _PAIR = re.compile(r"(?<!\\)((?:\\\\)*)\\u(d[89ab][0-9a-f]{2})\\u(d[c-f][0-9a-f]{2})", re.IGNORECASE)
 """A character beyond 16 bits as JSON escapes it, by two halves that YAML does not take."""
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _CORE = "tag:yaml.org,2002:"
-_RESOLVER = yaml.resolver.Resolver()
+
+
+class _Resolver(yaml.resolver.Resolver):
+    """What a plain text means."""
+
+
+DUMPER: Any = type("Dumper", (getattr(yaml, "CSafeDumper", yaml.SafeDumper),), {})
+"""Of YAML that we read again: it quotes what the reader would take for a number."""
+for _class in (_Resolver, DUMPER):
+    _class.add_implicit_resolver(f"{_CORE}float", _EXPONENT, list("-+0123456789"))
+_RESOLVER = _Resolver()
 _MAKER = yaml.constructor.SafeConstructor()
 
 
@@ -160,8 +170,6 @@ def _scalar(event: yaml.ScalarEvent) -> Any:
     text, tag = event.value, event.tag
     if len(text) > MAX_SCALAR:
         raise InputError(f"a text of more than {MAX_SCALAR} characters")
-    if tag is None and event.implicit[0] and _EXPONENT.fullmatch(text):
-        return float(text)
     if tag is None or tag == "!":
         tag = str(_RESOLVER.resolve(yaml.ScalarNode, text, event.implicit))  # type: ignore[no-untyped-call]
     if tag not in _SCALARS:

@@ -19,7 +19,7 @@ from shapely.geometry import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from protocol.arrays import Bools, Floats
-from protocol.document import read_document
+from protocol.document import DUMPER, read_document
 from protocol.errors import InputError
 from world import maze
 
@@ -348,8 +348,7 @@ def _tangled(edges: Lines, meet: Callable[[Lines, Lines], Bools]) -> bool:
 
 def to_yaml(document: Mapping[str, Any]) -> str:
     """Text of a world file, one shape a line."""
-    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-    return str(yaml.dump(dict(document), Dumper=dumper, default_flow_style=None, sort_keys=False, width=120))
+    return str(yaml.dump(dict(document), Dumper=DUMPER, default_flow_style=None, sort_keys=False, width=120))
 
 
 def polygons_of(geometry: BaseGeometry) -> list[Polygon]:

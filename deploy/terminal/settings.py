@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel
 
 from deploy.config import RunConfig
+from protocol.document import DUMPER
 from protocol.errors import InputError
 
 UNITS = {
@@ -44,7 +45,7 @@ class Setting:
     @property
     def value(self) -> str:
         """The default as YAML on one line, or that there is none."""
-        text: str = yaml.safe_dump(self.default, default_flow_style=True, width=1000)
+        text: str = yaml.dump(self.default, Dumper=DUMPER, default_flow_style=True, width=1000)
         return "(required)" if self.required else text.removesuffix("\n").removesuffix("\n...")
 
     @property

@@ -10,6 +10,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.document import parse_document
 from world import maze, worldfile
 from world.worldfile import WorldFileError
 
@@ -247,3 +248,9 @@ def test_generated_worlds_have_a_name() -> None:
     assert worldfile.load("generated-100x100-0").starts(500, RADIUS, np.random.default_rng(0)).shape == (500, 3)
     with pytest.raises(WorldFileError, match="generated-400x40-0: a maze has sides of 8 to 100 m, not 400 m"):
         worldfile.load("generated-400x40-0")
+
+
+@pytest.mark.parametrize("name", ["1e5", "2e3", "-3E46", "1.e+9", "0.5", "12", "1_0", "true", "~", "2026-11-28"])
+def test_a_name_that_looks_like_something_else_is_read_as_it_was_written(name: str) -> None:
+    document = {"name": name, "walls": [[0.0, 0.0, 1e-5, 1e20]], "source": [name, {name: name}]}
+    assert parse_document(worldfile.to_yaml(document)) == document
