@@ -25,12 +25,13 @@ from deploy.launch.logs import Log
 from deploy.launch.processes import ENDED, FAILED, OPENED, PROGRESS, REFUSED, STOP, agent_process, world_process
 from deploy.view.invitation import invite, withdraw
 from protocol.configuration import ConfigError
+from protocol.errors import InputError
 from protocol.files import UnwritableError, remove_parts
 from protocol.inbox import SIGNAL_S
 from protocol.messages import Progress
 from protocol.secrets import new_secrets
 from protocol.status import ENDINGS, Status, of_run
-from world.checkpoint import CHECKPOINT_FILE, CheckpointError
+from world.checkpoint import CHECKPOINT_FILE
 from world.worldfile import load
 
 RESTARTS = 3  # of a process with --restart: what dies more often has a mistake in it
@@ -110,7 +111,7 @@ def launch(
     if status != Status.INTERRUPTED and (out / CHECKPOINT_FILE).exists():
         try:
             finish(out)  # the world was killed, or failed
-        except (CheckpointError, OSError) as error:
+        except (InputError, OSError) as error:
             errors += [] if str(error) in errors else [str(error)]
     if status == Status.INTERRUPTED and ended != "interrupted":
         errors.append("interrupted while the run ended")

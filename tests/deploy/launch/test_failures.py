@@ -143,6 +143,19 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     read_books(run.out)  # raises where they do not balance
 
 
+def test_a_run_that_lost_its_world_and_cannot_be_finished_says_both(running: Any) -> None:
+    run = running(until=7000.0)
+    (run.out / "world.yaml").write_text("[")
+    run.world().kill()
+    result = run.result()
+    assert (result["status"], result["ended"]) == (1, "interrupted")
+    died, unfinished = result["errors"]
+    assert died == "world: its process died (signal 9)"
+    assert unfinished.startswith(f"{run.out / 'world.yaml'}: no YAML")
+    told = json.loads((run.out / "manifest.json").read_text())
+    assert (told["exit_status"], told["ended"], told["errors"]) == (1, "interrupted", result["errors"])
+
+
 @pytest.fixture
 def hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The file that keeps the robots of tests.wanderer.Held slow while it is there."""
