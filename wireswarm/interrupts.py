@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -29,4 +30,5 @@ def _leave() -> None:
         for children in Path("/proc/self/task").glob("*/children"):
             for child in children.read_text().split():
                 os.kill(int(child), signal.SIGKILL)
-    os._exit(INTERRUPTED)
+    leave = getattr(sys.modules.get("protocol.temporary"), "leave", os._exit)  # not imported yet: there is no folder
+    leave(INTERRUPTED)

@@ -6,7 +6,6 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from deploy.sensing import of_benchmark
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, seen_from
 from protocol.messages import Action, Event, Heard, Observation, PoseReport, RobotSpec, ScanReport
+from protocol.temporary import temporary_folder
 from protocol.wireframe import Wireframe, encode_wireframe
 from world.config import WorldConfig
 from world.episode import Episode
@@ -210,8 +210,8 @@ def mute_step(action: Action, pose: Pose) -> Step:
 @contextmanager
 def launched(settings: Fields, make_mind: Callable[..., Any] | None = None) -> Iterator[tuple[Path, str]]:
     """Run directory of a run with processes, and how it ended; it is gone afterwards. Raises RuntimeError."""
-    with TemporaryDirectory() as folder:
-        out = Path(folder) / "run"
+    with temporary_folder() as folder:
+        out = folder / "run"
         result = launch(RunConfig.model_validate(of_benchmark(settings)), out, make_mind=make_mind)
         if result.errors:
             raise RuntimeError("; ".join(result.errors))

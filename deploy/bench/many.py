@@ -6,7 +6,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import psutil
@@ -19,6 +18,7 @@ from deploy.bench.tables import Table, whole
 from deploy.config import RunConfig
 from deploy.sensing import of_benchmark
 from protocol.geometry import pose_of
+from protocol.temporary import temporary_folder
 
 LOOK_S = 15.0
 """Memory is looked at so often: a look at 100 processes takes half a second (measured)."""
@@ -48,10 +48,10 @@ def measure(robots: int, side: str, until: str | float) -> Figures:
             if event["event"] == "accepted"
         ]
         made = _digest(run)
-    with TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         config = RunConfig.model_validate(of_benchmark(settings))
-        inprocess.run(config, config.agent, Path(folder))
-        same = made == _digest(Path(folder))
+        inprocess.run(config, config.agent, folder)
+        same = made == _digest(folder)
     return {
         "robots": robots,
         "side": side,

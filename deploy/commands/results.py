@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -116,8 +115,7 @@ def leave(run: Path) -> None:
             run.rmdir()
     else:
         say(why)
-    forks.kill()
-    os._exit(Status.INTERRUPTED)
+    forks.leave(Status.INTERRUPTED)
 
 
 def measure_bandwidth(run: Path) -> Measurement:

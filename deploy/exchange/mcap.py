@@ -11,7 +11,6 @@ import json
 import math
 from collections import defaultdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from foxglove import Channel, Context, open_mcap
 from foxglove import messages as m
@@ -24,6 +23,7 @@ from deploy.report.story import SEVERITY, sentence
 from protocol.arrays import Floats
 from protocol.files import make_folder, write_whole
 from protocol.geometry import Pose, pose_of
+from protocol.temporary import temporary_folder
 from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import World, rings_of
@@ -37,8 +37,8 @@ def write_mcap(path: Path, out: Path) -> list[Path]:
     """Write run.mcap into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
     run, world = read_drawable(path)
     make_folder(out)
-    with TemporaryDirectory() as folder:
-        made, context = Path(folder, "run.mcap"), Context()
+    with temporary_folder() as folder:
+        made, context = folder / "run.mcap", Context()
         with open_mcap(made, context=context):
             _write(run, world, context)
         write_whole(out / "run.mcap", made.read_bytes())

@@ -6,6 +6,9 @@ import signal
 import tempfile
 from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker, util
+from typing import NoReturn
+
+from protocol import temporary
 
 PRELOAD = ["deploy.launch.preload", "__main__"]
 """What all of them have in common, and the script that was started, as a fork would import it, too: a robot takes 7 MiB
@@ -19,6 +22,9 @@ LAUNCHER = "WIRESWARM_LAUNCHER"
 SOCKET_BYTES = 107 - len("/pymp-12345678/listener-12345678")
 """The longest path of a temporary folder in which its socket can have a name: Linux takes 107 bytes (unix(7))."""
 
+KILLED_S = 1.0
+"""So long killed processes are waited for."""
+
 
 def begin() -> None:
     """Begin it, where it has not begun; it loads while its caller goes on, and ends with it. Raises OSError."""
@@ -26,8 +32,8 @@ def begin() -> None:
     os.environ[LAUNCHER] = str(os.getpid())
     if len(os.fsencode(own := tempfile.gettempdir())) > SOCKET_BYTES:
         tempfile.tempdir = "/tmp"
-        util.get_temp_dir()  # of multiprocessing: made by the first who asks, for this process and its sockets
-        tempfile.tempdir = own
+    temporary.remove_with_process(util.get_temp_dir())  # of multiprocessing: the first who asks makes it
+    tempfile.tempdir = own
     resource_tracker.ensure_running()  # the next line would do so, and unblock the signal
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # children inherit it: Ctrl-C is the launcher's
     try:
@@ -43,3 +49,14 @@ def kill() -> None:
     for process in psutil.Process().children(recursive=True):
         with suppress(psutil.NoSuchProcess):
             process.kill()
+
+
+def leave(status: int) -> NoReturn:
+    """End at once, also from a signal's handler, with all children; nothing stays of them."""
+    import psutil
+
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # other threads see their processes die, and would say so
+    children = psutil.Process().children(recursive=True)
+    kill()
+    psutil.wait_procs(children, timeout=KILLED_S)  # one that still writes into a folder would keep it
+    temporary.leave(status)

@@ -6,13 +6,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path, PurePath
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import yaml
 
 from protocol.document import LOADER, MAX_DEPTH, check_is_file, read_text
 from protocol.errors import InputError
+from protocol.temporary import temporary_folder
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -45,18 +45,18 @@ def checked(bag: Path) -> Iterator[Path]:
     if told is None:
         yield bag
         return
-    with TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         names = dict.fromkeys(PurePath(str(path)).name for path in told["relative_file_paths"])
         if not all(name.endswith(PACKED) for name in names):
             raise InputError(f"it is no bag, or damaged: a compressed file of it does not end in {PACKED}")
-        plain, left = [Path(folder) / PurePath(name).stem for name in names], MORE_BYTES
+        plain, left = [folder / PurePath(name).stem for name in names], MORE_BYTES
         for name, part in zip(names, plain, strict=True):
             left -= _unpack(bag / name, part, left)
             if _is_sqlite(part):
                 _check_tables(part)
         told |= {"compression_mode": "", "relative_file_paths": [part.name for part in plain]}
-        (Path(folder) / METADATA).write_text(yaml.safe_dump({INFORMATION: told}))
-        yield Path(folder)
+        (folder / METADATA).write_text(yaml.safe_dump({INFORMATION: told}))
+        yield folder
 
 
 def _compressed(bag: Path) -> dict[str, Any] | None:

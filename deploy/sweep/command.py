@@ -102,5 +102,4 @@ def _leave(progress: SweepProgress) -> None:
     """End at once, with the workers: what has arrived is kept, and a run under way is made again."""
     progress.__exit__()
     progress.say("interrupted; the same command goes on from here")
-    forks.kill()
-    os._exit(Status.INTERRUPTED)
+    forks.leave(Status.INTERRUPTED)

@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import dask
@@ -19,6 +18,7 @@ from distributed import Client, KilledWorker, LocalCluster, Security, as_complet
 from deploy.revision import sources
 from deploy.sweep.work import FAILED, OtherSourcesError, Row, WorkerTask, work
 from protocol.errors import InputError, LinkError
+from protocol.temporary import temporary_folder
 
 PATIENCE_S = 300.0
 """So long a scheduler that is gone, or has no worker, is waited for: a container is up again within a minute or two."""
@@ -38,7 +38,7 @@ def local_workers(workers: int) -> Iterator[tuple[str, Security]]:
 
     Workers run what they are sent, so the links are encrypted with certificates that nobody else has.
     """
-    with dask.config.set(SETTINGS), TemporaryDirectory(prefix="wireswarm-") as folder:
+    with temporary_folder() as path, dask.config.set(SETTINGS | {"temporary-directory": (folder := str(path))}):
         security = Security.temporary()
         with LocalCluster(
             n_workers=workers,
@@ -48,6 +48,7 @@ def local_workers(workers: int) -> Iterator[tuple[str, Security]]:
             security=security,
             memory_limit=0,  # a run takes what it takes; a limit would kill it
             local_directory=folder,
+            env={"TMPDIR": folder},  # so that nothing stays of workers that are killed
             silence_logs=logging.CRITICAL,
         ) as cluster:
             yield cluster.scheduler_address, security

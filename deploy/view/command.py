@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from deploy.view import invitation
 from deploy.view.beside import READY
@@ -21,6 +20,7 @@ from protocol.credentials import of_viewer
 from protocol.errors import InputError
 from protocol.files import has_other_than, write_whole
 from protocol.inbox import Inbox
+from protocol.temporary import temporary_folder
 
 RUNS = Path("runs")
 SUMMARY = "summary.json"
@@ -41,8 +41,8 @@ def save(run: Path, file: Path) -> None:
     """Write the recording of a finished run. Raises InputError, also for a file of another kind; UnwritableError."""
     if has_other_than(RECORDING, file):
         raise InputError(f"--save {file}: what is there already is no recording; name another file")
-    with TemporaryDirectory() as folder:
-        record(run, made := Path(folder, "run.rrd"))
+    with temporary_folder() as folder:
+        record(run, made := folder / "run.rrd")
         write_whole(file, made.read_bytes())
 
 
@@ -80,8 +80,8 @@ def view_elsewhere(endpoint: str, secrets: Path | None, certs: Path | None, brow
 
 def _show(play: Callable[[Tape], None], browser: bool, over: Callable[[], bool]) -> None:
     """Show what is played onto a tape until it is over; the page is there once there is something to be seen."""
-    with TemporaryDirectory() as folder, ThreadPoolExecutor(1) as pool:
-        tape = Tape(Path(folder, "run.rrd"))
+    with temporary_folder() as folder, ThreadPoolExecutor(1) as pool:
+        tape = Tape(folder / "run.rrd")
         playing = pool.submit(play, tape)
         playing.add_done_callback(lambda done: tape.end())
         while not playing.done() and tape.file.stat().st_size == 0:

@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,19 @@ def test_a_killed_worker_loses_nothing_and_a_second_start_runs_nothing(tmp_path:
     assert sweep(file, out, quiet=True)[:2] == (RUNS, 0)
     assert time.process_time() - began < 5
     assert before == {path: path.stat().st_mtime_ns for path in results(out)}
+
+
+@pytest.mark.slow
+def test_an_interrupted_client_leaves_no_temporary_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file, out, temporary = write_sweep(tmp_path), tmp_path / "out", tmp_path / "tmp"
+    temporary.mkdir()
+    monkeypatch.setenv("TMPDIR", str(temporary))
+    with started(*SWEEP, file, "--out", out, "--workers", 1) as client:
+        wait_until(lambda: results(out))
+        client.terminate()
+        told = client.communicate(timeout=20)[0]
+    assert client.returncode == 130 and "Traceback" not in told
+    assert list(temporary.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -158,7 +172,11 @@ def test_a_task_fails_only_where_its_worker_dies_again_when_it_is_asked_for_alon
     assert store.row("deadly")["reason"] == "its worker died 2 times"
 
 
-def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp_path: Path) -> None:
+def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tmp").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "tmp"))
     file = write_sweep(tmp_path, "worlds: [tiny.yaml]\nsettings: {until: 2, robots: 400}")
     assert sweep(file, tmp_path / "out", workers=1, quiet=True)[:2] == (1, 1)
     (row,) = read_rows(tmp_path / "out")
@@ -170,6 +188,7 @@ def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(tmp
     assert path.stat().st_mtime_ns == before
     sweep(file, tmp_path / "out", workers=1, quiet=True, retry_failed=True)
     assert path.stat().st_mtime_ns > before
+    assert list((tmp_path / "tmp").iterdir()) == []
 
 
 def test_only_one_process_fills_a_folder(tmp_path: Path) -> None:
