@@ -16,6 +16,8 @@ from protocol.status import Status
 from world.config import WorldConfig
 from world.worldfile import World
 
+FILE = "manifest.json"
+
 
 def begun(config: WorldConfig, world: World) -> dict[str, Any]:
     """Its fields that are known before a run begins."""
@@ -43,7 +45,7 @@ def finish(out: Path, **more: Any) -> None:
     try:
         begun = read(out)
     except InputError as error:
-        raise UnwritableError((out / "manifest.json", str(error))) from None
+        raise UnwritableError((out / FILE, str(error))) from None
     _write(out, begun | {"end": _now()} | more)
 
 
@@ -54,13 +56,13 @@ def interrupt(out: Path, why: str) -> None:
 
 def withdraw(out: Path) -> None:
     """Remove it, where the run could not begin."""
-    (out / "manifest.json").unlink(missing_ok=True)
+    (out / FILE).unlink(missing_ok=True)
 
 
 def read(out: Path) -> dict[str, Any]:
     """Its fields. Raises InputError, without the file's name, where there is none or it is damaged."""
     try:
-        fields = json.loads(read_text(out / "manifest.json"))
+        fields = json.loads(read_text(out / FILE))
     except (ValueError, RecursionError) as error:
         raise InputError(str(error)) from None
     if not isinstance(fields, dict):
@@ -69,7 +71,7 @@ def read(out: Path) -> dict[str, Any]:
 
 
 def _write(out: Path, fields: dict[str, Any]) -> None:
-    write_whole(out / "manifest.json", json.dumps(fields, indent=1) + "\n")
+    write_whole(out / FILE, json.dumps(fields, indent=1) + "\n")
 
 
 def _now() -> str:

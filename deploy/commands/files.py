@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import gc
 import math
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 from typer import Argument, Option, Typer
 
+from deploy.commands import results
 from deploy.commands.options import ConfigFile, Quiet
+from protocol.command import say
+from protocol.status import Status
 from protocol.text import printable
 
 commands = Typer()
@@ -69,6 +74,7 @@ def map_(
 ) -> None:
     """Map recorded lidar logs, each by a mind of its own that is not asked to drive. Several are a team."""
     from agent.warmup import rehearse_carried
+    from deploy.launch.interrupts import on_interrupt
     from deploy.launch.launcher import run_directory
     from deploy.recorded.lidar_log import Given
     from deploy.recorded.mapping import LogsConfig, map_logs
@@ -88,10 +94,26 @@ def map_(
     refer(team, reference or [])
     rehearse_carried()
     gc.freeze()  # what is loaded lives on: looking it through for garbage took 60 ms of a scan
-    with run_directory(out, "", 0) as directory:
+    with run_directory(out, "", 0) as directory, on_interrupt(partial(_leave, directory)):
         summary = map_logs(cut(team, split), settings.agent, directory, range_m=range_m, quiet=quiet)
         print_mapped(directory, summary)
         print(printable(str(write_report(directory))), flush=True)
+
+
+def _leave(out: Path) -> None:
+    """End at once; where no map is written yet, nothing stays that would keep the same command from it."""
+    from deploy import manifest
+    from deploy.launch import forks
+    from protocol.files import remove_parts
+
+    with suppress(OSError):
+        remove_parts(out)
+        if any(file.name != manifest.FILE for file in out.iterdir()):
+            results.leave(out)
+        manifest.withdraw(out)
+        out.rmdir()
+    say(f"interrupted before a map was written to {out}")
+    forks.leave(Status.INTERRUPTED)
 
 
 @commands.command("import", epilog="Example: wireswarm import home.world --out home.yaml --close 2")

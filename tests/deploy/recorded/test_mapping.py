@@ -1,21 +1,27 @@
 """`wireswarm map`: logs in place of the world, to the run directory."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from agent.config import AgentConfig
 from agent.passenger import IN_LIVED_ROOMS
+from deploy import manifest
 from deploy.bandwidth.books import read_books
 from deploy.bandwidth.representations import measure
 from deploy.bench.rings import laps
+from deploy.cli import app
 from deploy.exchange.mcap import write_mcap
 from deploy.finish import finish
+from deploy.launch import forks
 from deploy.recorded import mapping
 from deploy.recorded.lidar_log import LidarLog, Scan
 from deploy.recorded.words import print_mapped
@@ -44,6 +50,36 @@ def record(file: Path, seed: int) -> Floats:
 def wireswarm(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "wireswarm", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=110)
+
+
+@pytest.mark.parametrize("written", [False, True])
+def test_an_interrupted_command_says_so_and_leaves_no_stub(
+    tmp_path: Path, written: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """It ended without a word, and its manifest kept the same command from its directory."""
+
+    def stop(*_: object, **__: object) -> Any:
+        raise RuntimeError("left")
+
+    def map_logs(logs: object, config: AgentConfig, directory: Path, **_: object) -> None:
+        manifest.begin(directory, {})
+        if written:
+            (directory / "maps").mkdir()
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    record(tmp_path / "1.log", 1)
+    monkeypatch.setattr(forks, "leave", stop)
+    monkeypatch.setattr(mapping, "map_logs", map_logs)
+    out = tmp_path / "out"
+    with pytest.raises(RuntimeError, match="left"):
+        app(["map", str(tmp_path / "1.log"), "--out", str(out)], standalone_mode=False)
+    (said,) = capfd.readouterr().err.splitlines()
+    if written:
+        assert manifest.read(out)["ended"] == "interrupted"
+        assert said.startswith("wireswarm: interrupted before the report was written")
+    else:
+        assert not out.exists()
+        assert said == f"wireswarm: interrupted before a map was written to {out}"
 
 
 def test_two_logs_become_a_run_directory(tmp_path: Path) -> None:
