@@ -81,13 +81,14 @@ def read_row(file: Path) -> Row:
     """The result in a file. Raises InputError where it is none."""
     try:
         check_is_file(file)
-        kept = parquet.ParquetFile(file)
-        about = kept.metadata
-        if about.num_rows != 1 or about.num_columns > MAX_COLUMNS:
-            raise ValueError(f"it has {about.num_rows} rows of {about.num_columns} columns")
-        if sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups)) > MAX_ROW_BYTES:
-            raise ValueError(f"its row has more than {MAX_ROW_BYTES >> 20} MB")
-        (row,) = kept.read().to_pylist()
+        with file.open("rb") as stream:  # a path with a colon is an address to pyarrow
+            kept = parquet.ParquetFile(stream)
+            about = kept.metadata
+            if about.num_rows != 1 or about.num_columns > MAX_COLUMNS:
+                raise ValueError(f"it has {about.num_rows} rows of {about.num_columns} columns")
+            if sum(about.row_group(k).total_byte_size for k in range(about.num_row_groups)) > MAX_ROW_BYTES:
+                raise ValueError(f"its row has more than {MAX_ROW_BYTES >> 20} MB")
+            (row,) = kept.read().to_pylist()
         if not all(isinstance(row.get(name), str) for name in TEXTS):
             raise ValueError(f"it needs texts as {', '.join(TEXTS)}")
         if not isinstance(json.loads(row["settings"]), dict):

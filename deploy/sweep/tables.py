@@ -4,10 +4,11 @@ import csv
 import io
 import json
 import math
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -18,7 +19,7 @@ from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
 from deploy.sweep.work import OK, Row
 from deploy.terminal.tables import add_row
-from protocol.document import parse_document
+from protocol.document import MAX_INT, parse_document
 from protocol.errors import InputError
 from protocol.files import make_folder, write_whole
 
@@ -29,6 +30,9 @@ MEASURES = (
 """Without --measure."""
 
 WIDTH = 200  # characters that a line with all of them needs; a narrower terminal breaks it, but no figure is lost
+
+KEY = r"[\w.]+"
+"""Of a setting."""
 
 Point = tuple[tuple[str, str], ...]
 """Settings and their values as JSON, in the order of their names."""
@@ -44,10 +48,15 @@ class Sheet(NamedTuple):
 
 def select(what: str) -> tuple[list[Row], list[str]]:
     """Rows of FOLDER, or FOLDER:KEY=VALUE,KEY=VALUE, and these keys. Raises InputError."""
-    folder, colon, wishes = what.partition(":")
+    folder, *wishes = re.split(rf":(?={KEY}(?:=|$))", what, maxsplit=1)
+    if not Path(folder).is_dir():  # a folder's name may have a colon
+        folder, wishes = what, []
     if not Path(folder).is_dir():
         raise InputError(f"{folder:.200}: no folder of a sweep's results")
-    wanted = dict(_wish(wish) for wish in wishes.split(",")) if colon else {}
+    try:
+        wanted = dict(_wish(wish) for text in wishes for wish in re.split(rf",(?={KEY}=)", text))
+    except InputError as error:
+        raise InputError(f"{what:.200}: {error}") from None
     rows = [row for row in read_rows(Path(folder)) if wanted.items() <= dict(_point(row)).items()]
     if not rows:
         raise InputError(f"{what:.200}: no results")
@@ -58,12 +67,28 @@ def _wish(text: str) -> tuple[str, str]:
     key, equals, value = text.partition("=")
     if not equals:
         raise InputError(f"{text:.200}: write KEY=VALUE, such as radio.range_m=4")
-    return key, value if key == "revision" else json.dumps(parse_document(value))
+    try:
+        return key, value if key == "revision" else _text(parse_document(value))
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
+
+
+def _text(value: object) -> str:
+    """JSON that is the same for values that are equal: 4 and 4.0, and objects in any order."""
+    return json.dumps(_plainest(value), sort_keys=True)
+
+
+def _plainest(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_plainest(one) for one in value]
+    if isinstance(value, dict):
+        return {key: _plainest(one) for key, one in value.items()}
+    return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < MAX_INT else value
 
 
 def _point(row: Row) -> Point:
     """What a run was made with, the revision included."""
-    settings = {key: json.dumps(value, sort_keys=True) for key, value in json.loads(row["settings"]).items()}
+    settings = {key: _text(value) for key, value in json.loads(row["settings"]).items()}
     return tuple(sorted({**settings, "revision": row["revision"]}.items()))
 
 
@@ -102,7 +127,10 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
 
 def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
     """The same for each other value of a setting, compared with the runs with KEY=VALUE. Raises InputError."""
-    key, value = _wish(wish)
+    try:
+        key, value = _wish(wish)
+    except InputError as error:
+        raise InputError(f"--against {error}") from None
     by_value: defaultdict[str, list[Row]] = defaultdict(list)
     for row in rows:
         by_value[dict(_point(row)).get(key, "")].append(row)

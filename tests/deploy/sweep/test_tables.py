@@ -76,6 +76,31 @@ def test_runs_are_compared_by_seed(folder: Path) -> None:
     assert sheet.lines == [["4", *time], ["4", *path]]
 
 
+def test_a_folder_may_have_a_colon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To pyarrow it was an address, and to us the end of the folder."""
+    monkeypatch.chdir(tmp_path)
+    Store(Path("res:12/abc"), "abc").keep(row(2, 0, 1.0, 2.0))
+    assert len(select("res:12")[0]) == 1
+    assert select("res:12:radio.range_m=2,seed=0")[1] == ["radio.range_m", "seed"]
+    with pytest.raises(InputError, match="res:12:seed=1: no results"):
+        select("res:12:seed=1")
+
+
+def test_values_that_are_equal_are_one_however_they_are_written(tmp_path: Path) -> None:
+    store = Store(tmp_path, "abc")
+    for seed, (range_m, loss) in enumerate([(4, 1), (4.0, 1.0)]):
+        models = [{"kind": "bernoulli", "loss": loss}, {"kind": "latency", "ticks": 2}]
+        settings = {"radio.range_m": range_m, "radio.models": models, "seed": seed}
+        store.keep(row(4, seed, 1.0, 2.0) | {"settings": json.dumps(settings)})
+    store.keep(row(2, 0, 1.0, 2.0))
+    for wish in ("4", "4.0", "4e0"):
+        assert len(select(f"{tmp_path}:radio.range_m={wish}")[0]) == 2
+    models = f"[{{loss: 1, kind: bernoulli}}, {300 * ' '}{{ticks: 2.0, kind: latency}}]"
+    rows, keys = select(f"{tmp_path}:radio.models={models},radio.range_m=4")
+    assert len(rows) == 2 and keys == ["radio.models", "radio.range_m"]
+    assert [line[0] for line in medians(rows, NAMES).lines] == [2]
+
+
 def test_two_commits_are_compared(folder: Path) -> None:
     Store(folder, "def").keep(row(2, 3, 50.0, 10.0))
     new, keys = select(f"{folder}:revision=def")
@@ -115,7 +140,12 @@ def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("what", "sentence"),
-    [("nowhere", "no folder"), ("{}:radio.range_m", "write KEY=VALUE"), ("{}:radio.range_m=7", "no results")],
+    [
+        ("nowhere", "no folder"),
+        ("{}:radio.range_m", "write KEY=VALUE"),
+        ("{}:radio.range_m=7", "no results"),
+        ("{}:seed=0,radio.models=[{{,seed=1", r"seed=1: radio\.models: no YAML"),
+    ],
 )
 def test_what_selects_nothing_is_refused(folder: Path, what: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
@@ -130,3 +160,5 @@ def test_an_unknown_measure_and_a_comparison_without_pairs_are_refused(folder: P
         compared(rows[:1], rows[-1:], [], NAMES)
     with pytest.raises(InputError, match="another value"):
         against(rows, "radio.range_m=3", NAMES)
+    with pytest.raises(InputError, match=r"--against radio\.models: no YAML"):
+        against(rows, "radio.models=[", NAMES)
