@@ -9,6 +9,7 @@ import errno
 import fcntl
 import json
 import os
+import time
 from collections.abc import Mapping
 from io import FileIO
 from pathlib import Path
@@ -29,6 +30,8 @@ MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
 FORMAT = 6
 """Version of the file; others are refused."""
+LOOK_AGAIN_S = 0.05
+"""A new checkpoint is not locked for a moment, in which its world seems to be gone; not at two looks."""
 State = Mapping[str, Any]
 """What a part of the world needs in order to go on, as values of msgpack."""
 Entry = tuple[str, bool, list[Any]]
@@ -51,7 +54,7 @@ class Checkpoint:
     def begin(self, state: State) -> None:
         """Begin the file anew with a state. Raises UnwritableError."""
         write_whole(self._file, sealed({"format": FORMAT, **state}), durable=False)
-        self._lock()
+        self._lock(wait=True)  # for `is_left`, if that looks at the new file just now
 
     def read(self) -> tuple[dict[str, Any], list[Entry]]:
         """State and log that a killed world left. Raises CheckpointError."""
@@ -100,15 +103,30 @@ class Checkpoint:
         reason = error.strerror if isinstance(error, OSError) else type(error).__name__
         return CheckpointError(f"{self._file} is damaged, or no world of this version wrote it ({reason})")
 
-    def _lock(self) -> FileIO:
+    def _lock(self, wait: bool = False) -> FileIO:
         before = self._stream
         if self._file.exists():
             check_is_file(self._file)
         self._stream = FileIO(os.open(self._file, os.O_RDWR | os.O_APPEND), "r+")
-        fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(self._stream, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         if before is not None:
             before.close()
         return self._stream
+
+
+def is_left(out: Path) -> bool:
+    """Whether a run directory is that of a killed world: it has a checkpoint that no process holds."""
+    file = out / CHECKPOINT_FILE
+    if not file.is_file():
+        return False
+    for look in range(2):
+        time.sleep(look * LOOK_AGAIN_S)
+        try:
+            with file.open("rb") as stream:
+                fcntl.flock(stream, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:
+            return False
+    return True
 
 
 def restore_array(array: NDArray[Any], data: bytes) -> None:

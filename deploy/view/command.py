@@ -15,12 +15,13 @@ from deploy.view.live import follow
 from deploy.view.replay import record
 from deploy.view.serving import Tape
 from deploy.view.show import show
-from protocol.command import stop_on_signals
+from protocol.command import say, stop_on_signals
 from protocol.credentials import of_viewer
 from protocol.errors import InputError
 from protocol.files import has_other_than, write_whole
 from protocol.inbox import Inbox
 from protocol.temporary import temporary_folder
+from world.checkpoint import is_left
 
 RUNS = Path("runs")
 SUMMARY = "summary.json"
@@ -66,6 +67,8 @@ def view(run: Path, browser: bool, beside: bool) -> None:
         if _is_under_way(run):
             follow(*invitation.invited(run), tape, inbox)
         elif not over():
+            if is_left(run):
+                say(f"{run}: its world was killed; this is what there is of it, and `wireswarm finish {run}` ends it")
             record(run, tape.file)
 
     _show(play, browser, over)
@@ -97,4 +100,4 @@ def _show(play: Callable[[Tape], None], browser: bool, over: Callable[[], bool])
 
 
 def _is_under_way(run: Path) -> bool:
-    return (run / invitation.FILE).exists() and not (run / SUMMARY).exists()
+    return (run / invitation.FILE).exists() and not (run / SUMMARY).exists() and not is_left(run)

@@ -13,7 +13,7 @@ from deploy.config import RunConfig
 from protocol.checksum import sealed
 from tests.scripted import Wanderer
 from tests.tiny import digests, tiny_config
-from world.checkpoint import CHECKPOINT_FILE, FORMAT, CheckpointError
+from world.checkpoint import CHECKPOINT_FILE, FORMAT, Checkpoint, CheckpointError, is_left
 from world.episode import Episode
 from world.tick import Outputs
 
@@ -129,6 +129,16 @@ def test_nobody_goes_on_with_a_run_that_goes_on(tmp_path: Path) -> None:
         with pytest.raises(CheckpointError, match="its run goes on, in another process"):
             Episode.resume(run.config, run.out)
         run.kill_and_resume()
+
+
+def test_a_run_is_left_where_nobody_holds_its_checkpoint(tmp_path: Path) -> None:
+    assert not is_left(tmp_path)
+    checkpoint = Checkpoint(tmp_path)
+    for _ in range(2):
+        checkpoint.begin({})
+        assert not is_left(tmp_path)
+    del checkpoint
+    assert is_left(tmp_path)
 
 
 def test_a_checkpoint_of_another_run_is_not_taken(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import pytest
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
 from deploy.launch.launcher import launch
-from deploy.view import invitation, live
+from deploy.view import command, invitation, live
 from deploy.view.command import newest
 from deploy.view.serving import Tape
 from protocol.errors import InputError, LinkError
@@ -28,6 +28,7 @@ from protocol.secrets import Secrets
 from protocol.status import Status
 from tests.deploy.view.read_back import Rows, read_back
 from tests.tiny import digests, tiny_config
+from world.checkpoint import Checkpoint
 
 LIMIT_S = 60
 
@@ -96,6 +97,23 @@ def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: 
     invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
     with pytest.raises(LinkError, match=r"no world answers at tcp/127\.0\.0\.1:9"):
         live.follow(*invitation.invited(tmp_path), Tape(tmp_path / "run.rrd"), Inbox())
+
+
+def test_a_killed_run_is_replayed_and_what_ends_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It waited ten seconds for its world, and blamed the network."""
+    recorded: list[Path] = []
+    monkeypatch.setattr(command, "stop_on_signals", lambda inbox: None)
+    monkeypatch.setattr(command, "_show", lambda play, browser, over: play(Tape(tmp_path / "run.rrd")))
+    monkeypatch.setattr(command, "record", lambda run, file: recorded.append(run))
+    invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
+    Checkpoint(tmp_path).begin({})
+    command.view(tmp_path, browser=False, beside=False)
+    assert recorded == [tmp_path]
+    assert f"its world was killed; this is what there is of it, and `wireswarm finish {tmp_path}` ends it" in (
+        capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"endpoint": 1, "secret": null}', '{"endpoint": "a", "secret": []}'])
