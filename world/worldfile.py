@@ -21,6 +21,7 @@ from shapely.geometry.base import BaseGeometry
 from protocol.arrays import Bools, Floats
 from protocol.document import DUMPER, read_document
 from protocol.errors import InputError
+from protocol.text import printable
 from world import maze
 
 BUNDLED = Path(__file__).parent / "bundled"
@@ -255,7 +256,7 @@ def from_document(document: Mapping[Any, Any], source: str = "world") -> World:
     units = document.get("units", "m")
     if units != "m":
         raise WorldFileError(f"{source}: units: {reprlib.repr(units)} is unknown; worlds are in m")
-    name = document.get("name", Path(source).stem)
+    name = document.get("name", printable(Path(source).stem)[:MAX_NAME])  # a file's need not even be UTF-8
     if not isinstance(name, str) or not 0 < len(name) <= MAX_NAME:
         raise WorldFileError(f"{source}: name: must be a text of 1 to {MAX_NAME} characters")
     given = {key: document[key] for key in LISTS if document.get(key) is not None}

@@ -1,6 +1,7 @@
 """World files: what loads, what is refused and how it says so; bundled worlds and mazes."""
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -183,6 +184,14 @@ def test_bundled_worlds_take_robots_of_any_number(name: str) -> None:
     assert shapely.covers(home.buffer(1e-3), shapely.points(starts[:, :2])).all()
     apart = np.hypot(*(starts[:, None, :2] - starts[None, :, :2]).transpose(2, 0, 1)) + 9 * np.eye(20)
     assert apart.min() > 0.8
+
+
+def test_a_file_whose_name_is_no_text_gives_its_world_a_name_that_is_one(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"a\xff\x1b.yaml")
+    path.write_text("walls: [[0, 0, 1, 0]]")
+    world = worldfile.load(path)
+    assert world.name == r"a\udcff\x1b"
+    assert parse_document(worldfile.to_yaml(world.document))["name"] == world.name
 
 
 def test_drawn_starts_come_from_the_generator_and_adding_one_moves_none() -> None:
