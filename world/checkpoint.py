@@ -63,10 +63,17 @@ class Checkpoint:
             if self._file.stat().st_size > MAX_BYTES:
                 raise CheckpointError(f"{self._file} is larger than {MAX_BYTES} bytes, which no checkpoint is")
             unpacker = msgpack.Unpacker(stream, strict_map_key=False, max_buffer_size=MAX_BYTES)
-            found = [(opened(record), unpacker.tell()) for record in unpacker]
-            state, log, self._size = found[0][0], [entry for entry, _ in found[1:]], found[-1][1]
+            state, log, self._size = opened(unpacker.unpack()), list[Entry](), unpacker.tell()
             if state["format"] != FORMAT:
                 raise CheckpointError(f"{self._file} is not of format {FORMAT}, which this program reads")
+            for record in unpacker:
+                try:
+                    log.append(opened(record))
+                except UNREADABLE:
+                    if not _zeros_from(stream, unpacker.tell()):
+                        raise
+                    break
+                self._size = unpacker.tell()
         except FileNotFoundError:
             raise CheckpointError(f"{self._out} holds no run that can go on: it has no {CHECKPOINT_FILE}") from None
         except BlockingIOError:
@@ -78,7 +85,7 @@ class Checkpoint:
         return state, log
 
     def go_on(self) -> None:
-        """Go on with the log that was read; an entry that was cut off is gone."""
+        """Go on with the log that was read; what a power cut left behind it is gone."""
         assert self._stream is not None
         self._stream.truncate(self._size)
 
@@ -112,6 +119,12 @@ class Checkpoint:
         if before is not None:
             before.close()
         return self._stream
+
+
+def _zeros_from(stream: FileIO, begin: int) -> bool:
+    """Whether nothing else follows in a file. A power cut leaves zeros where bytes never came to the disk."""
+    stream.seek(begin)
+    return not any(piece.strip(b"\0") for piece in iter(lambda: stream.read(1 << 20), b""))
 
 
 def is_left(out: Path) -> bool:

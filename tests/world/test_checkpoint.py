@@ -98,6 +98,21 @@ def test_an_entry_of_the_log_that_was_cut_off_counts_as_never_told(tmp_path: Pat
     assert run.episode.tick == 60
 
 
+@pytest.mark.parametrize("lost", [0, 5])
+def test_zeros_at_the_end_count_as_never_told(tmp_path: Path, lost: int) -> None:
+    """As a power cut leaves them, which cost the whole run."""
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(30)
+    file = run.out / CHECKPOINT_FILE
+    told = file.read_bytes()
+    file.write_bytes(told[: len(told) - lost] + bytes(4096))
+    run.kill_and_resume()
+    assert run.episode.tick == (29 if lost else 30)
+    run.until(35)
+    run.kill_and_resume()
+    assert run.episode.tick == 35
+
+
 def test_a_damaged_checkpoint_is_refused_with_one_sentence(tmp_path: Path) -> None:
     run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
     run.until(30)
