@@ -12,9 +12,9 @@ INTERRUPTED = 130
 
 
 def leave_at_once() -> None:
-    """End at each, without a word, from now on; unless Ctrl-C is ignored, as in a process that the command started."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        for number in SIGNALS:
+    """End at each, without a word, from now on; unless it is ignored, as Ctrl-C is by jobs in the background."""
+    for number in SIGNALS:
+        if signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
             signal.signal(number, lambda number, frame: _leave())
 
 

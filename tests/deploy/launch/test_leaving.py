@@ -24,6 +24,20 @@ with temporary_folder() as folder:
 """
 
 
+def test_a_job_in_the_background_heeds_sigterm() -> None:
+    """It ignores Ctrl-C; with that, SIGTERM was left to the system, and what the job had started lived on."""
+    heeds = """
+import signal, sys
+sys.argv[0] = "wireswarm"
+import wireswarm
+assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+signal.raise_signal(signal.SIGTERM)
+"""
+    command = ["env", "--ignore-signal=INT", sys.executable, "-c", heeds]
+    done = subprocess.run(command, cwd=REPO, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 @pytest.mark.parametrize(
     ("how", "status"),
     [("import time; time.sleep(60)", 130), ("forks.leave(130)", 130), ("raise SystemExit(3)", 3)],
