@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from protocol.errors import InputError, LinkError, ProtocolError, RefusedError
@@ -64,7 +65,7 @@ def run(app: Callable[..., Any]) -> None:
         say(str(error))
         sys.exit(Status.USAGE)
     except (LinkError, ProtocolError, OSError) as error:
-        say(str(error))
+        say("the working directory is gone: change into one that is there" if _is_nowhere(error) else str(error))
         sys.exit(Status.FAILURE)
     except (Abort, KeyboardInterrupt):
         sys.exit(Status.INTERRUPTED)
@@ -73,6 +74,16 @@ def run(app: Callable[..., Any]) -> None:
             raise
         say(_sentence(error) or "which command? `--help` lists them")
         sys.exit(Status.USAGE)
+
+
+def _is_nowhere(error: Exception) -> bool:
+    """Whether an error that names no file is that of a working directory that was removed."""
+    if isinstance(error, FileNotFoundError) and error.filename is None:
+        try:
+            Path.cwd()
+        except FileNotFoundError:
+            return True
+    return False
 
 
 def _sentence(error: Any) -> str:

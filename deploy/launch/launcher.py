@@ -8,7 +8,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -74,7 +74,8 @@ def run_directory(asked: Path | None, world: str, seed: int) -> Iterator[Path]:
             raise ConfigError(f"--out {asked}: something is there already; name an empty or a new directory")
         for out in default if asked is None else [asked]:
             made = [folder for folder in (out, *out.parents) if not folder.exists()]
-            with suppress(FileExistsError):  # a run that starts at the same time may have made it just now
+            # a run that starts at the same time may have made it just now; what was asked for is a link to nothing
+            with suppress(FileExistsError) if asked is None else nullcontext():
                 out.mkdir(parents=True, exist_ok=asked is not None)
                 break
         if not os.access(out, os.W_OK | os.X_OK):

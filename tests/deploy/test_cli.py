@@ -1,6 +1,7 @@
 """The command: options of the contract, exit statuses, and one sentence for what a user can act on."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -240,6 +241,28 @@ def test_run_directories_are_numbered(monkeypatch: pytest.MonkeyPatch, tmp_path:
             (out / "manifest.json").touch()
             names.append(str(out))
     assert names == ["runs/maze-15-4", "runs/maze-15-4-2", "runs/maze-15-4-3"]
+
+
+def test_a_link_to_nothing_is_no_run_directory(tmp_path: Path) -> None:
+    (link := tmp_path / "out").symlink_to(tmp_path / "gone")
+    with pytest.raises(ConfigError, match=r"--out .*out: File exists"), run_directory(link, "maze-15", 0):
+        pass
+    assert link.is_symlink()
+
+
+def test_a_working_directory_that_is_gone_is_said(tmp_path: Path) -> None:
+    code = """
+import os, sys
+os.rmdir(os.getcwd())
+sys.argv = ["wireswarm", "run", "--until", "1"]
+from deploy.cli import main
+main()
+"""
+    (gone := tmp_path / "gone").mkdir()
+    paths = {**os.environ, "PYTHONPATH": str(REPO)}
+    done = subprocess.run([sys.executable, "-c", code], cwd=gone, env=paths, capture_output=True, text=True, timeout=60)
+    said = "wireswarm: the working directory is gone: change into one that is there\n"
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", said)
 
 
 def test_a_run_directory_that_stays_empty_is_removed_with_the_folders_made_for_it(tmp_path: Path) -> None:
