@@ -128,11 +128,15 @@ def is_world(fields: Mapping[str, Any]) -> bool:
 
 
 def put(tree: dict[str, Any], key: str, value: object) -> None:
-    """Set a value in the fields of a file, by its dotted key. Raises ConfigError where it lies below a value."""
+    """Set a value in the fields of a file, by its dotted key. Raises ConfigError where it lies below a value.
+
+    Groups on the way are copied: they may belong to whoever put them there.
+    """
     *branches, leaf = key.split(".")
     for branch in branches:
-        below = tree.setdefault(branch, {})
+        below = tree.get(branch, {})
         if not isinstance(below, dict):
             raise ConfigError(f"{key:.200}: {branch:.200} is a value, not a group of settings")
+        tree[branch] = below = dict(below)
         tree = below
     tree[leaf] = value

@@ -31,6 +31,17 @@ cases: [{}, {people: 1}]
     assert {(job.config["world"], job.world is None) for job in jobs} == {("maze-15", True), ("tiny.yaml", False)}
 
 
+def test_a_group_of_all_runs_takes_nothing_from_a_case(tmp_path: Path) -> None:
+    text = """
+settings: {radio: {mtu_bytes: 1000}}
+grid: {robots: [2, 3]}
+cases: [{}, {radio.range_m: 2}]
+"""
+    radios = [job.config["radio"] for job in read_jobs(write_sweep(tmp_path, text))]
+    assert [radio["range_m"] for radio in radios] == [4.0, 2.0] * 2
+    assert {radio["mtu_bytes"] for radio in radios} == {1000}
+
+
 def test_drawn_settings_are_the_same_each_time_and_within_their_ranges(tmp_path: Path) -> None:
     text = """
 drawn:

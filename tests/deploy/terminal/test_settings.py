@@ -64,6 +64,12 @@ def test_the_file_loads_to_the_defaults_and_a_changed_line_changes_one_setting(t
     assert changed.model_copy(update={"radio": RunConfig().radio}) == RunConfig()
 
 
+def test_a_group_that_is_given_stays_as_it_is() -> None:
+    given = {"radio": {"mtu_bytes": 1000}}
+    assert load(None, {**given, "radio.range_m": 2.0}).radio.range_m == 2.0
+    assert given == {"radio": {"mtu_bytes": 1000}}
+
+
 def test_the_settings_of_a_group_alone_are_listed() -> None:
     assert {one.key for one in listed("radio")} == {one.key for one in settings() if one.key.startswith("radio.")}
     assert [one.key for one in listed("agent.filter.particles")] == ["agent.filter.particles"]
