@@ -16,6 +16,7 @@ from protocol.configuration import ConfigError, is_world, put, validated
 from protocol.document import read_document
 from protocol.errors import InputError
 from protocol.settings import MAX_NUMBER, Config
+from world.maze import GENERATED
 from world.worldfile import bundled, load
 
 MAX_RUNS = 100_000  # more are a typing error
@@ -106,11 +107,14 @@ def read_jobs(file: Path) -> list[Job]:
 
 
 def _world(folder: Path, name: str) -> Any:
-    """The document of a world's file; None where the name is no file's. Raises WorldFileError."""
-    if name in bundled() or not (file := folder / name).exists():
+    """The document of a world's file; None for a bundled or generated world. Raises WorldFileError.
+
+    Files are seen from the folder only: workers do not have what is in this process's.
+    """
+    if name in bundled() or GENERATED.fullmatch(name):
         load(name)
         return None
-    load(file)
+    load(file := folder / name)
     return read_document(file)
 
 

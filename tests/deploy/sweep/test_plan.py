@@ -69,6 +69,15 @@ def test_the_key_follows_from_the_configuration_and_the_content_of_the_world(tmp
     assert first.key == same.key and len({first.key, other.key, moved.key}) == 3
 
 
+def test_a_world_is_not_looked_for_where_the_command_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_sweep(tmp_path, "worlds: [other.yaml]")
+    (here := tmp_path / "here").mkdir()
+    (tmp_path / "tiny.yaml").rename(here / "other.yaml")
+    monkeypatch.chdir(here)
+    with pytest.raises(InputError, match=r"sweep\.yaml: .*/other\.yaml: neither a file nor a bundled world"):
+        read_jobs(file)
+
+
 def test_each_seed_has_the_configuration_that_was_checked_and_its_hash(tmp_path: Path) -> None:
     for job in read_jobs(write_sweep(tmp_path, "worlds: [maze-15, tiny.yaml]\nseeds: [0, 7]\ngrid: {robots: [1, 2]}")):
         assert job.config == validated(RunConfig, dict(job.settings)).model_dump(mode="json")
