@@ -1,19 +1,20 @@
-"""Medians and differences of runs, with intervals by the bootstrap. No input or output.
+"""Medians and differences of runs, with intervals that suppose no distribution. No input or output.
 
 A time that was not reached (`t_90`, `t_99`) counts as infinite: longer than any, and as long as another such.
 """
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from deploy.sweep.work import OK, Row
-from protocol.arrays import Floats
 
-RESAMPLES = 2000  # more do not change the second digit of an interval
-LEVEL = 0.95  # share of the resamples within an interval
+LEVEL = 0.95
+"""Probability with which intervals hold what they estimate; of medians at least this."""
+Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 FAR = 1e300  # stands for an infinite time, so that the mean of two is one, or zero where their signs differ
 LESS = (
     "t_90", "t_99", "ended_s", "path_m", "contacts", "bytes_sent", "bytes_received", "bytes", "rmse_m", "repeated",
@@ -23,11 +24,11 @@ LESS = (
 
 
 class Estimate(NamedTuple):
-    """A figure and the interval that holds it with a probability of LEVEL."""
+    """A figure and the interval that holds it with a probability of LEVEL; None where too few values tell none."""
 
     value: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
 
 
 class Difference(NamedTuple):
@@ -49,8 +50,27 @@ def value_of(row: Row, measure: str) -> float | None:
 
 
 def median(values: Sequence[float]) -> Estimate | None:
-    """Median of a measure; None without values."""
-    return _estimate(np.array(values), np.median) if values else None
+    """Median of a measure; None without values. Its interval needs six."""
+    if not values:
+        return None
+    middle = float(np.median(np.clip(values, -FAR, FAR)))
+    if abs(middle) > FAR / 4:
+        middle = math.copysign(math.inf, middle)
+    if not (rank := _rank(len(values))):
+        return Estimate(middle, None, None)
+    ordered = sorted(values)
+    return Estimate(middle, ordered[rank - 1], ordered[-rank])
+
+
+def _rank(count: int) -> int:
+    """Which of so many ordered values, from 1 on and from either end, are the ends of the median's interval; 0: none.
+
+    Whatever their distribution, as many values are below its median as so many coins show heads.
+    """
+    heads = np.arange(count // 2)
+    ways = np.concatenate([[0.0], np.cumsum(np.log((count - heads) / (heads + 1)))])  # logarithms of the binomials
+    at_most = np.cumsum(np.exp(ways - count * math.log(2)))
+    return int(np.searchsorted(at_most, (1 - LEVEL) / 2, side="right"))
 
 
 def difference(pairs: Sequence[tuple[float, float]], measure: str) -> Difference | None:
@@ -61,12 +81,17 @@ def difference(pairs: Sequence[tuple[float, float]], measure: str) -> Difference
     same = first == second  # infinite ones, too
     off = np.where(same, 0.0, np.subtract(first, second, where=~same, out=np.zeros(len(first))))
     sign = -1 if measure.endswith(LESS) else 1
-    return Difference(_estimate(off, np.median), _estimate((np.sign(off) * sign + 1) / 2, np.mean))
+    better = float((np.sign(off) * sign + 1).sum() / 2)
+    middle = median(off.tolist())
+    assert middle is not None
+    return Difference(middle, Estimate(better / len(off), *wilson(better, len(off))))
 
 
-def _estimate(values: Floats, of: Any) -> Estimate:
-    values = np.nan_to_num(values, posinf=FAR, neginf=-FAR)
-    drawn = np.random.default_rng(0).integers(len(values), size=(RESAMPLES, len(values)))
-    low, high = np.quantile(of(values[drawn], axis=1), [(1 - LEVEL) / 2, (1 + LEVEL) / 2], method="inverted_cdf")
-    ends = (math.copysign(math.inf, one) if abs(one) > FAR / 4 else float(one) for one in (of(values), low, high))
-    return Estimate(*ends)
+def wilson(count: float, of: int) -> tuple[float, float]:
+    """Wilson score interval of a share, at LEVEL."""
+
+    def low(count: float) -> float:
+        spread = Z * math.sqrt(count * (of - count) / of + Z * Z / 4)
+        return (count + Z * Z / 2 - spread) / (of + Z * Z)
+
+    return (low(count), 1 - low(of - count)) if of else (0.0, 1.0)

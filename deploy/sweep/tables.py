@@ -169,9 +169,10 @@ def _plain(value: str) -> str:
 
 
 def words(value: str | int | Estimate | None) -> str:
-    """An entry as text; a figure with its interval, such as 0.95 [0.93, 0.97]."""
+    """An entry as text; a figure with its interval, such as 0.95 [0.93, 0.97], or 0.95 [-] where there is none."""
     if isinstance(value, Estimate):
-        return f"{_short(value.value)} [{_short(value.low)}, {_short(value.high)}]"
+        ends = (value.low, value.high)
+        return f"{_short(value.value)} [{', '.join(_short(end) for end in ends if end is not None) or '-'}]"
     return "-" if value is None else str(value)
 
 
@@ -180,14 +181,14 @@ def _short(value: float) -> str:
 
 
 def to_csv(sheet: Sheet) -> str:
-    """Figures in three columns: NAME, NAME low and NAME high; a time that is never reached is inf."""
+    """Figures in three columns: NAME, NAME low and NAME high, the last two maybe empty; a time never reached is inf."""
     figures = {at for line in sheet.lines for at, value in enumerate(line) if isinstance(value, Estimate)}
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     spread = [[head, f"{head} low", f"{head} high"] if at in figures else [head] for at, head in enumerate(sheet.heads)]
     writer.writerow([head for heads in spread for head in heads])
     for line in sheet.lines:
-        cells: list[str | float] = []
+        cells: list[str | float | None] = []
         for at, value in enumerate(line):
             if isinstance(value, Estimate):
                 cells.extend(value)
@@ -225,7 +226,8 @@ def draw(sheet: Sheet, file: Path) -> None:
         for row, line in enumerate(sheet.lines):
             estimate = line[at]
             if isinstance(estimate, Estimate) and math.isfinite(estimate.value):
-                panel.plot([estimate.low, estimate.high], [row, row], color="C0")
+                if estimate.low is not None:
+                    panel.plot([estimate.low, estimate.high], [row, row], color="C0")
                 panel.plot(estimate.value, row, "o", color="C0")
         panel.set_title(sheet.heads[at], fontsize=9)
         panel.grid(axis="x", alpha=0.3)

@@ -11,12 +11,12 @@ import numpy as np
 
 from deploy.bench.alignment.plots import draw_division, draw_range
 from deploy.bench.alignment.recordings import mapped
-from deploy.bench.alignment.trials import wilson
 from deploy.bench.cases import Case, Figures, each
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
 from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, total
+from deploy.sweep.statistics import wilson
 from world.worldfile import load
 
 BUNDLED = ("apartment", "hall", "maze-15", "office", "symmetric")

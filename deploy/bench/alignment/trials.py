@@ -1,6 +1,5 @@
 """All methods on the same pairs of partial maps: right, wrong or none."""
 
-import math
 import time
 import zlib
 from collections.abc import Callable, Iterable, Sequence
@@ -19,6 +18,7 @@ from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNE
 from deploy.bench.cases import Case, Figures, each, measure_all
 from deploy.bench.layouts import KEEP
 from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
+from deploy.sweep.statistics import wilson
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
@@ -92,16 +92,6 @@ def _said(pair: Pair, method: str, small: bool) -> Row:
     is_right = found.best is not None and pair.right(found.best)
     said = {"ms": ms, "possible": possible, "reason": found.reason, "right": is_right, "best": found.best is not None}
     return {**said, "inliers": found.inliers, "margin": found.margin}
-
-
-def wilson(count: int, of: int) -> tuple[float, float]:
-    """Wilson score interval of a share, 95 %."""
-    if not of:
-        return 0.0, 1.0
-    z, p = 1.959964, count / of
-    middle = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def proposes(said: Row) -> bool:

@@ -5,11 +5,12 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from deploy.sweep.statistics import difference, median
+from deploy.sweep.statistics import difference, median, wilson
 from deploy.sweep.store import Store
-from deploy.sweep.tables import against, compared, medians, select, show, to_csv, to_latex
+from deploy.sweep.tables import against, compared, medians, select, show, to_csv, to_latex, words
 from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
 
@@ -38,8 +39,29 @@ def test_the_interval_of_a_median_holds_it_and_shrinks_with_more_runs() -> None:
     assert few is not None and many is not None
     assert few.value == 4.5 and few.low < 4.5 < few.high
     assert many.high - many.low < (few.high - few.low) / 3
-    assert median([7.0]) == (7.0, 7.0, 7.0)
     assert median([]) is None
+
+
+@pytest.mark.parametrize("count", [6, 7, 10, 25])
+def test_the_interval_of_a_median_holds_that_of_the_distribution(count: int) -> None:
+    found = [median(values) for values in np.random.default_rng(0).exponential(size=(1000, count)).tolist()]
+    assert sum(one.low <= math.log(2) <= one.high for one in found) >= 940  # type: ignore[operator, union-attr]
+
+
+def test_five_runs_tell_no_interval() -> None:
+    assert median([1.0, 2.0, 3.0, 4.0, 5.0]) == (3.0, None, None)
+    assert median([7.0]) == (7.0, None, None)
+    assert median([1.0, 2.0, 3.0, 4.0, 5.0, math.inf]) == (3.5, 1.0, math.inf)
+    assert words(median([7.0])) == "7 [-]"
+
+
+def test_the_interval_of_a_share_is_never_certain() -> None:
+    pairs = [(2.0, 1.0)] * 5
+    found = difference(pairs, "team.coverage")
+    assert found is not None and found.better == (1.0, pytest.approx(0.5655, abs=1e-4), 1.0)
+    found = difference([(1.0, 1.0)], "team.coverage")
+    assert found is not None and found.better.value == 0.5
+    assert wilson(0, 10) == (0.0, pytest.approx(0.2775, abs=1e-4)) and wilson(0, 0) == (0.0, 1.0)
 
 
 def test_a_time_that_is_not_reached_is_longer_than_any() -> None:
@@ -52,9 +74,11 @@ def test_a_time_that_is_not_reached_is_longer_than_any() -> None:
 
 def test_better_is_more_or_less_by_the_measure() -> None:
     pairs = [(2.0, 1.0)] * 5
-    for measure, probability in (("team.coverage", 1), ("mean.wall_rmse_m", 0), ("robots.r1.t_99", 0)):
+    more = ("team.coverage", "worst.wall_recall", "robots.r1.corner_precision", "machine.real_time_factor")
+    less = ("mean.wall_rmse_m", "robots.r1.t_99", "mean.bytes_sent", "alignments.unmerged")
+    for measure in more + less:
         found = difference(pairs, measure)
-        assert found is not None and found.better == (probability,) * 3 and found.median == (1.0,) * 3
+        assert found is not None and found.better.value == (measure in more) and found.median.value == 1.0
 
 
 def test_medians_are_over_the_seeds_of_runs_that_are_alike(folder: Path) -> None:
@@ -71,7 +95,7 @@ def test_runs_are_compared_by_seed(folder: Path) -> None:
     time, path = compared(first, second, keys, NAMES).lines
     assert time[:3] == ["team.t_90", 10, 0] and path[:3] == ["mean.path_m", 10, 0]
     assert time[3].value == -10 and time[4].value == 0.9  # type: ignore[union-attr]
-    assert path[3] == (1.0, 1.0, 1.0) and path[4] == (0.0, 0.0, 0.0)
+    assert path[3] == (1.0, 1.0, 1.0) and path[4] == (0.0, *wilson(0, 10))
     sheet = against(select(str(folder))[0], "radio.range_m=2", NAMES)
     assert sheet.lines == [["4", *time], ["4", *path]]
 
@@ -106,7 +130,7 @@ def test_two_commits_are_compared(folder: Path) -> None:
     new, keys = select(f"{folder}:revision=def")
     old, _ = select(str(folder / "abc"))
     (time,) = compared(new, old, [*keys, "revision"], ["team.t_90"]).lines
-    assert time[1] == 1 and time[3] == (-53.0, -53.0, -53.0) and time[4] == (1.0, 1.0, 1.0)
+    assert time[1] == 1 and time[3] == (-53.0, None, None) and time[4] == (1.0, *wilson(1, 1))
 
 
 def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Path) -> None:
@@ -135,7 +159,7 @@ def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
     for seed, path_m in enumerate((5.0, math.nan, 7.0)):
         store.keep(row(2, seed, 1.0, path_m))
     (line,) = medians(select(str(tmp_path))[0], ["mean.path_m"]).lines
-    assert line[-1] == (6.0, 5.0, 7.0)
+    assert line[-1] == (6.0, None, None)
 
 
 @pytest.mark.parametrize(
