@@ -16,11 +16,8 @@ LEVEL = 0.95
 """Probability with which intervals hold what they estimate; of medians at least this."""
 Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 FAR = 1e300  # stands for an infinite time, so that the mean of two is one, or zero where their signs differ
-LESS = (
-    "t_90", "t_99", "ended_s", "path_m", "contacts", "bytes_sent", "bytes_received", "bytes", "rmse_m", "repeated",
-    "false", "overlap", "cpu_s", "wall_s", "attempt", "rejected", "unmerged",
-)  # fmt: skip
-"""Ends of the names of measures that are better when they are less."""
+MORE = ("coverage", "recall", "precision", "real_time_factor", "proposed", "accepted")
+"""Ends of the names of measures that are better when they are more; all others are when they are less."""
 
 
 class Estimate(NamedTuple):
@@ -80,7 +77,7 @@ def difference(pairs: Sequence[tuple[float, float]], measure: str) -> Difference
     first, second = np.array(pairs).T
     same = first == second  # infinite ones, too
     off = np.where(same, 0.0, np.subtract(first, second, where=~same, out=np.zeros(len(first))))
-    sign = -1 if measure.endswith(LESS) else 1
+    sign = 1 if measure.endswith(MORE) else -1
     better = float((np.sign(off) * sign + 1).sum() / 2)
     middle = median(off.tolist())
     assert middle is not None

@@ -76,7 +76,8 @@ def test_better_is_more_or_less_by_the_measure() -> None:
     pairs = [(2.0, 1.0)] * 5
     more = ("team.coverage", "worst.wall_recall", "robots.r1.corner_precision", "machine.real_time_factor")
     less = ("mean.wall_rmse_m", "robots.r1.t_99", "mean.bytes_sent", "alignments.unmerged")
-    for measure in more + less:
+    machine = ("machine.late_ticks", "machine.links_lost", "machine.step_ms_median.r1")
+    for measure in more + less + machine:
         found = difference(pairs, measure)
         assert found is not None and found.better.value == (measure in more) and found.median.value == 1.0
 
