@@ -18,6 +18,7 @@ from distributed import Client, KilledWorker, LocalCluster, Security, as_complet
 from deploy.revision import sources
 from deploy.sweep.work import FAILED, OtherSourcesError, Row, WorkerTask, work
 from protocol.errors import InputError, LinkError
+from protocol.files import UnwritableError
 from protocol.temporary import temporary_folder
 
 PATIENCE_S = 300.0
@@ -85,7 +86,8 @@ def run_all(
 ) -> None:
     """Do all tasks, and hand each row to `keep` when it arrives; `say` is told what is waited for.
 
-    Raises LinkError where the scheduler or its workers stay away, or the workers cannot do the tasks.
+    Raises LinkError where the scheduler or its workers stay away, or the workers cannot do the tasks, and what `keep`
+    raises.
     """
     left = {task.key: task for task in tasks}
     doubted = set[str]()
@@ -99,6 +101,8 @@ def run_all(
                     keep(row)
                     del left[row["key"]]
                     since = time.monotonic()
+        except UnwritableError:  # an OSError, too, but no fault of the link
+            raise
         except (OSError, TimeoutError) as error:
             if time.monotonic() - since > PATIENCE_S:
                 raise LinkError(f"no scheduler with a worker at {address} for {PATIENCE_S:g} s: {error}") from None

@@ -17,13 +17,15 @@ from pyarrow import parquet
 
 from deploy.certs import issue
 from deploy.revision import ROOT, revision
+from deploy.sweep import engine
 from deploy.sweep.command import MOST_DOUBTS, fill, sweep
-from deploy.sweep.engine import SETTINGS
+from deploy.sweep.engine import SETTINGS, run_all
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
 from deploy.sweep.store import Store, read_rows
 from deploy.sweep.work import FAILED, OK, Row, WorkerTask, work
 from protocol.errors import InputError
+from protocol.files import UnwritableError
 from tests.deploy.sweep.sweeps import (
     RUNS,
     SWEEP,
@@ -170,6 +172,32 @@ def test_a_task_fails_only_where_its_worker_dies_again_when_it_is_asked_for_alon
     fill(store, tasks, 1, quiet=True)
     assert store.row("unlucky")["status"] == OK
     assert store.row("deadly")["reason"] == "its worker died 2 times"
+
+
+class Scheduler:
+    """Stands for Dask's client, once for each connection."""
+
+    def __init__(self, *_: object, **__: object) -> None: ...
+
+    def __enter__(self) -> "Scheduler":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def wait_for_workers(self, *_: object, **__: object) -> None: ...
+
+
+def test_a_result_that_cannot_be_kept_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine, "Client", Scheduler)
+    monkeypatch.setattr(engine, "_results", lambda *_: iter([{"key": "a"}]))
+    told, full = [], UnwritableError((Path("a.parquet"), "No space left on device"))
+
+    def keep(row: Row) -> None:
+        raise full
+
+    with pytest.raises(UnwritableError):
+        run_all([WorkerTask("a", {}, os.getpid, ())], "", None, keep, told.append)
+    assert not told
 
 
 def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(
