@@ -91,16 +91,18 @@ def run_all(
     """
     left = {task.key: task for task in tasks}
     doubted = set[str]()
-    since = time.monotonic()
+    since = time.monotonic()  # when a scheduler with a worker was last there
     while left:
         try:
             with Client(address, security=security, timeout=CONNECT_S, set_as_default=False) as client:
                 client.wait_for_workers(1, timeout=PATIENCE_S)
                 asked = [task for key, task in left.items() if key not in doubted] or list(left.values())[:1]
-                for row in _results(client, asked, doubted):
-                    keep(row)
-                    del left[row["key"]]
-                    since = time.monotonic()
+                try:
+                    for row in _results(client, asked, doubted):
+                        keep(row)
+                        del left[row["key"]]
+                finally:
+                    since = time.monotonic()  # not at the last result: a run may take longer than the patience lasts
         except UnwritableError:  # an OSError, too, but no fault of the link
             raise
         except (OSError, TimeoutError) as error:

@@ -6,7 +6,10 @@ import socket
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import psutil
@@ -19,12 +22,12 @@ from deploy.certs import issue
 from deploy.revision import ROOT, revision
 from deploy.sweep import engine
 from deploy.sweep.command import MOST_DOUBTS, fill, sweep
-from deploy.sweep.engine import SETTINGS, run_all
+from deploy.sweep.engine import PATIENCE_S, SETTINGS, run_all
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import Job
 from deploy.sweep.store import Store, read_rows
 from deploy.sweep.work import FAILED, OK, Row, WorkerTask, work
-from protocol.errors import InputError
+from protocol.errors import InputError, LinkError
 from protocol.files import UnwritableError
 from tests.deploy.sweep.sweeps import (
     RUNS,
@@ -187,6 +190,13 @@ class Scheduler:
     def wait_for_workers(self, *_: object, **__: object) -> None: ...
 
 
+class Unreachable(Scheduler):
+    """Its port is closed."""
+
+    def __enter__(self) -> Scheduler:
+        raise OSError("Connection refused")
+
+
 def test_a_result_that_cannot_be_kept_is_said_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engine, "Client", Scheduler)
     monkeypatch.setattr(engine, "_results", lambda *_: iter([{"key": "a"}]))
@@ -198,6 +208,29 @@ def test_a_result_that_cannot_be_kept_is_said_at_once(monkeypatch: pytest.Monkey
     with pytest.raises(UnwritableError):
         run_all([WorkerTask("a", {}, os.getpid, ())], "", None, keep, told.append)
     assert not told
+
+
+def test_a_scheduler_lost_in_a_long_run_is_waited_for_from_then_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    connections, told, kept = iter([Scheduler, Unreachable, Scheduler]), list[str](), list[Row]()
+    clock, rows = [0.0], iter([[], [{"key": "a"}]])
+
+    def results(*_: object) -> Iterator[Row]:
+        clock[0] += 2 * PATIENCE_S
+        return iter(next(rows))
+
+    monkeypatch.setattr(engine, "Client", lambda *_, **__: next(connections)())
+    monkeypatch.setattr(engine, "_results", results)
+    monkeypatch.setattr(engine, "time", SimpleNamespace(monotonic=lambda: clock[0], sleep=lambda _: None))
+    run_all([WorkerTask("a", {}, os.getpid, ())], "", None, kept.append, told.append)
+    assert kept == [{"key": "a"}] and len(told) == 1
+
+
+def test_a_scheduler_that_stays_away_is_not_waited_for_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = count(0.0, PATIENCE_S / 3)
+    monkeypatch.setattr(engine, "Client", Unreachable)
+    monkeypatch.setattr(engine, "time", SimpleNamespace(monotonic=lambda: next(clock), sleep=lambda _: None))
+    with pytest.raises(LinkError, match="no scheduler with a worker"):
+        run_all([WorkerTask("a", {}, os.getpid, ())], "", None, print, print)
 
 
 def test_a_failed_run_is_a_row_with_its_reason_and_is_made_again_where_asked(
