@@ -2,6 +2,7 @@
 
 import hashlib
 import subprocess
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -37,12 +38,16 @@ def sources(ignored: str = "") -> str:
 
 
 def revision() -> str:
-    """The commit of a checkout whose SOURCES are as committed, else commit or version with a hash of the sources."""
+    """The commit of a checkout whose SOURCES are as committed, else commit or version with a hash of the sources.
+
+    The version where git is missing, or does not read the checkout, such as that of another user.
+    """
     base = version("wireswarm")
     if (ROOT / ".git").exists():
-        base = _git("rev-parse", "--short=12", "HEAD")
-        if not _git("status", "--porcelain", "--", *SOURCES):
-            return base
+        with suppress(OSError, subprocess.CalledProcessError):
+            base = _git("rev-parse", "--short=12", "HEAD")
+            if not _git("status", "--porcelain", "--", *SOURCES):
+                return base
     return f"{base}-{sources()[:12]}"
 
 

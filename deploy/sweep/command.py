@@ -41,8 +41,9 @@ def sweep(
     jobs = read_jobs(file)
     _say_doubts(jobs)
     tasks = [task_of(job) for job in jobs]
+    code = revision()
     try:
-        store = Store(out / revision(), revision())
+        store = Store(out / code, code)
     except OSError as error:
         raise InputError(f"--out {out}: {error.strerror}; name a directory that can be written") from None
     fill(store, tasks, workers, scheduler=scheduler, certs=certs, retry_failed=retry_failed, quiet=quiet)

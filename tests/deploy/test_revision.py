@@ -1,6 +1,7 @@
 """Results are kept by the sources that decide them."""
 
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -34,6 +35,16 @@ def test_what_drives_and_judges_decides_and_what_shows_does_not(checkout: Path, 
     (checkout / name).write_text("after")
     revision.sources.cache_clear()
     assert (revision.sources() != before) == decides
+
+
+def test_without_a_git_that_reads_the_checkout_it_is_of_the_version(
+    checkout: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = f"{version('wireswarm')}-{revision.sources()[:12]}"
+    (checkout / ".git").touch()  # git calls it no repository, with status 128
+    assert revision.revision() == expected
+    monkeypatch.setenv("PATH", str(checkout))
+    assert revision.revision() == expected
 
 
 def test_all_sources_are_there() -> None:
