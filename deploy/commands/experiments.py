@@ -91,10 +91,7 @@ def compare(
     """
     from deploy.sweep import tables
 
-    mine, keys = tables.select(first)
-    theirs, others = tables.select(second)
-    besides = ["revision", *keys, *others]
-    tables.show([tables.compared(mine, theirs, besides, measures or tables.MEASURES)], out)
+    tables.show([tables.compare(first, second, measures or tables.MEASURES)], out)
 
 
 @commands.command(epilog="Example: wireswarm study trust --results studies")

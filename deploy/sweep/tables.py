@@ -107,15 +107,24 @@ def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
     return Sheet("Medians", [*varied, "runs", "failed", *measures], lines)
 
 
+def compare(first: str, second: str, measures: Sequence[str]) -> Sheet:
+    """The runs that two texts select, compared; within each revision where a side has several. Raises InputError."""
+    (mine, keys), (theirs, others) = select(first), select(second)
+    single = all(len({row["revision"] for row in rows}) == 1 for rows in (mine, theirs))
+    return compared(mine, theirs, [*keys, *others, *(["revision"] if single else [])], measures)
+
+
 def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str], measures: Sequence[str]) -> Sheet:
     """Of runs in pairs that are alike in all but the settings `besides`, seeds included: what the first have more.
 
-    Raises InputError where nothing pairs.
+    Raises InputError where nothing pairs, or two runs of a side have one partner.
     """
-    others = {_without(_point(row), besides): row for row in second}
-    pairs = [(row, other) for row in first if (other := others.get(_without(_point(row), besides))) is not None]
+    mine, theirs = (_by_point(rows, besides) for rows in (first, second))
+    pairs = [(row, other) for point, row in mine.items() if (other := theirs.get(point)) is not None]
     if not pairs:
-        raise InputError("no two of these runs are alike in all else, seeds included")
+        raise InputError(
+            "no two of these runs are alike in all else, seeds included, and revisions where a side has several"
+        )
     lines: list[list[str | int | Estimate | None]] = []
     for measure in measures:
         values = [(_value(row, measure), _value(other, measure)) for row, other in pairs]
@@ -143,6 +152,18 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
     return Sheet(
         f"Differences to {wish} by seed", [key, *sheets[0].heads], [line for one in sheets for line in one.lines]
     )
+
+
+def _by_point(rows: Sequence[Row], besides: Sequence[str]) -> dict[Point, Row]:
+    """Runs by all but some settings. Raises InputError where two are alike."""
+    found: dict[Point, Row] = {}
+    for row in rows:
+        if (other := found.setdefault(_without(_point(row), besides), row)) is not row:
+            one, two = dict(_point(row)), dict(_point(other))
+            if differ := [key for key in besides if one.get(key) != two.get(key)]:
+                raise InputError(f"runs of a side differ only in {', '.join(differ)}: choose by DIR:{differ[0]}=VALUE")
+            raise InputError(f"{row['key']} and {other['key']}, of a side, are alike in all, seed and revision too")
+    return found
 
 
 def _value(row: Row, measure: str) -> float | None:

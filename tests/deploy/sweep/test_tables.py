@@ -10,7 +10,7 @@ import pytest
 
 from deploy.sweep.statistics import difference, median, wilson
 from deploy.sweep.store import Store
-from deploy.sweep.tables import against, compared, medians, select, show, to_csv, to_latex, words
+from deploy.sweep.tables import against, compare, compared, medians, select, show, to_csv, to_latex, words
 from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
 
@@ -132,6 +132,29 @@ def test_two_commits_are_compared(folder: Path) -> None:
     old, _ = select(str(folder / "abc"))
     (time,) = compared(new, old, [*keys, "revision"], ["team.t_90"]).lines
     assert time[1] == 1 and time[3] == (-53.0, None, None) and time[4] == (1.0, *wilson(1, 1))
+
+
+def test_runs_of_several_revisions_are_compared_within_each(tmp_path: Path) -> None:
+    for revision, slower in (("abc", 0.0), ("def", 1000.0)):
+        store = Store(tmp_path / revision, revision)
+        for seed in range(10):
+            store.keep(row(2, seed, slower + 100.0, 20.0))
+            store.keep(row(4, seed, slower + 90.0, 20.0))
+    long, short = f"{tmp_path}:radio.range_m=4", f"{tmp_path}:radio.range_m=2"
+    (time,) = compare(long, short, ["team.t_90"]).lines
+    assert time[1] == 20 and time[3] == (-10.0,) * 3
+    (time,) = compare(f"{long},revision=def", f"{short},revision=abc", ["team.t_90"]).lines
+    assert time[1] == 10 and time[3] == (990.0,) * 3
+    with pytest.raises(InputError, match=r"differ only in revision: choose by DIR:revision=VALUE"):
+        compare(f"{long},revision=def", short, ["team.t_90"])
+    with pytest.raises(InputError, match=r"differ only in radio\.range_m: choose"):
+        compare(str(tmp_path), short, ["team.t_90"])
+
+
+def test_one_result_twice_is_refused(folder: Path) -> None:
+    rows, _ = select(f"{folder}:radio.range_m=2")
+    with pytest.raises(InputError, match="2-0 and 2-0, of a side, are alike in all"):
+        compared([*rows, rows[0] | {}], rows, [], NAMES)
 
 
 def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Path) -> None:
