@@ -91,8 +91,9 @@ def read_row(file: Path) -> Row:
             (row,) = kept.read().to_pylist()
         if not all(isinstance(row.get(name), str) for name in TEXTS):
             raise ValueError(f"it needs texts as {', '.join(TEXTS)}")
-        if not isinstance(json.loads(row["settings"]), dict):
-            raise ValueError("its settings are no JSON object")
+        for name in ("settings", "config"):
+            if not isinstance(text := row.get(name, "{}"), str) or not isinstance(json.loads(text), dict):
+                raise ValueError(f"its {name} is no JSON object")
     except (OSError, ValueError, RecursionError, pa.ArrowException) as error:
         raise InputError(f"{file}: no result of a sweep: {error}") from None
     return dict(row)

@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -57,7 +57,7 @@ def select(what: str) -> tuple[list[Row], list[str]]:
         wanted = dict(_wish(wish) for text in wishes for wish in re.split(rf",(?={KEY}=)", text))
     except InputError as error:
         raise InputError(f"{what:.200}: {error}") from None
-    rows = [row for row in read_rows(Path(folder)) if wanted.items() <= dict(_point(row)).items()]
+    rows = [row for row in read_rows(Path(folder)) if wanted.items() <= _settings(row, wanted).items()]
     if not rows:
         raise InputError(f"{what:.200}: no results")
     return rows, list(wanted)
@@ -86,17 +86,40 @@ def _plainest(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() and abs(value) < MAX_INT else value
 
 
-def _point(row: Row) -> Point:
-    """What a run was made with, the revision included."""
-    settings = {key: _text(value) for key, value in json.loads(row["settings"]).items()}
-    return tuple(sorted({**settings, "revision": row["revision"]}.items()))
+def _settings(row: Row, keys: Iterable[str]) -> dict[str, str]:
+    """Those settings of a run as JSON, as far as it has them, and its revision.
+
+    Values are those of its configuration; a benchmark's case has none, but what it was given.
+    """
+    made = _flat(json.loads(row["settings"])) | _flat(json.loads(row.get("config", "{}")))
+    return {key: _text(made[key]) for key in keys if key in made} | {"revision": row["revision"]}
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Settings, and groups of them, by dotted key."""
+    flat = {prefix + name: value for name, value in tree.items()}
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{name}.")
+    return flat
+
+
+def _points(*sides: Sequence[Row]) -> list[list[Point]]:
+    """What the runs of each side were made with: their revision, and each setting that was given for any of them.
+
+    A run that several sweeps ask for is labelled by the first one only, which may have left a setting as it is.
+    Settings that were given for no run are alike in a revision, and may be new in another.
+    """
+    given = (_flat(json.loads(row["settings"])) for rows in sides for row in rows)
+    keys = {key for flat in given for key, value in flat.items() if not isinstance(value, dict)}
+    return [[tuple(sorted(_settings(row, keys).items())) for row in rows] for rows in sides]
 
 
 def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
     """Medians over the seeds of runs that are alike in all else. Raises InputError for a measure that no run has."""
     groups: defaultdict[Point, list[Row]] = defaultdict(list)
-    for row in rows:
-        groups[_without(_point(row), ["seed"])].append(row)
+    for row, point in zip(rows, *_points(rows), strict=True):
+        groups[_without(point, ["seed"])].append(row)
     varied = _varied(list(groups))
     lines: list[list[str | int | Estimate | None]] = []
     for point, alike in groups.items():
@@ -119,7 +142,9 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
 
     Raises InputError where nothing pairs, or two runs of a side have one partner.
     """
-    mine, theirs = (_by_point(rows, besides) for rows in (first, second))
+    mine, theirs = (
+        _by_point(rows, points, besides) for rows, points in zip((first, second), _points(first, second), strict=True)
+    )
     pairs = [(row, other) for point, row in mine.items() if (other := theirs.get(point)) is not None]
     if not pairs:
         raise InputError(
@@ -142,7 +167,7 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
         raise InputError(f"--against {error}") from None
     by_value: defaultdict[str, list[Row]] = defaultdict(list)
     for row in rows:
-        by_value[dict(_point(row)).get(key, "")].append(row)
+        by_value[_settings(row, [key]).get(key, "")].append(row)
     if value not in by_value or len(by_value) < 2:
         raise InputError(f"--against {wish:.200}: there must be runs with it, and with another value")
     base, sheets = by_value.pop(value), []
@@ -154,12 +179,12 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
     )
 
 
-def _by_point(rows: Sequence[Row], besides: Sequence[str]) -> dict[Point, Row]:
+def _by_point(rows: Sequence[Row], points: Sequence[Point], besides: Sequence[str]) -> dict[Point, Row]:
     """Runs by all but some settings. Raises InputError where two are alike."""
     found: dict[Point, Row] = {}
-    for row in rows:
-        if (other := found.setdefault(_without(_point(row), besides), row)) is not row:
-            one, two = dict(_point(row)), dict(_point(other))
+    for row, point in zip(rows, points, strict=True):
+        if (other := found.setdefault(_without(point, besides), row)) is not row:
+            one, two = _settings(row, besides), _settings(other, besides)
             if differ := [key for key in besides if one.get(key) != two.get(key)]:
                 raise InputError(f"runs of a side differ only in {', '.join(differ)}: choose by DIR:{differ[0]}=VALUE")
             raise InputError(f"{row['key']} and {other['key']}, of a side, are alike in all, seed and revision too")
@@ -175,7 +200,8 @@ def _value(row: Row, measure: str) -> float | None:
 
 
 def _without(point: Point, keys: Sequence[str]) -> Point:
-    return tuple(item for item in point if item[0] not in keys)
+    """The rest of the settings; a group's are left out with it."""
+    return tuple(item for item in point if not any(f"{item[0]}.".startswith(f"{key}.") for key in keys))
 
 
 def _varied(points: Sequence[Point]) -> list[str]:

@@ -290,7 +290,16 @@ RESULT = {"key": "a", "status": "ok", "reason": "", "settings": '{"seed": 1}', "
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"settings": 1.5}, {"settings": "[1]"}, {"settings": "{"}, {"revision": None}, {"status": ["ok"]}]
+    "wrong",
+    [
+        {"settings": 1.5},
+        {"settings": "[1]"},
+        {"settings": "{"},
+        {"config": "[1]"},
+        {"config": 1.5},
+        {"revision": None},
+        {"status": ["ok"]},
+    ],
 )
 def test_a_result_whose_words_are_none_is_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
     parquet.write_table(pa.Table.from_pylist([RESULT]), tmp_path / "a.parquet")

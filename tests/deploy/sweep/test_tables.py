@@ -8,11 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from deploy.sweep.measure import task_of
+from deploy.sweep.plan import read_jobs
 from deploy.sweep.statistics import difference, median, wilson
 from deploy.sweep.store import Store
 from deploy.sweep.tables import against, compare, compared, medians, select, show, to_csv, to_latex, words
 from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
+from tests.deploy.sweep.sweeps import write_sweep
 
 NAMES = ["team.t_90", "mean.path_m"]
 
@@ -88,6 +91,46 @@ def test_medians_are_over_the_seeds_of_runs_that_are_alike(folder: Path) -> None
     short, long = sorted(sheet.lines, key=lambda line: str(line[0]))
     assert short[:3] == ["2", 10, 0] and long[:3] == ["4", 11, 1]
     assert [line[3].value for line in (short, long)] == [104.5, 94.5]  # type: ignore[union-attr]
+
+
+def asked(text: str, folder: Path, t_90: float) -> None:
+    """Keep a result for each run of a sweep's file that is not there yet, as if it had been made."""
+    store = Store(folder / "abc", "abc")
+    for job in read_jobs(write_sweep(folder, text)):
+        if job.key not in store.kept():
+            store.keep(task_of(job).row(OK) | {"team.t_90": t_90})
+
+
+def test_runs_of_a_sweep_that_was_extended_are_among_those_of_the_same_configuration(tmp_path: Path) -> None:
+    """Those at the default had been made before it was named, and were of no range."""
+    asked("{settings: {until: 5, radio: {mtu_bytes: 1000}}, seeds: 6}", tmp_path, 90.0)
+    asked("{settings: {until: 5, radio.mtu_bytes: 1000}, grid: {radio.range_m: [2, 4]}, seeds: 7}", tmp_path, 100.0)
+    rows, _ = select(str(tmp_path))
+    sheet = medians(rows, ["team.t_90"])
+    assert sheet.heads[0] == "radio.range_m" and {tuple(line[:2]) for line in sheet.lines} == {("4", 7), ("2", 7)}
+    (line,) = against(rows, "radio.range_m=2", ["team.t_90"]).lines
+    long, short = f"{tmp_path}:people=0,radio.range_m=4", f"{tmp_path}:people=0,radio.range_m=2.0"
+    (time,) = compare(long, short, ["team.t_90"]).lines
+    assert line == ["4", *time] and time[1:3] == [7, 0] and time[3].value == -10  # type: ignore[union-attr]
+
+
+def test_settings_that_no_file_gives_may_differ_between_revisions(tmp_path: Path) -> None:
+    """A new default is what two commits are compared for."""
+    for revision, config in (("abc", {"people": 0}), ("def", {"people": 1, "new": True})):
+        for seed in range(2):
+            whole = {"config": json.dumps({"radio": {"range_m": 2.0}, "seed": seed, "world": "office"} | config)}
+            Store(tmp_path / revision, revision).keep(row(2, seed, 1.0, 2.0) | whole)
+    assert compare(str(tmp_path / "abc"), str(tmp_path / "def"), ["team.t_90"]).lines[0][1] == 2
+    assert len(select(f"{tmp_path}:people=1")[0]) == 2
+
+
+def test_a_group_that_is_named_is_left_out_of_the_pairs(tmp_path: Path) -> None:
+    for seed in range(2):
+        for mind in ({}, {"r1": "a:A"}):
+            settings = {"settings": json.dumps({"mind": mind, "seed": seed})}
+            Store(tmp_path / "abc", "abc").keep(row(2, seed, 1.0, 2.0) | settings | {"key": f"{seed}-{len(mind)}"})
+    (time,) = against(select(str(tmp_path))[0], "mind={}", ["team.t_90"]).lines
+    assert time[0] == '{"r1": "a:A"}' and time[2] == 2
 
 
 def test_runs_are_compared_by_seed(folder: Path) -> None:
