@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
@@ -259,7 +260,10 @@ def _tex(text: str) -> str:
 
 
 def draw(sheet: Sheet, file: Path) -> None:
-    """A PNG with a panel for each column of figures: a point and its interval a line. Raises UnwritableError."""
+    """A PNG with a panel for each column of figures: a point and its interval a line. Raises UnwritableError.
+
+    An infinite end is the panel's edge, and an infinite figure has no point.
+    """
     from matplotlib.figure import Figure
 
     columns = [at for at in range(len(sheet.heads)) if any(isinstance(line[at], Estimate) for line in sheet.lines)]
@@ -270,12 +274,14 @@ def draw(sheet: Sheet, file: Path) -> None:
     figure = Figure((3 * len(columns) + 2, 0.3 * len(labels) + 1.5), layout="constrained")
     panels = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
     for panel, at in zip(panels, columns, strict=True):
-        for row, line in enumerate(sheet.lines):
-            estimate = line[at]
-            if isinstance(estimate, Estimate) and math.isfinite(estimate.value):
-                if estimate.low is not None:
-                    panel.plot([estimate.low, estimate.high], [row, row], color="C0")
-                panel.plot(estimate.value, row, "o", color="C0")
+        figures = [(row, value) for row, line in enumerate(sheet.lines) if isinstance(value := line[at], Estimate)]
+        for row, estimate in figures:
+            panel.plot(estimate.value, row, "o", color="C0")
+            panel.update_datalim([(end, row) for end in estimate if end is not None and math.isfinite(end)])
+        edges = panel.set_xlim(panel.get_xlim())  # from here on they stay
+        for row, estimate in figures:
+            if estimate.low is not None and estimate.high is not None:
+                panel.plot(np.clip([estimate.low, estimate.high], *edges), [row, row], color="C0")
         panel.set_title(sheet.heads[at], fontsize=9)
         panel.grid(axis="x", alpha=0.3)
     panels[0].set_yticks(range(len(labels)), labels)

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from deploy.sweep import tables
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs
-from deploy.sweep.statistics import difference, median, wilson
+from deploy.sweep.statistics import Estimate, difference, median, wilson
 from deploy.sweep.store import Store
-from deploy.sweep.tables import against, compare, compared, medians, select, show, to_csv, to_latex, words
+from deploy.sweep.tables import Sheet, against, compare, compared, draw, medians, select, show, to_csv, to_latex, words
 from deploy.sweep.work import FAILED, OK, Row
 from protocol.errors import InputError
 from tests.deploy.sweep.sweeps import write_sweep
@@ -212,6 +214,18 @@ def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Pa
     assert r"radio.range\_m & runs" in (out / "medians.tex").read_text()
     with pytest.raises(InputError, match="name a directory that can be written"):
         show([medians(rows, NAMES)], out / "medians.csv")
+
+
+def test_an_interval_that_never_ends_is_drawn_to_the_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[Figure] = []
+    monkeypatch.setattr(tables, "write_figure", lambda figure, *_, **__: shown.append(figure))
+    estimates = [Estimate(5.0, 4.0, math.inf), Estimate(math.inf, 7.0, math.inf), Estimate(3.0, None, None)]
+    draw(Sheet("Medians", ["team.t_90"], [[one] for one in estimates]), tmp_path / "medians.png")
+    (panel,) = shown[0].axes
+    lines = [line.get_xdata() for line in panel.lines if line.get_marker() == "None"]
+    for begin in (4.0, 7.0):
+        assert any(len(line) == 2 and tuple(line) == (begin, panel.get_xlim()[1]) for line in lines)
+    assert 7.0 < panel.get_xlim()[1] < 10.0
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
