@@ -73,7 +73,7 @@ def test_an_interrupted_command_says_so_and_leaves_no_stub(
     out = tmp_path / "out"
     with pytest.raises(RuntimeError, match="left"):
         app(["map", str(tmp_path / "1.log"), "--out", str(out)], standalone_mode=False)
-    (said,) = capfd.readouterr().err.splitlines()
+    said = capfd.readouterr().err.splitlines()[-1]  # after changed kernels it says first that it compiles them
     if written:
         assert manifest.read(out)["ended"] == "interrupted"
         assert said.startswith("wireswarm: interrupted before the report was written")
