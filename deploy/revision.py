@@ -1,7 +1,9 @@
 """Which sources results come from."""
 
+import ast
 import hashlib
 import subprocess
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
@@ -19,6 +21,8 @@ JUDGING = (
 )
 SOURCES = ("agent", "world", "protocol", *(f"deploy/{name}" for name in (*RUNNING, *JUDGING)))
 """Packages and files that every figure depends on."""
+NO_MATTER = ("bench/cases.py", "commands/", "report/picture.py", "terminal/", "view/")
+"""Of deploy/: what keeps figures or shows them, and does not decide them."""
 
 
 @cache
@@ -35,6 +39,37 @@ def sources(ignored: str = "") -> str:
             if source.suffix in (".py", ".yaml") and not (ignored and name.startswith(ignored)):
                 digest.update(name.encode() + b"\0" + source.read_bytes())
     return digest.hexdigest()
+
+
+@cache
+def with_imports(file: Path) -> str:
+    """Hash of a Python file and of all modules of deploy/ that it imports, itself or through them, but NO_MATTER."""
+    found, new = {file}, [file]
+    while new:
+        further = _imported(new.pop()) - found
+        found |= further
+        new += further
+    digest = hashlib.sha256()
+    for content in sorted(hashlib.sha256(path.read_bytes()).digest() for path in found):
+        digest.update(content)
+    return digest.hexdigest()
+
+
+@cache
+def _imported(file: Path) -> frozenset[Path]:
+    """Modules of deploy/ that a Python file imports anywhere, within functions, too."""
+    own = ROOT / "deploy"
+    paths = {ROOT / f"{name.replace('.', '/')}.py" for name in _names(file) if name.startswith("deploy.")}
+    shown = tuple(str(own / place) for place in NO_MATTER)
+    return frozenset(path for path in paths if path.is_file() and not str(path).startswith(shown))
+
+
+def _names(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
 
 
 def revision() -> str:

@@ -13,7 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deploy.revision import revision, sources
+from deploy.revision import revision, sources, with_imports
 from deploy.sensing import IDEAL_BENCHMARK
 from deploy.sweep.command import fill
 from deploy.sweep.store import Store
@@ -35,10 +35,11 @@ class Case:
 
     @property
     def key(self) -> str:
-        """Hash of what decides the figures: the sources of all figures, the measure's own, its arguments."""
+        """Hash of what decides the figures: the sources of all figures, the measure's own and what it imports of
+        deploy/, its arguments."""
         own = getsourcefile(self.measure)
         assert own is not None
-        words = [sources(self.ignores), hashlib.sha256(Path(own).read_bytes()).hexdigest(), self.measure.__qualname__]
+        words = [sources(self.ignores), with_imports(Path(own)), self.measure.__qualname__]
         words += ["ideal"] if self.ideal else []
         return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
 

@@ -17,6 +17,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         file.write_text("before")
     monkeypatch.setattr(revision, "ROOT", tmp_path)
     revision.sources.cache_clear()
+    revision.with_imports.cache_clear()
     yield tmp_path
     revision.sources.cache_clear()
 
@@ -47,5 +48,35 @@ def test_without_a_git_that_reads_the_checkout_it_is_of_the_version(
     assert revision.revision() == expected
 
 
+@pytest.mark.parametrize(
+    ("name", "decides"),
+    [
+        ("deploy/bench/measure.py", True),
+        ("deploy/bench/pairs.py", True),
+        ("deploy/launch/launcher.py", True),
+        ("deploy/bench/cases.py", False),
+        ("deploy/terminal/live.py", False),
+        ("deploy/bench/other.py", False),
+    ],
+)
+def test_what_a_measure_calls_decides_its_figures(checkout: Path, name: str, decides: bool) -> None:
+    texts = {
+        "deploy/bench/measure.py": "from deploy.bench import cases, pairs\nimport deploy.terminal.live",
+        "deploy/bench/pairs.py": "def pair():\n    from deploy.launch.launcher import launch",
+        "deploy/launch/launcher.py": "import deploy.bench.measure",
+    }
+    for other in ("deploy/bench/cases.py", "deploy/terminal/live.py", "deploy/bench/other.py"):
+        texts[other] = ""
+    for place, text in texts.items():
+        (checkout / place).parent.mkdir(parents=True, exist_ok=True)
+        (checkout / place).write_text(text)
+    measure = checkout / "deploy/bench/measure.py"
+    before = revision.with_imports(measure)
+    (checkout / name).write_text(texts[name] + "\n# after")
+    revision.with_imports.cache_clear()
+    assert (revision.with_imports(measure) != before) == decides
+
+
 def test_all_sources_are_there() -> None:
     assert all((revision.ROOT / name).exists() for name in revision.SOURCES)
+    assert all((revision.ROOT / "deploy" / name).exists() for name in revision.NO_MATTER)

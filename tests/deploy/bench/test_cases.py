@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
+from deploy import revision
 from deploy.bench import cases
 from deploy.bench.cases import Case, measure_all
-from deploy.revision import sources
+from deploy.revision import ROOT, sources
 from deploy.sweep.store import Store
 from deploy.sweep.work import WorkerTask, work
 
@@ -63,6 +64,22 @@ def test_other_arguments_are_another_measurement(tmp_path: Path) -> None:
     for x in (1, 5):
         case = Case("one", square, {"x": x, "log": str(tmp_path / "log")})
         assert measure_all([case], tmp_path / "kept").figures == {"one": {"square": x * x}}
+
+
+def test_a_change_of_what_a_measure_calls_is_another_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keys held the measure's own file only, so figures of the code before stood in the tables."""
+    from deploy.bench.filter.trials import measure_faults
+
+    def key() -> str:
+        revision.with_imports.cache_clear()
+        return Case("trials", measure_faults).key
+
+    before, read = key(), Path.read_bytes
+    changed = ROOT / "deploy/bench/filter/faults.py"
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read(path) + b"# after" * (path == changed))
+    assert key() != before
+    monkeypatch.undo()
+    assert key() == before
 
 
 @pytest.mark.usefixtures("without_dask")
