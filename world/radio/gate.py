@@ -56,9 +56,9 @@ def _count(books: Counter[str], size: int) -> None:
 
 @dataclass
 class Books:
-    """Counts of messages and payload bytes: a broadcast counts once on the air, and once per receiver on the links."""
+    """Counts of messages and payload bytes: a broadcast is offered once, and addressed once per receiver."""
 
-    on_air: defaultdict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
+    offered: defaultdict[tuple[str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
     """By sender and kind."""
     addressed: defaultdict[tuple[str, str, str], Counter[str]] = field(default_factory=lambda: defaultdict(tally))
     """By sender, receiver and kind, counted when sent: an independent count, against which outcomes are checked."""
@@ -78,7 +78,7 @@ class Books:
         per_robot: dict[str, Any] = {
             robot: {"offered": {}, "addressed": {}, "delivered": {}, "dropped": {}} for robot in robots
         }
-        for (sender, kind), count in sorted(self.on_air.items()):
+        for (sender, kind), count in sorted(self.offered.items()):
             per_robot[sender]["offered"][kind] = count
             per_robot[sender]["addressed"][kind] = tally()
         links: dict[tuple[str, str], dict[str, Any]] = {}
@@ -96,7 +96,7 @@ class Books:
                 of_robot["dropped"].setdefault(kind, {}).setdefault(outcome, tally()).update(count)
         return {"robots": per_robot, "links": list(links.values())}
 
-    _TALLIES = ("on_air", "addressed", "links")
+    _TALLIES = ("offered", "addressed", "links")
 
     def state(self) -> State:
         """For a checkpoint: keys and counts row by row."""
@@ -177,8 +177,8 @@ class Radio:
         """Raise ProtocolError for a receiver that is no other robot of this run, for too many messages or kinds."""
         if len(sends) > MAX_SENDS:
             raise ProtocolError(f"{sender} sends {len(sends)} messages in one tick; at most {MAX_SENDS} are taken")
-        new = {send.kind for send in sends if (sender, send.kind) not in self.books.on_air}
-        if new and len(new) + sum(name == sender for name, _ in self.books.on_air) > MAX_KINDS:
+        new = {send.kind for send in sends if (sender, send.kind) not in self.books.offered}
+        if new and len(new) + sum(name == sender for name, _ in self.books.offered) > MAX_KINDS:
             raise ProtocolError(f"{sender} sends more than {MAX_KINDS} kinds of messages")
         for send in sends:
             if send.to != EVERYONE and (send.to == sender or send.to not in self._index):
@@ -192,11 +192,11 @@ class Radio:
             others = [index for index in self._index.values() if index != sender]
             for send in sends[name]:
                 size = len(send.payload)
-                _count(self.books.on_air[name, send.kind], size)
-                self.books.sent[name] += size
+                _count(self.books.offered[name, send.kind], size)
                 held_back = MTU if size > self._mtu else None
                 if held_back is None and not self._budget.takes(sender, tick, size):
                     held_back = CAPACITY_OUT
+                self.books.sent[name] += 0 if held_back else size
                 for receiver in others if send.to == EVERYONE else {self._index[send.to]} - {sender}:
                     hop = Hop(tick, sender, receiver, numbers[receiver], places[sender], places[receiver])
                     numbers[receiver] += 1

@@ -107,6 +107,17 @@ def test_the_books_balance() -> None:
         assert sum(t["bytes"] for t in books["robots"][name]["offered"].values()) == radio.books.sent[name]
 
 
+def test_what_the_radio_holds_back_was_offered_and_not_sent() -> None:
+    models = [{"kind": "capacity", "bytes_per_s": 100}, {"kind": "bernoulli", "loss": 1.0}]
+    radio = Radio(NAMES, RadioConfig.model_validate({"range_m": None, "mtu_bytes": 64, "models": models}))
+    radio.offer(0, {"r1": [send(0, bytes(size)) for size in (65, 60, 40, 1)]}, LINE)
+    assert {(p.bytes, p.outcome) for p in radio.deliver(1, NAMES)[1]} == {
+        (65, "mtu"), (60, "loss"), (40, "loss"), (1, "capacity_out")
+    }  # fmt: skip
+    assert radio.books.sent["r1"] == 100
+    assert radio.books.offered["r1", "map"]["bytes"] == 166
+
+
 @pytest.mark.parametrize("period_s", [0.01, 0.2, 1.0, 3.0])
 def test_a_second_of_capacity_is_a_second_at_any_rate(period_s: float) -> None:
     config = RadioConfig.model_validate({"range_m": None, "models": [{"kind": "capacity", "bytes_per_s": 100}]})
