@@ -10,25 +10,35 @@ import pytest
 from deploy.launch.launcher import launch
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
-from world.shell.wire import tcp_bytes
+from world.shell.wire import Wire
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="tcp_info is Linux's")
 
 
-def test_a_connection_is_known_by_its_far_end() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()) as far:
-        near, _ = server.accept()
-        with near:
-            near.sendall(bytes(1000))
-            far.sendall(bytes(300))
-            far.recv(1000, socket.MSG_WAITALL)
-            near.recv(300, socket.MSG_WAITALL)
-            port = far.getsockname()[1]
-            assert tcp_bytes([port, 1]) == {port: (1000, 300)}
+def test_connections_are_known_by_their_far_ends_and_those_of_a_robot_add_up() -> None:
+    wire, payloads = Wire(), (1000, 20)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        for size in payloads:
+            with socket.create_connection(server.getsockname()) as far:
+                near, _ = server.accept()
+                with near:
+                    near.sendall(b"before it is followed")
+                    wire.follow({"r1": far.getsockname()[1], "r2": 1})
+                    wire.told("r1", "obs", bytes(size))
+                    near.sendall(bytes(size))
+                    far.sendall(bytes(300))
+                    far.recv(size, socket.MSG_WAITALL)
+                    near.recv(300, socket.MSG_WAITALL)
+        figures = wire.close()
+    assert figures is not None and list(figures) == ["r1"]
+    assert figures["r1"]["to_robot"]["wire_bytes"] == figures["r1"]["to_robot"]["payload_bytes"] == sum(payloads)
+    assert figures["r1"]["from_robot"]["wire_bytes"] == 600
 
 
-def test_payload_and_overhead_explain_the_wire_to_a_hundredth(tmp_path: Path) -> None:
-    config = tiny_config(tmp_path, until=60.0)
+@pytest.mark.parametrize("faults", [[], ["r2@100"]])
+def test_payload_and_overhead_explain_the_wire_to_a_hundredth(tmp_path: Path, faults: list[str]) -> None:
+    """Also where a process comes back: bandwidth.json had no bytes of its links."""
+    config = tiny_config(tmp_path, until=60.0, faults=faults)
     launch(config, tmp_path / "run", make_mind=Wanderer)
     wire = json.loads((tmp_path / "run" / "bandwidth.json").read_text())["wire"]
     assert list(wire) == ["r1", "r2", "r3"]

@@ -206,7 +206,7 @@ class Shell:
         ready = self._participants.ready
         to_robots = [put for (robot, _), put in self._put.items() if robot in ready]
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
-        self._wire.begin(self._ports())
+        self._wire.follow(self._ports())
         self._began = time.monotonic()
         self._away = {robot: self._began for robot in self.episode.live if robot in self._here and robot not in ready}
         for robot in ready:
@@ -285,7 +285,7 @@ class Shell:
         if self._began is not None:
             episode.wall_s = time.monotonic() - self._began
         self._began = None
-        episode.wire = self._wire.as_dict()
+        episode.wire = self._wire.close()
         episode.close(ended)
         self.tell(ended)
         for robot in episode.live:
@@ -313,6 +313,7 @@ class Shell:
         """A robot that was away, or is late, may be ready now."""
         if self._began is None or not self._participants.is_ready(robot):
             return
+        self._wire.follow(self._ports())
         if robot not in self._here:
             self._arrive(robot)
             self._newcomers[robot] = "joined"

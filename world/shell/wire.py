@@ -10,7 +10,7 @@ import socket
 import struct
 import sys
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,17 +47,46 @@ class Flow:
         }
 
 
+@dataclass
+class _Connection:
+    """The connection to a robot's process."""
+
+    port: int  # of the robot's end
+    end: socket.socket  # a duplicate of the world's end, which tells its bytes even after Zenoh has closed its own
+    before: tuple[int, int]  # bytes sent and received before it was followed
+
+    def close(self) -> tuple[int, int]:
+        """Bytes sent and received since it was followed, whatever comes later."""
+        with self.end:
+            sent, received = _bytes_of(self.end)
+        return sent - self.before[0], received - self.before[1]
+
+
 class Wire:
-    """The links to all robots, from the moment that `begin` is called."""
+    """The links to all robots, each from the moment that it is followed."""
 
     def __init__(self) -> None:
-        self.begin({})
-
-    def begin(self, ports: Mapping[str, int]) -> None:
-        """Begin to count; `ports` are those of the robots' ends of the links."""
-        self._ports, self._before = ports, tcp_bytes(ports.values())
+        self._links: dict[str, _Connection] = {}
+        self._ended: dict[str, tuple[int, int]] = {}
+        """Bytes sent and received on links to earlier processes of robots."""
         self.to_robot: defaultdict[str, Flow] = defaultdict(Flow)
         self.from_robot: defaultdict[str, Flow] = defaultdict(Flow)
+
+    def follow(self, ports: Mapping[str, int]) -> None:
+        """Count from now on what these links carry beside earlier ones; `ports` are those of the robots' ends."""
+        known = {robot: link.port for robot, link in self._links.items()}
+        new = {port: robot for robot, port in ports.items() if known.get(robot) != port}
+        ends = _connections(new)
+        for port, robot in new.items():
+            if port in ends:
+                self._part(robot)
+                self._links[robot] = _Connection(port, ends[port], _bytes_of(ends[port]))
+
+    def _part(self, robot: str) -> None:
+        so_far = self._ended.setdefault(robot, (0, 0))
+        if robot in self._links:
+            sent, received = self._links.pop(robot).close()
+            self._ended[robot] = so_far[0] + sent, so_far[1] + received
 
     def told(self, robot: str, channel: str, payload: bytes) -> None:
         """Count a message to a robot."""
@@ -67,32 +96,43 @@ class Wire:
         """Count a message from a robot."""
         self.from_robot[robot].add(len(payload), 0)
 
-    def as_dict(self) -> dict[str, Any] | None:
-        """Per robot and direction, for bandwidth.json; None where the system does not count."""
-        now = tcp_bytes(self._ports.values())
+    def close(self) -> dict[str, Any] | None:
+        """End the count: per robot and direction, for bandwidth.json; None where the system does not count."""
+        for robot in list(self._links):
+            self._part(robot)
         robots = {}
-        for robot, port in self._ports.items():
-            if port in now and port in self._before:
-                sent, received = (after - before for after, before in zip(now[port], self._before[port], strict=True))
-                to_robot, from_robot = self.to_robot[robot].as_dict(sent), self.from_robot[robot].as_dict(received)
-                robots[robot] = {"to_robot": to_robot, "from_robot": from_robot}
+        for robot, (sent, received) in self._ended.items():
+            to_robot, from_robot = self.to_robot[robot].as_dict(sent), self.from_robot[robot].as_dict(received)
+            robots[robot] = {"to_robot": to_robot, "from_robot": from_robot}
         return robots or None
 
 
-def tcp_bytes(ports: Iterable[int]) -> dict[int, tuple[int, int]]:
-    """Bytes sent and received on this process's TCP connections to these ports of others."""
-    wanted, found = set(ports), {}
-    if not sys.platform.startswith("linux"):
-        return {}
+def _connections(ports: Collection[int]) -> dict[int, socket.socket]:
+    """Duplicates of this process's TCP connections to these ports of others; none where the system does not count."""
+    found: dict[int, socket.socket] = {}
+    if not ports or not sys.platform.startswith("linux"):
+        return found
     for entry in Path("/proc/self/fd").iterdir():
         try:
             if not str(entry.readlink()).startswith("socket:"):
                 continue
-            with socket.socket(fileno=os.dup(int(entry.name))) as link:
-                port = link.getpeername()[1] if link.family in (socket.AF_INET, socket.AF_INET6) else None
-                if port in wanted:
-                    info = link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
-                    found[port] = tuple(struct.unpack_from("<Q", info, at)[0] for at in (_SENT_AT, _RECEIVED_AT))
+            link = socket.socket(fileno=os.dup(int(entry.name)))
+        except OSError:
+            continue  # closed meanwhile
+        try:
+            port = int(link.getpeername()[1]) if link.family in (socket.AF_INET, socket.AF_INET6) else 0
+            if port in ports and port not in found:
+                _bytes_of(link)
+                found[port] = link
+                continue
         except (OSError, struct.error):
-            continue  # closed meanwhile, not connected, or an older kernel
+            pass  # not connected, or an older kernel
+        link.close()
     return found
+
+
+def _bytes_of(link: socket.socket) -> tuple[int, int]:
+    """Bytes sent and received on a TCP connection. Raises OSError, struct.error where the kernel does not count."""
+    info = link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256)
+    sent, received = (struct.unpack_from("<Q", info, at)[0] for at in (_SENT_AT, _RECEIVED_AT))
+    return sent, received
