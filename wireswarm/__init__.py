@@ -11,15 +11,16 @@ docs/notebook.md is a worked example. Numpy, numba, pymunk and matplotlib are im
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 from wireswarm.interrupts import leave_at_once
 
-_AS_COMMAND = sys.argv[0] == "-m" or sys.argv[0].endswith("wireswarm")  # not in a notebook or a script
-if _AS_COMMAND:
+# Programs of others keep their Ctrl-C. While a package is imported for -m, argv[0] is that, whatever package it is.
+_PROGRAM = sys.orig_argv[-len(sys.argv) :][0] if sys.argv[0] == "-m" else Path(sys.argv[0]).name
+if _PROGRAM.removeprefix("-m") == "wireswarm":
     leave_at_once()  # before more is imported
 
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wireswarm.guard import ForeignPackageError, check_packages

@@ -1,6 +1,7 @@
 """The public face: what it holds, that it stays light, and that the worked example runs."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -18,6 +19,8 @@ from tests.tiny import ROOM
 from wireswarm.settings import settings_of
 
 REPO = Path(__file__).parents[2]
+
+TELL_CTRL_C = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
 
 
 def test_the_public_names_are_these_and_all_exist() -> None:
@@ -38,6 +41,25 @@ def test_importing_the_face_imports_nothing_heavy() -> None:
     assert set(loaded.split()).isdisjoint(
         {"numpy", "numba", "shapely", "pymunk", "matplotlib", "pydantic", "zenoh", "agent", "world", "deploy"}
     )
+
+
+def test_programs_of_others_keep_their_ctrl_c(tmp_path: Path) -> None:
+    (tmp_path / "mylab").mkdir()
+    (tmp_path / "mylab" / "__init__.py").write_text("import wireswarm")
+    (tmp_path / "mylab" / "train.py").write_text(TELL_CTRL_C)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(REPO)])}
+    command = [sys.executable, "-m", "mylab.train", "wireswarm"]
+    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == "True\n"
+
+
+@pytest.mark.parametrize(
+    ("argv", "program"),
+    [("/bin/wireswarm run", "/bin/wireswarm run"), ("-m run", "-m wireswarm run"), ("-m run", "-mwireswarm run")],
+)
+def test_the_command_takes_ctrl_c_while_it_is_imported(argv: str, program: str) -> None:
+    code = f"import sys; sys.argv, sys.orig_argv = {argv.split()}, ['python', *{program.split()}]; import wireswarm\n"
+    command = [sys.executable, "-c", code + TELL_CTRL_C]
+    assert subprocess.run(command, cwd=REPO, capture_output=True, text=True, check=True).stdout == "False\n"
 
 
 def test_the_worked_example_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
