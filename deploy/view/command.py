@@ -71,31 +71,34 @@ def view(run: Path, browser: bool, beside: bool) -> None:
                 say(f"{run}: its world was killed; this is what there is of it, and `wireswarm finish {run}` ends it")
             record(run, tape.file)
 
-    _show(play, browser, over)
+    _show(play, browser, inbox, over)
 
 
 def view_elsewhere(endpoint: str, secrets: Path | None, certs: Path | None, browser: bool) -> None:
     """Show the run of a world at an endpoint until a signal. Raises InputError, LinkError."""
     credentials = of_viewer(secrets, certs)
     stop_on_signals(inbox := Inbox())
-    _show(lambda tape: follow(endpoint, credentials, tape, inbox), browser, lambda: inbox.stopped)
+    _show(lambda tape: follow(endpoint, credentials, tape, inbox), browser, inbox, lambda: inbox.stopped)
 
 
-def _show(play: Callable[[Tape], None], browser: bool, over: Callable[[], bool]) -> None:
+def _show(play: Callable[[Tape], None], browser: bool, inbox: Inbox, over: Callable[[], bool]) -> None:
     """Show what is played onto a tape until it is over; the page is there once there is something to be seen."""
     with temporary_folder() as folder, ThreadPoolExecutor(1) as pool:
         tape = Tape(folder / "run.rrd")
         playing = pool.submit(play, tape)
         playing.add_done_callback(lambda done: tape.end())
-        while not playing.done() and tape.file.stat().st_size == 0:
-            time.sleep(POLL_S)
-        if playing.done():
-            playing.result()
-        if over():
-            return
-        with show(tape, browser):
-            while not over() and not (playing.done() and playing.exception()):
+        try:
+            while not playing.done() and tape.file.stat().st_size == 0:
                 time.sleep(POLL_S)
+            if playing.done():
+                playing.result()
+            if over():
+                return
+            with show(tape, browser):
+                while not over() and not (playing.done() and playing.exception()):
+                    time.sleep(POLL_S)
+        finally:
+            inbox.stop()  # the pool waits for what plays
         playing.result()
 
 

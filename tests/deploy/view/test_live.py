@@ -105,7 +105,7 @@ def test_a_killed_run_is_replayed_and_what_ends_it_is_told(
     """It waited ten seconds for its world, and blamed the network."""
     recorded: list[Path] = []
     monkeypatch.setattr(command, "stop_on_signals", lambda inbox: None)
-    monkeypatch.setattr(command, "_show", lambda play, browser, over: play(Tape(tmp_path / "run.rrd")))
+    monkeypatch.setattr(command, "_show", lambda play, browser, inbox, over: play(Tape(tmp_path / "run.rrd")))
     monkeypatch.setattr(command, "record", lambda run, file: recorded.append(run))
     invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
     Checkpoint(tmp_path).begin({})
@@ -135,13 +135,34 @@ def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch
     assert newest() == Path("runs/new")
 
 
+def test_a_page_that_cannot_be_shown_ends_what_plays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command said nothing then until the run that it followed ended."""
+    inbox = Inbox()
+
+    def play(tape: Tape) -> None:
+        tape.file.write_bytes(command.RECORDING)
+        deadline = time.monotonic() + 5
+        while not inbox.stopped:
+            assert time.monotonic() < deadline, "nobody stops it"
+            time.sleep(0.01)
+
+    def show(*_: object) -> None:
+        raise LinkError("no port is free")
+
+    monkeypatch.setattr(command, "show", show)
+    began = time.monotonic()
+    with pytest.raises(LinkError, match="no port is free"):
+        command._show(play, False, inbox, lambda: False)
+    assert time.monotonic() - began < 5
+
+
 @pytest.mark.slow
 def test_run_with_a_view_stays_until_it_is_interrupted(tmp_path: Path) -> None:
     tiny_config(tmp_path)
-    command = [sys.executable, "-m", "wireswarm", "run", "--world", str(tmp_path / "tiny.yaml"), "--robots", "2"]
-    command += ["--until", "3", "--out", str(tmp_path / "out"), "--quiet", "--view"]
+    words = [sys.executable, "-m", "wireswarm", "run", "--world", str(tmp_path / "tiny.yaml"), "--robots", "2"]
+    words += ["--until", "3", "--out", str(tmp_path / "out"), "--quiet", "--view"]
     bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=bare)
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=bare)
     try:
         assert process.stderr is not None
         said = ""
