@@ -15,14 +15,13 @@ from deploy.bandwidth.books import read_books
 from deploy.bandwidth.representations import NAMES
 from deploy.bandwidth.representations import measure as measure_run
 from deploy.bench.cases import Case, Figures
-from deploy.bench.errors import errors
+from deploy.bench.errors import errors, right
 from deploy.bench.explored import explore
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, median, runs_of, total
 
 BAD = [{"kind": "bernoulli", "loss": 0.3}, {"kind": "latency", "ticks": 5}, {"kind": "capacity", "bytes_per_s": 5000}]
 """30 % loss, 1 s of latency, 5 kB/s."""
 JUDGED = "3 robots in maze-15"  # what the bars are for; in the smaller run of a quick bench first contacts weigh more
-FALSE_M, FALSE_DEG = 0.3, 5.0  # an accepted transform farther off is false: walls of two rooms are farther apart
 
 
 def cases(quick: bool) -> list[Case]:
@@ -59,7 +58,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
         "recall": [score["wall_recall"] for score in scores],
         "precision": [score["wall_precision"] for score in scores],
         "merges": len(merges),
-        "false_merges": sum(metres > FALSE_M or degrees > FALSE_DEG for metres, degrees in off),
+        "false_merges": sum(not right(*error) for error in off),
         "range_m": run.episode.config.radio.range_m,
         "farthest_m": max(away, default=0.0),
         "delivered": len(heard),
