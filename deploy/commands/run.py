@@ -114,12 +114,17 @@ def _as_called() -> str:
 
 
 def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:
-    """The settings of a run by the clock, and what takes the place of minds."""
+    """The settings of a run by the clock, and what takes the place of minds. Raises ConfigError, LinkError."""
     from deploy.ros2 import JOIN_S, Ros2Robots
+    from protocol.configuration import ConfigError
     from protocol.session import open_ros2_client
 
+    if settings.server.real_time not in (None, 1.0):  # stamps would run away from the clock of whoever drives
+        raise ConfigError(
+            f"server.real_time={settings.server.real_time:g}: robots of ROS 2 have stamps and speeds by the clock, "
+            "so --ros2 takes 1 only"
+        )
     with open_ros2_client(settings.ros2.router, JOIN_S):
         pass  # each robot opens its own; without a router nothing is begun
-    real_time = settings.server.real_time or 1.0
-    server = settings.server.model_copy(update={"real_time": real_time})
-    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, real_time)
+    server = settings.server.model_copy(update={"real_time": 1.0})
+    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, 1.0)

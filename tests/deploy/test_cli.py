@@ -172,6 +172,7 @@ finally:
         (["agent", "--ros2", "r1", "--config", "typo.yaml"], "wireswarm: agnet: there is no such setting\n"),
         (["map", "log", "--out", "mapped", "--config", "typo.yaml"], "wireswarm: agnet: there is no such setting\n"),
         (["run", "--ros2", "--mind", "x:Y"], "wireswarm: --ros2: it goes without --mind, as what drives"),
+        (["run", "--ros2", "--real-time", "2"], "wireswarm: server.real_time=2: robots of ROS 2 have stamps and"),
         (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
         (["view", "full", "--connect", "tcp/127.0.0.1:1"], "--connect and DIR: one shows a world elsewhere"),
         (["view", "--connect", "tcp/127.0.0.1:1", "--save", "run.rrd"], "--connect and --save: "),
