@@ -13,6 +13,10 @@ if [ "$(id -u)" = 0 ]; then   # nothing runs as root in a container
     chown "$RUN_AS" runs
 fi
 export RUN_AS RUNS="$PWD/runs" ROBOTS="${ROBOTS:-3}" SETTLE=120
-trap '$compose down --volumes --timeout 5' EXIT
+end() {
+    $compose down --timeout 5   # not --volumes: there may be runs and results of earlier ones in them
+    docker volume rm --force "${COMPOSE_PROJECT_NAME:-deploy}_secrets" >/dev/null
+}
+trap end EXIT
 $compose up --build   # not --exit-code-from: it would stop the world when the first robot leaves
 exit "$(docker inspect --format '{{.State.ExitCode}}' "$($compose ps --quiet --all world)")"
