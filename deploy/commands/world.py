@@ -148,7 +148,8 @@ def _resumed(context: Context, run: Path) -> RunConfig:
     from protocol.configuration import ConfigError
 
     reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
-    given = [name for name, value in context.params.items() if value and name not in (*reach, *NEVER_KEPT)]
+    named = [name for name, value in context.params.items() if value not in (None, [], ())]  # 0 is a seed
+    given = [name for name in named if name not in (*reach, *NEVER_KEPT)]
     if given:
         raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
     config = left_by(run)
