@@ -34,7 +34,7 @@ def description(named: NamedMap) -> str:
     (x0, y0), _ = _box(named)
     return (
         f"# unit: m, rad; frame: {named.frame}\n"
-        f"image: {named.robot}.pgm\nmode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
+        f"image: {named.name}.pgm\nmode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
         f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
     )
 

@@ -30,6 +30,7 @@ Frame = Literal["own", "world"]
 class NamedMap:
     """One robot's map in the frame in which it is exported. Metres."""
 
+    name: str  # of its files, without suffix: that of the robot, or of the file that it is from
     robot: str
     frame: str  # in words
     map: Map
@@ -76,7 +77,7 @@ def read_maps(path: Path, frame: Frame) -> list[NamedMap]:
     if path.is_dir():
         run = read_run(path)
         maps = run.maps
-    else:
+    else:  # its robot is the first word of its name, r1 of r1.own.json
         run = read_run(path.parents[1]) if path.parent.name == "maps" else Run(path.parent)
         try:
             maps = {path.name.split(".")[0]: parse_map(read_text(path))}
@@ -104,6 +105,7 @@ def _named(run: Run, robot: str, drawn: Map, frame: Frame, path: Path) -> NamedM
     if frame == "own" and pose is not None:
         track = seen_from(pose, track)
     return NamedMap(
+        robot if path.is_dir() else path.stem,
         robot,
         f"own frame of {robot}" if frame == "own" else "world",
         drawn.moved(pose if frame == "world" else None),
@@ -122,7 +124,7 @@ def _apart(track: Floats) -> Floats:
 
 
 def export_maps(path: Path, out: Path, frame: Frame, forms: Mapping[str, Form]) -> list[Path]:
-    """Write each map of `read_maps` as ROBOT.SUFFIX for each suffix of `forms`, and return the files.
+    """Write each map of `read_maps` as NAME.SUFFIX for each suffix of `forms`, and return the files.
 
     Raises InputError and UnwritableError.
     """
@@ -131,6 +133,6 @@ def export_maps(path: Path, out: Path, frame: Frame, forms: Mapping[str, Form]) 
     made = []
     for named in maps:
         for suffix, form in forms.items():
-            made.append(out / f"{named.robot}.{suffix}")
+            made.append(out / f"{named.name}.{suffix}")
             write_whole(made[-1], form(named))
     return made

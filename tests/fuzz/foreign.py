@@ -86,7 +86,7 @@ def an_import(data: bytes) -> None:
 @cache
 def plans() -> dict[str, bytes]:
     """A file of each form by its suffix."""
-    named = NamedMap("r1", "its own", parse_map(SQUARE), np.zeros((0, 2)), 3.5)
+    named = NamedMap("r1", "r1", "its own", parse_map(SQUARE), np.zeros((0, 2)), 3.5)
     return {
         ".yaml": MAP_SERVER.encode(),
         ".pgm": PLAN,

@@ -124,6 +124,16 @@ def test_one_map_file_is_exported_alone_and_placed_by_its_run(run: Path, tmp_pat
     assert made.read_bytes() == both.read_bytes()
 
 
+def test_the_two_maps_of_a_robot_are_exported_beside_each_other(run: Path, tmp_path: Path) -> None:
+    (run / "maps" / "r2.own.json").write_bytes((run / "maps" / "r1.json").read_bytes())
+    for name in ("r2.json", "r2.own.json"):
+        files = export_maps(run / "maps" / name, tmp_path, "own", FORMS["map_server"])
+        assert f"image: {files[0].name}\n" in files[1].read_text()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["r2.own.pgm", "r2.own.yaml", "r2.pgm", "r2.yaml"]
+    (own,) = read_maps(run / "maps" / "r2.own.json", "world")
+    assert own.robot == "r2"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
