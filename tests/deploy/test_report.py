@@ -5,7 +5,7 @@ import re
 import shutil
 import subprocess
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +18,7 @@ import shapely
 from matplotlib.figure import Figure
 
 from deploy.report import write_report
+from deploy.report.page import write_page
 from deploy.report.picture import NAMED, draw_coverage
 from deploy.report.plan import overview, slider
 from deploy.report.rundir import Map, NoDirectoryError, Run, Series, read_run
@@ -360,18 +361,29 @@ BROKEN = [
 def test_a_broken_file_is_said(tmp_path: Path, name: str, text: str) -> None:
     run = write_run(tmp_path / "run")
     (run / name).write_bytes(text.encode("latin-1"))
-    assert [note.startswith(name) for note in read_run(run).notes] == [True]
+    read = read_run(run)
+    assert [note.startswith(name) for note in read.notes] == [True]
+    write_page(read, tmp_path / "report.html")
+    page = Page(tmp_path / "report.html")
+    assert page.open == [] and name in page.text
 
 
-def test_broken_files_never_stop_the_report(tmp_path: Path) -> None:
-    run = write_run(tmp_path / "run")
-    for name, text in BROKEN:
-        (run / name).write_bytes(text.encode("latin-1"))
-    robots = '{"r1": 5, "r9": {"coverage": "x", "t_90": NaN, "path_m": 1e999}}'
-    (run / "summary.json").write_text(f'{{"robots": {robots}, "team": {{"t_90": "<b>", "coverage": []}}}}')
+ODD_ROBOTS = '{"r1": 5, "r9": {"coverage": "x", "t_90": NaN, "path_m": 1e999}}'
+ODD = ("summary.json", f'{{"robots": {ODD_ROBOTS}, "team": {{"t_90": "<b>", "coverage": []}}}}')
+
+
+@pytest.mark.parametrize("turn", range(6))
+def test_broken_files_never_stop_the_report(tmp_path: Path, turn: int) -> None:
+    """All at once. Each turn has others, as a picture takes half a second."""
+    run, texts = write_run(tmp_path / "run"), defaultdict[str, list[str]](list)
+    for name, text in [*BROKEN, ODD]:
+        texts[name].append(text)
+    assert max(map(len, texts.values())) == 6
+    for name, some in texts.items():
+        (run / name).write_bytes(some[turn % len(some)].encode("latin-1"))
     page = Page(write_report(run))
     assert page.open == []
-    assert "r9" in page.text
+    assert ("r9" in page.text) == (turn % 2 == 1)
 
 
 def test_text_from_files_is_escaped(tmp_path: Path) -> None:
