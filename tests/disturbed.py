@@ -16,6 +16,7 @@ import psutil
 from tests.tiny import ROOM
 
 REPO = Path(__file__).parents[1]
+BUSY = max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # how much longer this machine takes than one that is not
 BEGUN_S = 100.0  # bound of waits for a phase to begin, on a machine that is busy with others
 AS_TERMINAL = ("env", "--default-signal=INT")  # a shell's job in the background, and what it starts, ignores Ctrl-C
 

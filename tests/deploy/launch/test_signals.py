@@ -13,10 +13,10 @@ from typing import Any
 import psutil
 import pytest
 
-from tests.disturbed import AS_TERMINAL, BEGUN_S, REPO, Command, handles
+from tests.disturbed import AS_TERMINAL, BEGUN_S, BUSY, REPO, Command, handles
 from tests.tiny import ROOM
 
-ENDED_S = 5.0 * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))  # 5 s of a machine that is not
+ENDED_S = 5.0 * BUSY
 
 
 @pytest.fixture
