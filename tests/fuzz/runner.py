@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 SLOW_S, GROWTH_MB = 0.1, 64
+FIRST = 2000  # inputs after which caches of honest maps are full
 FAILURES = Path("fuzz-failures")
 
 
@@ -58,12 +59,27 @@ def checked(name: str, data: bytes) -> tuple[str | None, float]:
     return f"takes {taken_s:.2f} s", taken_s
 
 
+class Memory:
+    """How much that of this process has grown since its first inputs."""
+
+    def __init__(self) -> None:
+        self._first = self._inputs = 0
+
+    def grown(self) -> int:
+        """MB, after one input more."""
+        self._inputs += 1
+        now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+        if self._inputs <= FIRST:
+            self._first = now
+        return now - self._first
+
+
 def run_random(name: str, seconds: float, tried: "Synchronized[int]", seed: int) -> None:
     """Mutate for so many seconds, and tell the worst; tried counts the inputs. Raises AssertionError."""
     from tests.fuzz.targets import TARGETS
 
     rng, seeds = random.Random(seed), TARGETS[name].seeds()
-    end, peak, now, slowest_s = time.monotonic() + seconds, 0, 0, 0.0
+    end, memory, grown, slowest_s = time.monotonic() + seconds, Memory(), 0, 0.0
     while time.monotonic() < end:
         data = mutant(rng, seeds)
         reason, taken_s = checked(name, data)
@@ -73,12 +89,9 @@ def run_random(name: str, seconds: float, tried: "Synchronized[int]", seed: int)
             (FAILURES / f"{name}-{sha256(data).hexdigest()[:8]}").write_bytes(data)
             raise AssertionError(f"{name}: {reason}: {data[:200]!r}")
         tried.value += 1
-        now = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-        if tried.value <= 2000:
-            peak = now  # caches of honest maps are full by then
-        elif now - peak > GROWTH_MB:
-            raise AssertionError(f"{name}: memory grew by {now - peak} MB: {data[:200]!r}")
-    print(f"{name}: the slowest took {slowest_s:.3f} s, memory grew by {now - peak} MB")
+        if (grown := memory.grown()) > GROWTH_MB:
+            raise AssertionError(f"{name}: memory grew by {grown} MB: {data[:200]!r}")
+    print(f"{name}: the slowest took {slowest_s:.3f} s, memory grew by {grown} MB")
 
 
 def run_guided(name: str, seconds: float, tried: "Synchronized[int]") -> None:
@@ -93,11 +106,15 @@ def run_guided(name: str, seconds: float, tried: "Synchronized[int]") -> None:
     for data in TARGETS[name].seeds():
         (corpus / sha256(data).hexdigest()[:16]).write_bytes(data)
 
+    memory = Memory()
+
     def one(data: bytes) -> None:
         tried.value += 1
         reason, _ = checked(name, data)
         if reason:
             raise AssertionError(f"{name}: {reason}")
+        if (grown := memory.grown()) > GROWTH_MB:
+            raise AssertionError(f"{name}: memory grew by {grown} MB")
 
     options = [
         f"-max_total_time={seconds:.0f}",
