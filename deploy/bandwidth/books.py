@@ -4,7 +4,7 @@ import csv
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -93,13 +93,26 @@ def check_has(run: Path, *names: str) -> None:
 
 def read_books(run: Path) -> dict[str, Any]:
     """bandwidth.json of a run. Raises NoRunError where there is none, or where it and radio.csv do not agree."""
+    return read_traffic(run, ())[0]
+
+
+def read_traffic(run: Path, kinds: Collection[str]) -> tuple[dict[str, Any], list[Passage]]:
+    """The same, and the lines of radio.csv of some kinds of messages: a long file is read once. Raises NoRunError."""
+    kept: list[Passage] = []
+
+    def lines() -> Iterator[Passage]:
+        for passage in _passages(run):
+            if passage.kind in kinds:
+                kept.append(passage)
+            yield passage
+
     check_simulated(run)
     check_has(run, "bandwidth.json", "radio.csv")
     try:
         text = read_text(run / "bandwidth.json", MAX_BOOKS_BYTES)
         books: dict[str, Any] = json.loads(text, parse_float=_finite, parse_constant=_finite)
         _Books.model_validate(books)
-        listed, summed = _of_lines(passages(run)), _of_books(books)
+        listed, summed = _of_lines(lines()), _of_books(books)
         off = (summed - listed) + (listed - summed)
     except ValidationError as error:
         wrong = error.errors()[0]
@@ -113,10 +126,10 @@ def read_books(run: Path) -> dict[str, Any]:
             f"{run}: what was addressed is not what was delivered and dropped, the books do not balance: "
             f"{' '.join(map(str, first))} is {listed[first]} in radio.csv, {summed[first]} in bandwidth.json"
         )
-    return books
+    return books, kept
 
 
-def passages(run: Path) -> Iterator[Passage]:
+def _passages(run: Path) -> Iterator[Passage]:
     """The lines of radio.csv. Raises one of BROKEN."""
     check_is_file(run / "radio.csv")
     with (run / "radio.csv").open(encoding="utf-8", newline="") as file:

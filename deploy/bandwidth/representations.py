@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import track
 
 from agent.communication.config import TalkConfig
-from deploy.bandwidth.books import NoRunError, check_has, passages, read_books
+from deploy.bandwidth.books import NoRunError, check_has, read_traffic
 from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
@@ -91,6 +91,7 @@ class Measurement:
     viewpoint_bytes: int  # questions and answers of where robots have looked from
     frame_bytes: int  # where the frames of others lie
     explored_m2: dict[str, float]  # free area that each robot's grid has at its end
+    books: dict[str, Any]  # bandwidth.json before it was measured
 
     def totals(self) -> dict[str, int]:
         """Bytes by form."""
@@ -98,7 +99,7 @@ class Measurement:
         return {"delta": sum(size for _, _, size in self.sent), **rest}
 
     def as_dict(self) -> dict[str, Any]:
-        """Its fields of bandwidth.json."""
+        """The fields that it adds to bandwidth.json."""
         return {
             "beacon_bytes": self.beacon_bytes,
             "viewpoint_bytes": self.viewpoint_bytes,
@@ -115,11 +116,10 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     pool: its robots are divided among these processes, and a terminal shows how many are done.
     """
     config = config or config_of(run)
-    books, seen = read_books(run), seen_again(run, config)
+    (books, ours), seen = read_traffic(run, OURS), seen_again(run, config)
     check_has(run, "updates.jsonl")
     period_s = 1 / config.spec.lidar.rate_hz
     try:
-        ours = [passage for passage in passages(run) if passage.kind in OURS]
         lines = _lines(run / "updates.jsonl")
         named = {name for line in lines for name in (line.robot, *line.told)}.union(row.sender for row in ours)
         if unknown := named.difference(seen):
@@ -142,14 +142,13 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
     updates = [update for mine, _ in found.values() for update in mine]
     explored = {robot: found[robot][1] if robot in found else 0.0 for robot in seen}
     updates.sort(key=lambda update: update.t)
-    return Measurement(updates, sent, beacons, views, frames, explored)
+    return Measurement(updates, sent, beacons, views, frames, explored, books)
 
 
 def write(run: Path, measurement: Measurement) -> None:
     """Add the measurement to bandwidth.json."""
-    path = run / "bandwidth.json"
-    books = json.loads(path.read_text(encoding="utf-8"))
-    write_whole(path, json.dumps(books | measurement.as_dict(), indent=1, allow_nan=False) + "\n")
+    text = json.dumps(measurement.books | measurement.as_dict(), indent=1, allow_nan=False)
+    write_whole(run / "bandwidth.json", text + "\n")
 
 
 def _watched(done: Iterable[Charged], total: int) -> Iterable[Charged]:

@@ -17,12 +17,12 @@ from protocol.text import printable
 MANY_LINKS = 12  # more links than that are in the JSON only
 
 
-def document(run: Path, books: dict[str, Any], measurement: Measurement) -> dict[str, Any]:
+def document(run: Path, measurement: Measurement) -> dict[str, Any]:
     """All figures of a run."""
     totals = measurement.totals()
     ratios = {name: round(totals["delta"] / size, 6) if size else None for name, size in totals.items()}
     sensing = named(config_of(run).spec)
-    return {"run": str(run), "sensing": sensing, **books, **measurement.as_dict(), "delta_against": ratios}
+    return {"run": str(run), "sensing": sensing, **measurement.books, **measurement.as_dict(), "delta_against": ratios}
 
 
 def print_tables(figures: dict[str, Any]) -> None:

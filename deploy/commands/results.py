@@ -48,12 +48,11 @@ def bandwidth(
     as_json: Annotated[bool, Option("--json", help="Print JSON instead of tables.")] = False,
 ) -> None:
     """Measure what finished runs sent, and what their maps would have cost in other forms."""
-    from deploy.bandwidth.books import read_books
     from deploy.bandwidth.tables import document, print_tables
 
     documents = []
     for run in runs:
-        documents.append(document(run, read_books(run), measure_bandwidth(run)))
+        documents.append(document(run, measure_bandwidth(run)))
         if not as_json:
             print_tables(documents[-1])
     if as_json:

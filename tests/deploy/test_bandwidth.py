@@ -193,6 +193,22 @@ def test_the_command_prints_and_keeps_the_figures(recorded: tuple[Path, RunConfi
     read_books(out)  # still balanced
 
 
+def test_each_file_is_read_once(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command read radio.csv three times, and bandwidth.json as often."""
+    out, _, _ = recorded
+    opened, real = list[str](), Path.open
+
+    def noted(path: Path, *arguments: Any, **named: Any) -> Any:
+        opened.append(path.name)
+        return real(path, *arguments, **named)
+
+    monkeypatch.setattr(Path, "open", noted)
+    CliRunner().invoke(app, ["bandwidth", str(out), "--json"])
+    assert [opened.count(name) for name in ("radio.csv", "bandwidth.json")] == [1, 1]
+
+
 def test_a_run_without_contact_has_no_map_traffic(tmp_path: Path) -> None:
     config = tiny_config(tmp_path, robots=1, until=5.0)
     inprocess.run(config, config.agent, tmp_path / "run")
@@ -222,7 +238,7 @@ def test_the_plots_of_thirty_robots_have_room(tmp_path: Path) -> None:
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # matplotlib's, of axes that collapsed
-        draw(tmp_path, Measurement([], sent, 0, 0, 0, {}))
+        draw(tmp_path, Measurement([], sent, 0, 0, 0, {}, {}))
 
 
 def test_the_settings_of_a_run_to_which_fewer_came_are_read_again(tmp_path: Path) -> None:

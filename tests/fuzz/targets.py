@@ -349,7 +349,7 @@ def a_measurement(data: bytes) -> None:
     """The bandwidth of such a run directory."""
     for run in _changed(data):
         with suppress(NoRunError):
-            figures = document(run.path, read_books(run.path), measure(run.path))
+            figures = document(run.path, measure(run.path))
             json.dumps(figures, allow_nan=False)
             with redirect_stdout(StringIO()):
                 print_tables(figures)

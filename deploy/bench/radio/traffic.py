@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from deploy.bandwidth.books import read_books
 from deploy.bandwidth.representations import NAMES
 from deploy.bandwidth.representations import measure as measure_run
 from deploy.bench.cases import Case, Figures
@@ -39,8 +38,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         run = explore(world, {}, out=out)
-        read_books(out)  # which balance, or there are no figures
-        measurement = measure_run(out, run.episode.config)
+        measurement = measure_run(out, run.episode.config)  # there are no figures where its books do not balance
         tracks = {robot: np.loadtxt(out / "trajectories" / f"{robot}.tum")[:, 1:3] for robot in run.robots}
         with (out / "radio.csv").open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
