@@ -129,7 +129,7 @@ def run_guided(name: str, seconds: float, tried: "Synchronized[int]") -> None:
 def _compiled() -> list[str]:
     """Modules with code for numba, which cannot compile the counters of atheris."""
     root = Path(__file__).parents[2]
-    files = (file for file in root.glob("[ad]*/**/*.py") if "kernels import kernel" in file.read_text("utf-8"))
+    files = (file for file in root.glob("[ad]*/**/*.py") if "from agent.kernels import" in file.read_text("utf-8"))
     return ["protocol.geometry", *(".".join(file.relative_to(root).with_suffix("").parts) for file in files)]
 
 

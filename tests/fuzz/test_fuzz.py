@@ -2,6 +2,7 @@
 
 import multiprocessing as mp
 import random
+import re
 import resource
 import sys
 from collections.abc import Callable
@@ -15,6 +16,8 @@ import pytest
 from tests.fuzz import runner
 from tests.fuzz.runner import FIRST, GROWTH_MB, mutant, run_guided, run_random
 from tests.fuzz.targets import BROKE, TARGETS
+
+REPO = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -48,3 +51,10 @@ def test_memory_that_grows_is_a_failure(guided: bool, tmp_path: Path, monkeypatc
     with pytest.raises(AssertionError, match=f"memory grew by {GROWTH_MB + 1} MB"):
         run_guided("secrets", 60, tried) if guided else run_random("secrets", 60, tried, 0)
     assert tried.value == FIRST + GROWTH_MB + 1
+
+
+def test_what_numba_compiles_is_not_instrumented() -> None:
+    """It cannot compile the counters of atheris: targets with a shared kernel ended at their first input."""
+    compiled = [file for file in (REPO / "agent").rglob("*.py") if re.search(r"^@\w*kernel", file.read_text(), re.M)]
+    assert len(compiled) > 50
+    assert {".".join(file.relative_to(REPO).with_suffix("").parts) for file in compiled} <= set(runner._compiled())
