@@ -226,7 +226,7 @@ def inner_ends_give_way(edges: Records, e: int, f: int, p: Record, patience: flo
     """
     give = True
     for side in range(2):
-        k, other = (e, f) if f_ends_both(edges[e], edges[f], side) else (f, e)
+        k, other = (e, f) if f_ends_both(edges, e, f, side) else (f, e)
         if edges[k].label[side] != NOMINAL:
             continue
         if _is_short_of(edges[k], side, edges[other], p) or not outlasted(edges[k], side, patience):
@@ -235,17 +235,24 @@ def inner_ends_give_way(edges: Records, e: int, f: int, p: Record, patience: flo
 
 
 @kernel
-def f_ends_both(e: Record, f: Record, side: int) -> bool:
+def f_ends_both(edges: Records, e: int, f: int, side: int) -> bool:
     """Whether two walls on one line, were they one, would end as wall f does: the end farther out is that of both.
 
-    An open end just beyond a corner is a view of the same end that went astray: the corner stays.
+    An open end just beyond a corner is a view of the same end that went astray: the corner stays. That of the two with
+    each other is none, and ends of short walls are near to each other whatever they are.
     """
-    beyond = along(e, f.tip[side, 0], f.tip[side, 1]) - tip_at(e, side)
+    beyond = along(edges[e], edges[f].tip[side, 0], edges[f].tip[side, 1]) - tip_at(edges[e], side)
     outward = beyond if side == 1 else -beyond
-    at_corner = f.label[side] == NOMINAL
-    if at_corner != (e.label[side] == NOMINAL) and abs(outward) <= STRAY_M:
-        return bool(at_corner)
+    at_corner, may_stray = _ends_at_corner(edges[f], side, e), min(length(edges[e]), length(edges[f])) > STRAY_M
+    if may_stray and abs(outward) <= STRAY_M and at_corner != _ends_at_corner(edges[e], side, f):
+        return at_corner
     return bool(outward > 0.0)
+
+
+@kernel
+def _ends_at_corner(e: Record, side: int, other: int) -> bool:
+    """Whether a wall ends at a corner, of another wall than that one."""
+    return bool(e.label[side] == NOMINAL and e.link[side] != other)
 
 
 @kernel

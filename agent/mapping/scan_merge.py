@@ -197,7 +197,7 @@ def _unite(edges: Records, e: int, f: int) -> None:
     else:
         add_hits(a, b.hits, b.x, b.y, (b.xx, b.xy, b.yy))
     for side in range(2):
-        if not f_ends_both(a, b, side):
+        if not f_ends_both(edges, e, f, side):
             continue  # the end of f lies inside the joint wall, and is none
         other = along(a, b.tip[side, 0], b.tip[side, 1])
         part(edges, e, side)
