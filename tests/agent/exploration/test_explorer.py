@@ -270,6 +270,27 @@ def test_a_goal_that_stays_open_is_tried_again_and_then_unreachable_with_a_reaso
     assert events[-1].data["unreachable"] == 2
 
 
+def test_an_end_is_looked_at_for_longer_while_something_beside_it_may_become_a_wall():
+    """In drlnav_stage7 the back of a partition was left for good when one more scan would have made it a wall."""
+    wall = chain([(-2.0, 1.0), (2.0, 1.0)], labels=(Label.FRONTIER, Label.NOMINAL))
+
+    def looked_until(glimpses: Floats) -> int:
+        """Tick at which the first standing point was in vain."""
+        robot, pose = explorer(pockets=False), np.zeros(3)
+        for tick in range(400):
+            command = step(robot, Situation(tick, wall, 1, tuple(pose), Wireframe(), NOBODY, glimpses=glimpses))
+            assert robot.target is not None
+            if robot.target.stands_tried > 1:
+                return tick
+            pose[:2] += 0.2 * command.speed_mps * np.array((math.cos(pose[2]), math.sin(pose[2])))
+            pose[2] += 0.2 * command.turn_rps
+        raise AssertionError("it looks for ever")
+
+    alone = looked_until(NOBODY)
+    assert alone + 5 <= looked_until(np.array([(-2.0, 1.2)])) <= alone + 15
+    assert looked_until(np.array([(-2.0, 3.0)])) == alone
+
+
 @pytest.mark.parametrize("turn_m", [0.5, 2.0])
 def test_an_end_that_opens_and_closes_by_the_side_it_is_seen_from_is_given_up(turn_m):
     """Of a slit, views from either side close what the other has opened: a robot drove round it for 1000 s."""

@@ -258,3 +258,19 @@ def test_an_open_end_just_beyond_a_corner_is_that_corner(beyond_m: float, one: b
         assert edges["tip"][walls[0]].ravel() == pytest.approx([0.0, 0.0, 12.0, 0.0])
         assert edges["link"][walls[0]].tolist() == [3, 2] and edges["link"][2:, 0].tolist() == [walls[0], -1]
     assert not edges["conflict"][1, 0]  # nothing speaks against a corner that stays
+
+
+def test_two_walls_that_share_a_corner_become_one_that_ends_elsewhere() -> None:
+    """The legs of a walker: the wall of both ended at itself, which stopped the robot."""
+    edges, piece, gates = np.zeros(2, EDGE), np.zeros(1, PIECE), Gates(0.01, OFFSET_GATE_M)
+    edges["kind"], edges["link"], edges["label"], edges["own"] = WALL, -1, OCCLUSION, 1
+    edges["hits"], edges["xx"], edges["ux"], edges["x"] = 20.0, 0.1, 1.0, 0.06
+    for k, (tail, head) in enumerate([(-0.06, 0.06), (-0.05, 0.05)]):
+        set_tip(edges[k], 0, tail)
+        set_tip(edges[k], 1, head)
+    edges["link"], edges["label"] = [(-1, 1), (0, -1)], [(OCCLUSION, NOMINAL), (NOMINAL, OCCLUSION)]
+    piece["x"], piece["ux"], piece["end"], piece["hits"], piece["spread"] = 0.06, 1.0, (-0.06, 0.06), 9.0, 0.01
+    piece["link"], piece["label"] = -1, FRONTIER
+    for _ in range(20):
+        merge_scan(edges, 2, piece, np.array([0]), np.full(1, 0.5), gates, 1.0, True)
+        assert all(k not in edges["link"][k] for k in np.flatnonzero(edges["kind"] == WALL))
