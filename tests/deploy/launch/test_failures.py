@@ -144,6 +144,7 @@ def test_without_a_world_the_run_ends_at_once(running: Any) -> None:
     read_books(run.out)  # raises where they do not balance
 
 
+@pytest.mark.slow
 def test_a_run_that_lost_its_world_and_cannot_be_finished_says_both(running: Any) -> None:
     run = running(until=7000.0)
     (run.out / "world.yaml").write_text("[")
