@@ -3,7 +3,6 @@
 import hashlib
 import re
 import secrets
-import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from protocol.access import VIEWER, WORLD, access_control, zenoh_id
 from protocol.document import read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
+from protocol.temporary import temporary_folder
 
 _LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
 
@@ -51,8 +51,8 @@ class Secrets(dict[str, str]):
     @contextmanager
     def listening(self) -> Iterator[dict[str, object]]:
         """With a file of these secrets, which is gone afterwards."""
-        with tempfile.TemporaryDirectory() as folder:  # only its owner can read it
-            file = Path(folder, "secrets")
+        with temporary_folder() as folder:  # only its owner can read it
+            file = folder / "secrets"
             write_secrets(file, self)
             yield self.listening_by(file)
 

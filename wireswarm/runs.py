@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from agent.shell.mind import minds_of
 from deploy import inprocess
 from deploy.report.rundir import Run, read_run
+from protocol.temporary import temporary_folder
 from wireswarm.settings import settings_of
 from world.episode import Episode
 from world.worldfile import bundled
@@ -41,8 +41,8 @@ def run(
     world.worldfile.WorldFileError and FileExistsError.
     """
     loaded = settings_of({"world": world, "robots": robots, "seed": seed, "until": until}, settings, file)
-    with TemporaryDirectory(prefix="wireswarm-") as temporary:
-        directory = Path(temporary, "run") if out is None else Path(out)
+    with temporary_folder() as temporary:
+        directory = temporary / "run" if out is None else Path(out)
         if directory.exists() and any(directory.iterdir()):
             raise FileExistsError(f"{directory}: something is there already")
         inprocess.run(loaded, loaded.agent, directory, progress, minds_of(loaded.mind))

@@ -35,7 +35,7 @@ from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
-from agent.period import Period
+from agent.period import Period, in_ticks
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply, pose_of
 from protocol.messages import Event, RobotSpec
@@ -125,7 +125,7 @@ class Team:
         return self.config.sharing and self.config.division
 
     def _ticks(self, seconds: float) -> int:
-        return max(1, round(seconds * self.spec.lidar.rate_hz))
+        return in_ticks(seconds, self.spec.lidar.rate_hz)
 
     def hear(self, tick: int, told: Sequence[News], here: Pose, scan: CornerScan, own: Wireframe) -> None:
         """Note what peers told, and hold proposals and merged maps against it and a scan made at `here`, own frame.

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from deploy.metrics import score, truth_of
 from deploy.sweep.plan import Job
 from deploy.sweep.work import Row, WorkerTask
 from protocol.geometry import Pose, pose_of
+from protocol.temporary import temporary_folder
 from protocol.wireframe import Wireframe, decode_wireframe, encode_wireframe
 from world.episode import Episode
 from world.worldfile import WorldFileError, to_yaml
@@ -33,8 +33,8 @@ def task_of(job: Job) -> WorkerTask:
 
 def measure(job: Job) -> Row:
     """Run a job in this process; its figures."""
-    with TemporaryDirectory(prefix="wireswarm-") as folder:
-        kept = Path(folder, "world.yaml")
+    with temporary_folder() as folder:
+        kept = folder / "world.yaml"
         try:
             return _figures(job, kept)
         except WorldFileError as error:  # it names the file that is kept here

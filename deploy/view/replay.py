@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from agent.period import in_ticks
 from deploy.recorded.runs import kept_scans, ranges_of
 from deploy.report.rundir import Run, read_drawable
 from deploy.report.story import bonds
@@ -56,7 +57,7 @@ def _ticks(t: Floats, period_s: float) -> Ints:
 
 def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
     """The beams of a robot, where the run has kept its scans."""
-    source, apart = run.path / "scans" / f"{robot}.jsonl", max(1, round(BEAMS_S * run.lidar.rate_hz))
+    source, apart = run.path / "scans" / f"{robot}.jsonl", in_ticks(BEAMS_S, run.lidar.rate_hz)
     if not source.exists():
         return
     ticks, scans = [], []

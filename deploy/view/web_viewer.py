@@ -9,7 +9,6 @@ import json
 import os
 import re
 import subprocess
-import tempfile
 import time
 import urllib.request
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import rerun_cli
 
 from protocol.errors import LinkError
+from protocol.temporary import temporary_folder
 
 NAMES = ("re_viewer.js", "re_viewer_bg.wasm")
 START_S = 30.0  # until the program serves them; a second on an idle machine
@@ -28,16 +28,16 @@ def viewer_files() -> dict[str, bytes]:
     The program runs for a moment, for this machine only, with a home of its own in which its telemetry is off.
     """
     program = Path(rerun_cli.__file__).with_name("rerun.exe" if os.name == "nt" else "rerun")
-    with tempfile.TemporaryDirectory() as home:
-        settings = Path(home, ".config", "rerun", "analytics.json")
+    with temporary_folder() as home:
+        settings = home / ".config/rerun/analytics.json"
         settings.parent.mkdir(parents=True)
         settings.write_text(json.dumps({"analytics_enabled": False, "analytics_id": "", "metadata": {}}))
-        said = Path(home, "said")
+        said = home / "said"
         alone = {name: value for name, value in os.environ.items() if not name.startswith(("XDG_", "RERUN_"))}
         options = ["--serve-web", "--bind", "127.0.0.1", "--port", "auto", "--web-viewer-port", "0"]
         with said.open("wb") as log:
             process = subprocess.Popen(
-                [program, *options], env=alone | {"HOME": home}, stdin=subprocess.DEVNULL, stdout=log, stderr=log
+                [program, *options], env=alone | {"HOME": str(home)}, stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
         try:
             place = _place(process, said)

@@ -4,14 +4,13 @@ The ends of both sides lie within the reach of a corner. Were they one corner, t
 other: a drive among boards of 0.1 m had recall 0.80 so, and has 0.99.
 """
 
-import math
-
 import numpy as np
 
+from agent.geometry.lines import ALIKE_COSINE
 from agent.mapping.submaps.segments import SEGMENT
 from protocol.arrays import Floats, Ints, Records
 
-BACK_TO_BACK = -math.cos(math.radians(20.0))  # cosine of the turn from one side of a board to the other, at most
+BACK_TO_BACK = -ALIKE_COSINE  # cosine of the turn from one side of a board to the other, at most
 
 
 def with_tips(walls: Records, tips: Floats, following: Ints) -> tuple[Records, Floats, Ints]:

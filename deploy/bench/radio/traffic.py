@@ -2,10 +2,8 @@
 
 import csv
 import math
-import tempfile
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 from statistics import fmean
 from typing import Any
 
@@ -17,6 +15,7 @@ from deploy.bench.cases import Case, Figures
 from deploy.bench.errors import errors, right
 from deploy.bench.explored import explore
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, median, runs_of, total
+from protocol.temporary import temporary_folder
 
 BAD = [{"kind": "bernoulli", "loss": 0.3}, {"kind": "latency", "ticks": 5}, {"kind": "capacity", "bytes_per_s": 5000}]
 """30 % loss, 1 s of latency, 5 kB/s."""
@@ -35,8 +34,7 @@ def cases(quick: bool) -> list[Case]:
 
 def measure_traffic(world: Mapping[str, Any]) -> Figures:
     """Bytes, recall, false merges and farthest delivery of one run."""
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder)
+    with temporary_folder() as out:
         run = explore(world, {}, out=out)
         measurement = measure_run(out, run.episode.config)  # there are no figures where its books do not balance
         tracks = {robot: np.loadtxt(out / "trajectories" / f"{robot}.tum")[:, 1:3] for robot in run.robots}
