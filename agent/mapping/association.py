@@ -150,10 +150,10 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
     and lies between them: OF_TWO_WALLS. Of two on one line it is of f as `_lies_more_along` says.
     """
-    if not related(edges[e]) or not related(edges[f]):
-        return e
     if not is_beside(edges[e], edges[f], gates):
         return f if _lies_more_along(edges[f], edges[e], p) else e
+    if not related(edges[e]) or not related(edges[f]):
+        return e
     front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
     shared = _shared(edges[front], p, along(edges[front], p.x, p.y))
     if shared <= GOES_ON_M:

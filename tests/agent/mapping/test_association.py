@@ -117,6 +117,7 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
     assert found.tolist() == [0 if taken else -1]
 
 
+@pytest.mark.parametrize("sd_m", [0.01, 0.0])
 @pytest.mark.parametrize(
     ("label", "ends_m", "hits_m", "from_m", "taken"),
     [
@@ -129,10 +130,13 @@ def test_the_back_of_a_shelf_is_not_the_wall_behind_it(off_m: float, label: int,
     ],
 )
 def test_of_two_walls_on_a_line_a_piece_is_of_the_one_along_it_up_to_its_corner(
-    label: int, ends_m: tuple[float, float], hits_m: float, from_m: float, taken: int
+    label: int, ends_m: tuple[float, float], hits_m: float, from_m: float, taken: int, sd_m: float
 ) -> None:
-    """Walls on both sides of a partition became one, as the one took views of the other."""
-    walls, piece = walls_of(2, 0.01), np.zeros(1, PIECE)
+    """Walls on both sides of a partition became one, as the one took views of the other.
+
+    With an exact pose, what was left before the partition grew over the wall beyond, and both stood on one line.
+    """
+    walls, piece = walls_of(2, sd_m), np.zeros(1, PIECE)
     walls["tip"], walls["x"] = [[(ends_m[0], 0.0), (ends_m[1], 0.0)], [(0.0, 0.0), (2.0, 0.0)]], (hits_m, 1.0)
     walls["label"][1, 0], walls["y"][1] = label, 0.003
     half = 0.5 * (2.2 - from_m)  # past the other end of the wall, which is open
