@@ -283,6 +283,7 @@ def open_end(e: Record, side: int, t: float) -> None:
     """Let a wall end at coordinate t by a frontier."""
     set_end(e, side, FRONTIER, 0.0, 0.0)
     set_tip(e, side, t)
+    forget_bare(e, side)
 
 
 @kernel

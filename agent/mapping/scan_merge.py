@@ -202,7 +202,7 @@ def _unite(edges: Records, e: int, f: int) -> None:
         other = along(a, b.tip[side, 0], b.tip[side, 1])
         part(edges, e, side)
         set_end(a, side, b.label[side], b.slack[side], b.strength[side])
-        a.conflict[side] = b.conflict[side]
+        a.conflict[side], a.bare[side] = b.conflict[side], b.bare[side]
         set_tip(a, side, other)
         g = b.link[side]
         if g >= 0:

@@ -27,6 +27,7 @@ from agent.mapping.edges import (
     tip_at,
 )
 from agent.mapping.ends import END_MARGIN_M
+from agent.mapping.slots import forget_bare
 from protocol.arrays import Ints, Records
 
 MAX_DIRECTION_SD = math.radians(5.0)
@@ -98,6 +99,7 @@ def take_piece(edges: Records, count: int, p: Record, gates: Gates) -> tuple[int
         n.held[0], n.held[1], n.strain[0], n.strain[1] = 0, 0, 0.0, 0.0
         for side in range(2):
             set_end(n, side, OCCLUSION, 0.0, 0.0)
+            forget_bare(n, side)
             n.link[side] = -1
             set_tip(n, side, p.end[side])
     return e, count
