@@ -197,7 +197,7 @@ def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: fl
             joint[AXIS] = joint[row]
             joint[:, AXIS] = joint[:, row]
             joint[AXIS, AXIS] = joint[row, row] + axis.sd**2
-            angle, begins = at, False
+            angle, shift[AXIS], begins = at, shift[row], False
             continue
         off = wrapped(angle - at, 0.5 * math.pi)
         if off * off < AXIS_SIGMAS**2 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):

@@ -167,6 +167,19 @@ def test_the_walls_of_the_first_look_give_the_axis_though_they_are_older_than_it
     assert shift[row_of(1) + 1] == pytest.approx(-off, rel=0.2)
 
 
+def test_an_axis_begins_where_its_first_wall_is_about_to_be() -> None:
+    """It began where that wall had been: the next walls then seemed to be turned by what the scan had found."""
+    edges, joint, found = np.zeros(2, EDGE), np.zeros((row_of(2), row_of(2))), math.radians(1.0)
+    edges["kind"], edges["link"], edges["ux"] = WALL, -1, 1.0
+    shift = np.zeros(len(joint))
+    for wall in range(2):
+        joint[row_of(wall) + 1, row_of(wall) + 1] = math.radians(0.3) ** 2
+        shift[row_of(wall) + 1] = found
+    angle = hold_axis(edges, np.array([0, 1]), joint, shift, 0.0, Axis(0.0, math.radians(0.1)))
+    assert angle + shift[AXIS] == pytest.approx(found)
+    assert shift[row_of(1) + 1] == pytest.approx(found)
+
+
 @pytest.mark.parametrize(("turned_m", "is_held"), [(1.2, True), (3.0, False)])
 def test_one_turned_post_among_rectilinear_walls_takes_no_axis_away(turned_m: float, is_held: bool) -> None:
     edges = np.zeros(3, EDGE)
