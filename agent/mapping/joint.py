@@ -62,9 +62,12 @@ def relate(edges: Records, count: int, joint: Floats, pose: Pose) -> None:
 
     joint: (m, m). pose: map frame.
     """
-    for e in range(min(count, has_rows(joint))):
+    rows = has_rows(joint)
+    for e in range(count):
         edges[e].held[:] = 0
-        if edges[e].kind != FREE and joint[row_of(e), row_of(e)] > 0.0:
+        if e >= rows or joint[row_of(e), row_of(e)] == 0.0:
+            edges[e].relative[:] = 0.0  # what was cut off a wall in the last scan has its numbers still
+        elif edges[e].kind != FREE:
             _relate(edges[e], row_of(e), joint, pose)
             for side in range(2):
                 end = row_of(e) + 2 + side
@@ -203,17 +206,20 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
     tentative: (k,) which records were tentative walls before the scan. Returns the new walls.
     """
     new, number = np.empty(len(edges), np.int64), 0
+    for e in range(has_rows(joint), count):
+        edges[e].twin = 0
     for e in range(min(len(edges), has_rows(joint))):
-        wall, row = edges[e], row_of(e)
+        wall, row, twin = edges[e], row_of(e), edges[e].twin
+        wall.twin = 0
         is_wall = e < count and wall.kind == WALL
         holds = is_wall or (e < count and wall.kind == TENTATIVE and is_steady(wall, noise))
-        if holds and wall.twin == 0 and related(wall):
+        if holds and twin == 0 and related(wall):
             if is_wall and e < len(tentative) and tentative[e]:
                 new[number] = e
                 number += 1
             for side in range(2):
                 if not is_landmark(wall, side) and wall.link[side] < 0:
-                    _forget(joint, row + 2 + side)
+                    forget(joint, row + 2 + side)
             continue
         if joint[row, row] > 0.0:
             joint[row : row + PER_WALL] = 0.0
@@ -221,20 +227,19 @@ def know_walls(edges: Records, count: int, joint: Floats, pose: Pose, noise: flo
         if not holds:
             wall.relative[:] = 0.0
             continue
-        if wall.twin > 0 and related(wall) and joint[row_of(wall.twin - 1), row_of(wall.twin - 1)] > 0.0:
-            _copy_rows(joint, row_of(wall.twin - 1), row)
+        if 0 < twin <= has_rows(joint) and related(wall) and joint[row_of(twin - 1), row_of(twin - 1)] > 0.0:
+            _copy_rows(joint, row_of(twin - 1), row)
         else:
             _place(wall, row, joint, pose, noise)
             if is_wall:
                 new[number] = e
                 number += 1
-        wall.twin = 0
         _relate(wall, row, joint, pose)
     return new[:number]
 
 
 @kernel
-def _forget(joint: Floats, row: int) -> None:
+def forget(joint: Floats, row: int) -> None:
     """Take its row away from what is not known any more."""
     if joint[row, row] > 0.0:
         joint[row] = 0.0
@@ -267,7 +272,7 @@ def hold_corners(edges: Records, before: Records, joint: Floats, shift: Floats, 
         w = edges[e]
         for side in range(2):
             f, end = w.link[side], row_of(e) + 2 + side
-            if f < 0 or joint[end, end] == 0.0:
+            if f < 0 or f >= has_rows(joint) or joint[end, end] == 0.0:
                 continue
             if before[e].held[side] == 1 and related(w) and related(edges[f]):
                 tip = tip_at(w, side)
@@ -277,7 +282,7 @@ def hold_corners(edges: Records, before: Records, joint: Floats, shift: Floats, 
                 slopes[1:] = -corner_slopes(w, edges[f], tip, w.tip[side, 0], w.tip[side, 1])
                 sd = NOISE_FLOOR_M + noise
                 observe(joint, shift, rows, slopes, off, sd * sd, END_SIGMAS)
-            _forget(joint, end)
+            forget(joint, end)
             shift[end] = 0.0
 
 

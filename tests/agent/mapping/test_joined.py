@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from agent.corner_scan import FRONTIER, PIECE
+from agent.corner_scan import FRONTIER, OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, FREE, WALL
 from agent.mapping.joined import hold_joined
-from agent.mapping.joint import move_walls, relate, row_of
-from agent.mapping.scan_merge import merge_scan
+from agent.mapping.joint import know_walls, move_walls, place_end, relate, row_of
+from agent.mapping.scan_merge import _unite, merge_scan
+from protocol.arrays import Floats, Records
 
 NOISE, FAR_M, PLACE_SD_M, DIRECTION_SD = 0.01, 2.0, 0.002, math.radians(0.3)
 
@@ -62,6 +63,47 @@ def test_a_wall_that_is_joined_with_a_short_one_keeps_its_line(wall: int) -> Non
     assert hold_joined(edges, before, joint, shift)
     move_walls(edges, shift)
     assert edges["uy"][wall] == pytest.approx(0.0, abs=math.radians(0.1))
+
+
+def on_a_line(*spans_m: tuple[float, float]) -> tuple[Records, Floats]:
+    """Walls of one line that a robot knows, each from one end to the other, and the covariance of all."""
+    edges, n = np.zeros(len(spans_m), EDGE), len(spans_m)
+    joint = np.zeros((row_of(n), row_of(n)))
+    joint[:3, :3] = np.eye(3) * 1e-6
+    for wall, (tail, head) in zip(edges, spans_m, strict=True):
+        wall["kind"], wall["own"], wall["hits"], wall["seen"], wall["ux"] = WALL, 1, 100.0, 10.0, 1.0
+        wall["x"], wall["xx"], wall["yy"] = 0.5 * (tail + head), 100.0 * (head - tail) ** 2 / 12.0, 1e-3
+        wall["tip"], wall["link"] = [(tail, 0.0), (head, 0.0)], -1
+        wall["label"], wall["strength"] = (FRONTIER, OCCLUSION), 5.0
+    know_walls(edges, n, joint, (0.0, 0.0, 0.0), NOISE, np.zeros(0, np.bool_))
+    return edges, joint
+
+
+def test_what_was_known_of_an_end_goes_where_the_joint_wall_ends_elsewhere() -> None:
+    """It lay 3 m before the end of both, which was taken to be known to a millimetre, and would have held the robot."""
+    edges, joint = on_a_line((0.0, 2.0), (2.1, 5.0))
+    end, own = row_of(0) + 3, np.array((0,))
+    place_end(joint, end, own, np.ones(1), 1e-6)
+    relate(edges, 2, joint, (0.0, 0.0, 0.0))
+    assert edges["held"][0].tolist() == [0, 1]
+    before, shift = edges.copy(), np.zeros(len(joint))
+    _unite(edges, 0, 1)
+    assert hold_joined(edges, before, joint, shift)
+    assert edges["tip"][0, 1].tolist() == [5.0, 0.0]
+    assert joint[end, end] == 0.0 and not joint[end].any()
+
+
+def test_parts_of_parts_are_all_held_to_the_line_that_is_left() -> None:
+    """The second of three was joined into the first, and that into the third: what moved the first counts for it."""
+    edges, joint = on_a_line((2.0, 4.0), (4.1, 6.0), (0.0, 1.9))
+    relate(edges, 3, joint, (0.0, 0.0, 0.0))
+    before, shift = edges.copy(), np.zeros(len(joint))
+    _unite(edges, 0, 1)
+    _unite(edges, 2, 0)
+    shift[[row_of(e) for e in range(3)]] = 0.01  # all of them move alike, so none is off another's line
+    assert hold_joined(edges, before, joint, shift)
+    assert shift[row_of(2)] == pytest.approx(0.01, abs=1e-6)
+    assert not shift[row_of(0) : row_of(2)].any()
 
 
 def test_walls_that_a_scan_leaves_apart_say_nothing_of_each_other() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from agent.mapping.edges import EDGE, TENTATIVE, WALL, line_sd, related
+from agent.mapping.edges import EDGE, TENTATIVE, WALL, cut_out, line_sd, related
 from agent.mapping.joint import WALLS, carry, hold_corners, know_walls, move_walls, relate, row_of
 from agent.mapping.kalman import observe
 from protocol.arrays import Floats, Records
@@ -50,6 +50,21 @@ def test_a_wall_is_known_better_from_where_it_was_seen_than_in_the_map() -> None
     elsewhere[:3], elsewhere[:, :3] = 0.0, 0.0  # a robot that knows where it is, but not where that wall is
     relate(edges, 2, elsewhere, POSE)
     assert line_sd(edges[0], 0.0, NOISE) > 0.1
+
+
+@pytest.mark.parametrize("spare", [0, 8])
+def test_what_a_cut_leaves_without_rows_is_known_by_its_hits_alone(spare: int) -> None:
+    """It had the numbers of the wall that it was cut off: an exact wall, in rows beyond the last or of zeros."""
+    edges, joint = mapped()
+    edges["kind"][2:], edges["tip"][2:, 1] = WALL, 1.0
+    edges = np.append(edges, edges[:1])
+    new, count = cut_out(edges, 4, 0, -0.1, 0.1)
+    assert (new, count) == (4, 5)
+    know_walls(edges, count, joint, POSE, NOISE, np.zeros(4, np.bool_))
+    joint = np.pad(joint, (0, spare))
+    relate(edges, count, joint, POSE)
+    assert related(edges[0]) and not related(edges[4])
+    assert edges["twin"][4] == 0
 
 
 def test_how_all_is_turned_and_shifted_together_stays_unknown_as_estimates_move() -> None:
