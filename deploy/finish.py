@@ -33,13 +33,14 @@ def finish(run: Path) -> bool:
     config, left = left_by(run), (run / CHECKPOINT_FILE).exists()
     if not left and manifest.read(run).get("ended"):
         return False
-    if left:
-        episode = Episode.resume(config, run)
-        try:
-            episode.close()
-        except UNREADABLE as error:
-            raise CheckpointError(f"{run / CHECKPOINT_FILE} is damaged ({type(error).__name__})") from error
+    episode = Episode.resume(config, run) if left else None
     remove_parts(run)
     withdraw(run)
-    manifest.finish(run, ended=episode.ended if left else "interrupted")
+    if episode is None:
+        manifest.finish(run, ended="interrupted")
+        return True
+    try:
+        episode.close(lambda ended: manifest.finish(run, ended=ended))
+    except UNREADABLE as error:
+        raise CheckpointError(f"{run / CHECKPOINT_FILE} is damaged ({type(error).__name__})") from error
     return True

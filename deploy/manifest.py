@@ -49,6 +49,14 @@ def finish(out: Path, **more: Any) -> None:
     _write(out, begun | {"end": _now()} | more)
 
 
+def ended(out: Path) -> str | None:
+    """How a run ended; None where nobody has said so yet, or it is gone or damaged."""
+    try:
+        return read(out).get("ended")
+    except InputError:
+        return None
+
+
 def interrupt(out: Path, why: str) -> None:
     """Say that somebody stopped the command, after the run or before its end. Raises as `finish` and `read` do."""
     finish(out, ended=read(out).get("ended") or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])

@@ -1,7 +1,7 @@
 """One run of the world, tick by tick: observations out, actions in. No clock, no network."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from hashlib import blake2s
 from pathlib import Path
 from typing import Any, Self
@@ -48,7 +48,7 @@ class Episode:
         self.tick = 0
         self.period_s = 1 / spec.lidar.rate_hz
         self.ended: str | None = None
-        """None while the run goes on; "complete", "time", "dead" (nobody is left), or what `close` was told."""
+        """None while the run goes on; "complete", "time", "dead" (nobody is left), or "interrupted"."""
         self.late_ticks = 0
         """Ticks that robots missed in real time; counted by the shell."""
         self.links_lost = 0
@@ -352,17 +352,22 @@ class Episode:
         self.book()
         self._ledger.happened(self.tick, robot, event, reason)
 
-    def close(self, ended: str | None = None) -> None:
-        """Write what is left of the run directory; `ended` says why, where the run did not end by itself."""
+    def close(self, written: Callable[[str], None] = lambda ended: None) -> None:
+        """Write what is left of the run directory. A run that did not end by itself was interrupted.
+
+        `written` is told how it ended, once all is written: from then on nobody needs the checkpoint, which goes.
+        Raises UnwritableError, and what `written` raises; the checkpoint stays.
+        """
         if self._closed:
             return
         self._closed = True
         self.book()
         self._ledger.settle(self.tick)
-        self.ended = self.ended or ended or "interrupted"
+        self.ended = self.ended or "interrupted"
         _, passages = self._radio.deliver(self.tick, self.live, ended=True)
         moved_to = self.poses if self._inputs is None else None
         self._ledger.close(self.tick, passages, moved_to, self.summary(), self.wire)
+        written(self.ended)
         if self._checkpoint is not None:
             self._checkpoint.remove()
 

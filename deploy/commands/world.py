@@ -125,6 +125,7 @@ def world_(
                 listening=listening,
                 awaited=lambda awaited: print(awaited, flush=True),
                 progress=progress,
+                written=lambda ended: manifest.finish(directory, ended=ended),
             )
         except InputError:
             if not goes_on:

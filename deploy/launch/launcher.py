@@ -108,12 +108,8 @@ def launch(
         out.mkdir(parents=True, exist_ok=True)
         manifest.begin(out, begun)
         children.follow()
+    children.finish()
     status, ended, errors = children.result()
-    if status != Status.INTERRUPTED and (out / CHECKPOINT_FILE).exists():
-        try:
-            finish(out)  # the world was killed, or failed
-        except (InputError, OSError) as error:
-            errors += [] if str(error) in errors else [str(error)]
     if status == Status.INTERRUPTED and ended != "interrupted":
         errors.append("interrupted while the run ended")
     try:
@@ -186,8 +182,18 @@ class Children:
             self._leave()
 
     def result(self) -> Result:
-        """How the run went, once it has ended."""
-        return Result(self._status(), self._ended or "interrupted", self._errors)
+        """How the run went, once it has ended; a world that died may have written how, or somebody for it."""
+        ended = self._ended or manifest.ended(self._out) or "interrupted"
+        return Result(self._status(), ended, self._errors)
+
+    def finish(self) -> None:
+        """Finish what a world left that was killed, or failed. One that was told to stop is to be gone soon."""
+        if self._interrupted or not (self._out / CHECKPOINT_FILE).exists():
+            return
+        try:
+            finish(self._out)
+        except (InputError, OSError) as error:
+            self._errors += [] if str(error) in self._errors else [str(error)]
 
     def interrupt(self) -> None:
         """End the run: in order where it has begun, else at once, as a second call does."""
@@ -268,6 +274,8 @@ class Children:
             del self._talking[child.pipe]
             if child.name not in self._last_words and not self._interrupted:
                 child.process.join(1.0)
+                if child.name == "world":
+                    self._ended = manifest.ended(self._out)  # it was killed between this and its last word
                 code = child.process.exitcode
                 how = f"signal {-code}" if code is not None and code < 0 else f"exit status {code}"
                 again = self._may_start_again(child.name)
@@ -323,7 +331,7 @@ class Children:
     def _status(self) -> Status:
         if self._interrupted or (self._ended == "interrupted" and not self._never_began):
             return Status.INTERRUPTED
-        if self._refused:
+        if self._refused and self._progress is None:
             return Status.USAGE
         if self._never_began or self._ended is None or self._progress is None:
             return Status.FAILURE

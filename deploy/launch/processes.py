@@ -49,11 +49,13 @@ def world_process(
 
     inbox = WorldInbox()
     _obey(launcher, inbox, robot_ended=inbox.end)
-    told: dict[str, Any] = {"opened": partial(_tell, launcher, OPENED), "progress": partial(_tell, launcher, PROGRESS)}
+    told: dict[str, Any] = {
+        "opened": partial(_tell, launcher, OPENED),
+        "progress": partial(_tell, launcher, PROGRESS),
+        "written": lambda how: manifest.finish(out, ended=how),  # here, because the launcher may be dead
+    }
     with _last_words(launcher, InputError, OSError) as ended:
-        how = serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told)
-        manifest.finish(out, ended=how)  # here, because the launcher may be dead
-        ended(how)
+        ended(serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told))
 
 
 def agent_process(

@@ -356,7 +356,7 @@ def test_ends() -> None:
     episode.close()
 
     episode = Episode(until, None)
-    episode.close("interrupted")
+    episode.close()
     assert episode.ended == "interrupted"
 
 

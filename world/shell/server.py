@@ -44,6 +44,7 @@ AWAITED_S = 5.0
 
 OnProgress = Callable[[Progress], None]
 OnAwaited = Callable[[Awaited], None]
+OnWritten = Callable[[str], None]
 
 
 def serve(
@@ -60,6 +61,7 @@ def serve(
     listening: Callable[[str], None] = lambda endpoint: None,
     awaited: OnAwaited = lambda awaited: None,
     progress: OnProgress = lambda progress: None,
+    written: OnWritten = lambda ended: None,
 ) -> str:
     """Run one episode for robots that join over the network; returns how it ended.
 
@@ -68,6 +70,7 @@ def serve(
     at most, as have come when no further one has for so many seconds; `counted` is told the settings with their number.
     `opened` is told the endpoint once robots may connect, `listening` once the world is built and they may join;
     `awaited` whom the run waits for, when one has come and every AWAITED_S; `progress` is called some times a second.
+    `written` is told how the run ended, before its checkpoint goes (`Episode.close`), also where it did not begin.
     Raises InputError where the world cannot listen or cannot be run, before anything is written; LinkError where robots
     do not join, CheckpointError where no run can go on.
     """
@@ -79,23 +82,22 @@ def serve(
             listening(endpoint)
             robots = count(session, inbox, config.robot_ids, settle_s, server.join_timeout_s, known)
             if robots is None:
-                return "interrupted"
+                raise Interrupted
             config = config.model_copy(update={"robots": robots})
             counted(config)
         episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
-        with Shell(episode, server, session, inbox, progress, known, awaited) as shell:
+        with Shell(episode, server, session, inbox, progress, known, awaited, written) as shell:
             if settle_s is None:
                 listening(endpoint)
-            ended = "interrupted"
             try:
                 shell.gather(endpoint)
                 shell.run()
-                ended = episode.ended or ended
             except Interrupted:
                 pass
             finally:
-                shell.close(ended)
+                ended = shell.close()
         return ended
+    written("interrupted")
     return "interrupted"
 
 
@@ -129,9 +131,10 @@ class Shell:
         progress: OnProgress,
         known: Callable[[str], str | None] | None = None,
         awaited: OnAwaited = lambda awaited: None,
+        written: OnWritten = lambda ended: None,
     ) -> None:
-        """known: the Zenoh ID that a robot must have, as in `Participants`. awaited: as in `serve`."""
-        self._awaited = awaited
+        """known: the Zenoh ID that a robot must have, as in `Participants`. awaited, written: as in `serve`."""
+        self._awaited, self._written = awaited, written
         self.episode, self.config, self.inbox, self.progress = episode, config, inbox, progress
         self._lockstep = config.real_time is None
         self._session, self._declared = session, ExitStack()
@@ -185,9 +188,12 @@ class Shell:
 
         Robots that were let in by then and have their link may still compile their kernels, for silence_s at most.
         In a run that goes on, those that were there come back by themselves, and are waited for as if they were away.
+        Where it had ended, all that is left is to tell them so: they are waited for here, for join_timeout_s at most.
         """
         timeout_s = self.config.join_timeout_s
         begin = time.monotonic()
+        while self.episode.ended and self._absent and self._take(begin + timeout_s):
+            pass
         deadline = begin + timeout_s
         first = self.config.begin_with or len(self.episode.robots)
         while not self._here and len(self._participants.ready) < first:
@@ -208,7 +214,7 @@ class Shell:
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
         self._wire.follow(self._ports())
         self._began = time.monotonic()
-        self._away = {robot: self._began for robot in self.episode.live if robot in self._here and robot not in ready}
+        self._away = dict.fromkeys(self._absent, self._began)
         for robot in ready:
             self._arrive(robot)
 
@@ -232,6 +238,11 @@ class Shell:
     def _here(self) -> Collection[str]:
         """Robots that have joined the run; in lockstep their answers are waited for, even while they are away."""
         return self.episode.processes
+
+    @property
+    def _absent(self) -> list[str]:
+        """Robots that have joined the run, live, and are not ready now."""
+        return [robot for robot in self._participants.missing if robot in self._here and robot in self.episode.live]
 
     def _arrive(self, robot: str) -> None:
         if self.episode.processes.get(robot) != self._participants.processes[robot]:
@@ -279,14 +290,18 @@ class Shell:
         self._progress.put(encode(progress))
         self.progress(progress)
 
-    def close(self, ended: str) -> None:
-        """Write the run directory, tell everybody that the run is over, and give robots a moment to go."""
+    def close(self) -> str:
+        """Write the run directory, tell everybody that the run is over, and give robots a moment to go.
+
+        Returns how it ended.
+        """
         episode = self.episode
         if self._began is not None:
             episode.wall_s = time.monotonic() - self._began
         self._began = None
         episode.wire = self._wire.close()
-        episode.close(ended)
+        episode.close(self._written)
+        ended = episode.ended or "interrupted"
         self.tell(ended)
         for robot in episode.live:
             self._say(robot, keys.END, encode(End(reason=ended)))
@@ -294,6 +309,7 @@ class Shell:
         with suppress(Interrupted):
             while self._participants.ready and time.monotonic() < deadline and self._take(deadline):
                 pass
+        return ended
 
     def _lose(self, robot: str) -> None:
         """A link is lost: the process behind it may have ended, or stand still and come back.
