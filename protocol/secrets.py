@@ -1,6 +1,7 @@
 """A secret for each robot and run: who has it may connect by its name."""
 
 import hashlib
+import os
 import re
 import secrets
 from collections.abc import Iterable, Iterator
@@ -11,7 +12,6 @@ from protocol.access import VIEWER, WORLD, access_control, zenoh_id
 from protocol.document import read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
-from protocol.temporary import temporary_folder
 
 _LINE = re.compile(r"([a-z][a-z0-9_-]{0,15}):([A-Za-z0-9_-]{16,200})")
 
@@ -50,11 +50,11 @@ class Secrets(dict[str, str]):
 
     @contextmanager
     def listening(self) -> Iterator[dict[str, object]]:
-        """With a file of these secrets, which is gone afterwards."""
-        with temporary_folder() as folder:  # only its owner can read it
-            file = folder / "secrets"
-            write_secrets(file, self)
-            yield self.listening_by(file)
+        """With a file of these secrets in memory, as a killed process would leave one on a disk for good."""
+        with os.fdopen(os.memfd_create("secrets"), "w") as file:
+            file.write(_lines(self))
+            file.flush()
+            yield self.listening_by(Path(f"/proc/self/fd/{file.fileno()}"))
 
     def listening_by(self, file: Path) -> dict[str, object]:
         """Settings of a router that finds these secrets in a file of `write_secrets`."""
@@ -78,7 +78,11 @@ def write_secrets(file: Path, secrets: Secrets) -> None:
 
     Raises UnwritableError.
     """
-    write_whole(file, "".join(f"{name}:{secret}\n" for name, secret in secrets.items()), private=True)
+    write_whole(file, _lines(secrets), private=True)
+
+
+def _lines(secrets: Secrets) -> str:
+    return "".join(f"{name}:{secret}\n" for name, secret in secrets.items())
 
 
 def read_secrets(file: Path, names: Iterable[str] | None) -> Secrets:

@@ -1,6 +1,7 @@
 """A rogue with a robot's own secret or certificate: what it reads, says and fakes, by the rules of the router."""
 
 import socket
+import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -232,6 +233,17 @@ def test_secrets_are_their_owners_alone(tmp_path: Path) -> None:
     with pytest.raises(UnwritableError, match=r"cannot write .*: No such file"):
         write_secrets(tmp_path / "none/secrets", secrets)
     assert new_secrets(["r1"])["r1"] != secrets["r1"]
+
+
+def test_a_router_that_is_killed_as_it_opens_leaves_no_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its file of all secrets stayed in the temporary folder for good."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    secrets = new_secrets(["r1"])
+    with secrets.listening() as settings:
+        file = Path(str(settings["transport/auth/usrpwd/dictionary_file"]))
+        assert read_secrets(file, list(secrets)) == secrets
+        assert not list(tmp_path.iterdir())
+    assert not file.exists()
 
 
 def test_no_secret_is_written_by_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
