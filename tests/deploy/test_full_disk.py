@@ -9,13 +9,16 @@ from typing import Any
 
 import pytest
 
-from agent.config import AgentConfig
+from agent.config import AgentConfig, JoinConfig
+from agent.shell.process import run_agent
 from deploy import inprocess
 from deploy.commands.results import write_results
 from protocol.files import UnwritableError
 from protocol.status import Status
 from tests.scripted import Wanderer
 from tests.tiny import ROOM, tiny_config
+from tests.world.shell.test_roll_call import world
+from world.recorder import Recorder
 
 REPO = Path(__file__).parents[2]
 MOUNTS = subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode == 0
@@ -87,6 +90,28 @@ def test_a_run_ends_at_once_when_the_disk_is_full_and_what_is_there_is_whole(
     assert all(result["found"].values()), result
     assert {"manifest.json", "truth.json", "events.jsonl"} <= result["found"].keys()
     assert not any(Path(file).name.startswith(".") for file in result["found"])
+
+
+@pytest.mark.parametrize(
+    ("steps", "told"),
+    [(("check", "close"), "interrupted"), (("close",), "time")],
+    ids=["full in mid-run", "full at the end"],
+)
+def test_robots_are_told_of_the_end_of_a_run_that_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: tuple[str, ...], told: str
+) -> None:
+    """Those that were started by hand waited a minute for their world, and blamed the network."""
+
+    def refuse(*_: object) -> None:
+        raise UnwritableError((tmp_path / "events.jsonl", "No space left on device"))
+
+    for step in steps:
+        monkeypatch.setattr(Recorder, step, refuse)
+    with world(tiny_config(tmp_path, robots=1, until=1.0), tmp_path / "out", [], settle_s=None) as (endpoint, ended):
+        patience = JoinConfig(reconnect_s=1.0)
+        assert run_agent("r1", endpoint, AgentConfig(), patience=patience, make_mind=Wanderer) == told
+        with pytest.raises(UnwritableError):
+            ended.result(10)
 
 
 @needs_mounts

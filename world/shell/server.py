@@ -291,25 +291,28 @@ class Shell:
         self.progress(progress)
 
     def close(self) -> str:
-        """Write the run directory, tell everybody that the run is over, and give robots a moment to go.
-
-        Returns how it ended.
-        """
+        """Write the run directory and take leave, also where it cannot be written; returns how the run ended."""
         episode = self.episode
         if self._began is not None:
             episode.wall_s = time.monotonic() - self._began
         self._began = None
         episode.wire = self._wire.close()
-        episode.close(self._written)
-        ended = episode.ended or "interrupted"
+        try:
+            episode.close(self._written)
+        finally:
+            ended = episode.ended or "interrupted"
+            self._take_leave(ended)
+        return ended
+
+    def _take_leave(self, ended: str) -> None:
+        """Tell everybody that the run is over, and give robots a moment to go."""
         self.tell(ended)
-        for robot in episode.live:
+        for robot in self.episode.live:
             self._say(robot, keys.END, encode(End(reason=ended)))
         deadline = time.monotonic() + FAREWELL_S
         with suppress(Interrupted):
             while self._participants.ready and time.monotonic() < deadline and self._take(deadline):
                 pass
-        return ended
 
     def _lose(self, robot: str) -> None:
         """A link is lost: the process behind it may have ended, or stand still and come back.
