@@ -87,6 +87,7 @@ class Episode:
         """Tick, robot, answer and its map, where the ledger was not told yet."""
         self._closed = False
         self._resumed_s = 0.0
+        """Simulated seconds at which this process took the run over."""
         self._checkpoint: Checkpoint | None = None
         self._checkpoint_tick = 0
         if state is not None:
@@ -116,7 +117,7 @@ class Episode:
         except UNREADABLE as error:
             raise checkpoint.broken(error) from error
         checkpoint.go_on()
-        episode._checkpoint = checkpoint
+        episode._checkpoint, episode._resumed_s = checkpoint, episode.t
         return episode
 
     def _tell(self, name: str, looked: bool, arguments: list[Any]) -> None:
@@ -162,7 +163,7 @@ class Episode:
     def _restore(self, state: State) -> None:
         self.tick = int(state["tick"])
         self.late_ticks, self.links_lost = int(state["late_ticks"]), int(state["links_lost"])
-        self._checkpoint_tick, self._resumed_s = self.tick, self.t
+        self._checkpoint_tick = self.tick
         self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
         self.processes.update(state["processes"])
         self.dead.update(state["dead"])

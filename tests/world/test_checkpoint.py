@@ -85,6 +85,16 @@ def test_a_world_that_is_killed_at_any_tick_ends_with_the_bytes_of_one_that_is_n
     assert sum(figures["robot_contacts"] + figures["wall_contacts"] for figures in robots.values()) > 0
 
 
+def test_ticks_that_are_told_again_are_not_counted_as_the_speed_of_the_run(tmp_path: Path) -> None:
+    """Nobody waited for them, and they took no time of those in which the run went on."""
+    run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
+    run.until(40)
+    run.kill_and_resume()
+    run.until(60)
+    run.episode.wall_s = 1.0
+    assert run.episode.summary()["real_time_factor"] == 4.0
+
+
 def test_an_entry_of_the_log_that_was_cut_off_counts_as_never_told(tmp_path: Path) -> None:
     run = Run(tiny_config(tmp_path, **ALL), tmp_path / "run")
     run.until(30)

@@ -215,6 +215,11 @@ class Shell:
         self._wire.follow(self._ports())
         self._began = time.monotonic()
         self._away = dict.fromkeys(self._absent, self._began)
+        if not self._lockstep and self.episode.ended is None:
+            # in a run that goes on, all links were lost with its world, also of those that are back
+            for robot in (robot for robot in self.episode.live if robot in self._here):
+                self.episode.happened(robot, "left", LOST)
+            self._newcomers |= {robot: "rejoined" for robot in ready if robot in self._here}
         for robot in ready:
             self._arrive(robot)
 
@@ -502,7 +507,8 @@ class Shell:
                 welcome = self.episode.welcome(robot, lockstep=self._lockstep)
                 query.reply(query.key_expr, encode(welcome))
         if refusal is None:
-            if robot in self._here and processes[robot] != before:
+            # in real time it has `left`, and has `rejoined` once it is ready
+            if self._lockstep and robot in self._here and processes[robot] != before:
                 self._newcomers[robot] = "rejoined"
             self._welcome_back(robot)
 

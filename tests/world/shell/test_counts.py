@@ -8,6 +8,7 @@ from typing import Any
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
 from deploy.config import RunConfig
+from tests.agent.shell.test_process import events
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
@@ -35,6 +36,16 @@ def test_a_world_that_goes_on_counts_on(tmp_path: Path) -> None:
     del killed  # it holds the directory
     summary = summary_of(config, tmp_path / "out", ("r1",), resume=True)
     assert (summary["late_ticks"], summary["links_lost"]) == (7, 3)
+
+
+def test_in_real_time_robots_leave_with_a_killed_world_and_rejoin(tmp_path: Path) -> None:
+    """They rejoined, and had not left."""
+    config = tiny_config(tmp_path, robots=1, until=10.0, server={"real_time": 4.0})
+    killed = Episode(config, tmp_path / "out")
+    killed.arrive("r1", "its process")
+    del killed  # it holds the directory
+    summary_of(config, tmp_path / "out", ("r1",), resume=True)
+    assert [event["event"] for event in events(tmp_path / "out")] == ["left", "rejoined"]
 
 
 def test_a_robot_that_has_not_come_is_not_late(tmp_path: Path) -> None:
