@@ -19,6 +19,7 @@ from deploy import manifest
 from deploy.config import RunConfig
 from deploy.launch.faults import doomed, schedule
 from deploy.launch.logs import speak_into
+from deploy.view.invitation import withdraw
 from protocol.errors import InputError, LinkError, ProtocolError
 from protocol.files import UnwritableError
 from protocol.inbox import Inbox
@@ -55,7 +56,10 @@ def world_process(
         "written": lambda how: manifest.finish(out, ended=how),  # here, because the launcher may be dead
     }
     with _last_words(launcher, InputError, OSError) as ended:
-        ended(serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told))
+        try:
+            ended(serve(config, config.server, out, credentials=secrets, inbox=inbox, resume=resume, **told))
+        finally:
+            withdraw(out)  # the launcher, which wrote it, may be dead
 
 
 def agent_process(

@@ -186,9 +186,11 @@ def test_a_pause_of_any_process_changes_no_byte_in_lockstep(
 
 def test_without_a_launcher_every_process_ends_within_five_seconds(running: Any) -> None:
     run = running(until=7000.0)
+    assert (run.out / "viewer.json").exists()
     run.launcher.kill()
     run.popen.wait()
     assert run.gone_within(5)
+    assert not (run.out / "viewer.json").exists()
     assert {robot["ended"] for robot in json.loads((run.out / "summary.json").read_text())["robots"].values()} == {
         "interrupted"
     }
