@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,11 +12,13 @@ from typing import Any, NoReturn
 
 import pytest
 
-from agent.config import AgentConfig
+from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import inprocess, manifest
 from deploy.launch import launcher
 from deploy.launch.processes import world_process
+from protocol.errors import LinkError
+from tests.disturbed import REPO
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
 from tests.world.shell.test_roll_call import world
@@ -36,10 +40,14 @@ def dies_before_its_manifest_is_written(launcher: Any, log: Any, *arguments: Any
     world_process(launcher, log, *arguments)
 
 
-def dies_as_it_says_farewell(*arguments: Any) -> None:
+def die_at_farewell() -> None:
     """When all is written and the checkpoint is gone."""
     tell = Shell.tell
     Shell.tell = lambda self, ended=None: die() if ended else tell(self)  # type: ignore[method-assign]
+
+
+def dies_as_it_says_farewell(*arguments: Any) -> None:
+    die_at_farewell()
     world_process(*arguments)
 
 
@@ -79,6 +87,20 @@ def test_a_run_that_has_ended_is_filed_as_it_ended(
     assert not (out / CHECKPOINT_FILE).exists()
     inprocess.run(config, config.agent, tmp_path / "alone", make_mind=Wanderer)
     assert digests(out).items() >= digests(tmp_path / "alone").items()
+
+
+def test_a_world_alone_files_its_run_before_it_says_farewell(tmp_path: Path) -> None:
+    tiny_config(tmp_path)
+    dies = "from tests.deploy.launch.test_last_moments import *; die_at_farewell(); from deploy.cli import main; main()"
+    options = ["--world", "tiny.yaml", "--robots", "1", "--until", "1", "--out", "out"]
+    command, environment = [sys.executable, "-c", dies, "world", *options], {**os.environ, "PYTHONPATH": str(REPO)}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        endpoint = process.stdout.readline().split()[-1]
+        with pytest.raises(LinkError):
+            run_agent("r1", endpoint, AgentConfig(), patience=JoinConfig(reconnect_s=0), make_mind=Wanderer)
+    assert process.returncode == -signal.SIGKILL
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["ended"] == "time"
 
 
 def test_a_run_that_cannot_go_on_keeps_its_manifest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
