@@ -35,9 +35,12 @@ PUT_OFF_S = 20.0
 class Episode:
     """The truth of one run. Deterministic: the same config and the same answers give the same bytes."""
 
-    def __init__(self, config: WorldConfig, out: Path | None, state: State | None = None) -> None:
+    def __init__(
+        self, config: WorldConfig, out: Path | None, state: State | None = None, *, run: str | None = None
+    ) -> None:
         """`out` is the run directory, None to record nothing. state: to go on from (see `resume`), None to begin.
 
+        run: 16 hexadecimal digits by which robots know this run; None: those that follow from its settings.
         Raises WorldFileError for a world that cannot be run, OSError where `out` cannot be written.
         """
         spec = config.spec
@@ -45,6 +48,7 @@ class Episode:
         self.world = load(config.world)
         self.robots = config.robot_ids
         self._settings = _settings_of(config, self.world)
+        self._run = run or self._settings[:16]
         self.tick = 0
         self.period_s = 1 / spec.lidar.rate_hz
         self.ended: str | None = None
@@ -146,6 +150,7 @@ class Episode:
         self.book()
         return {
             "settings": self._settings,
+            "run": self._run,
             "tick": self.tick,
             "complete": self.complete,
             "processes": self.processes,
@@ -161,7 +166,7 @@ class Episode:
         }
 
     def _restore(self, state: State) -> None:
-        self.tick = int(state["tick"])
+        self.tick, self._run = int(state["tick"]), str(state["run"])
         self.late_ticks, self.links_lost = int(state["late_ticks"]), int(state["links_lost"])
         self._checkpoint_tick = self.tick
         self.complete = {robot: bool(state["complete"][robot]) for robot in self.robots}
@@ -224,7 +229,7 @@ class Episode:
             spec=spec,
             seed=seed,
             lockstep=lockstep,
-            run=self._settings[:16],
+            run=self._run,
             tick=self.tick,
         )
 
@@ -388,9 +393,6 @@ class Episode:
 
 
 def _settings_of(config: WorldConfig, world: World) -> str:
-    """Digest of all that a run's results follow from, but for the robots' minds: 32 hexadecimal digits.
-
-    A world that comes back with another one is another run, for its robots, too.
-    """
+    """Digest of all that a run's results follow from, but for the robots' minds: 32 hexadecimal digits."""
     told = config.model_dump(mode="json", include=WorldConfig.model_fields.keys() - {"world"})
     return blake2s(f"{json.dumps(told, sort_keys=True)} {world.hash}".encode(), digest_size=16).hexdigest()

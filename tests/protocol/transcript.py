@@ -19,7 +19,7 @@ import zenoh
 
 from deploy.revision import ROOT
 from protocol import keys
-from protocol.codec import encode
+from protocol.codec import decode, encode
 from protocol.frames import FRAMES, ToldFrames
 from protocol.grid_map import GridMap, quantise
 from protocol.map_codec import encode_map
@@ -34,6 +34,7 @@ from protocol.messages import (
     ScanReport,
     Send,
     TeammatePose,
+    Welcome,
 )
 from protocol.session import at_once, open_client
 from protocol.talk import ACK, BEACON, DELTA, MAP, Ack, Beacon, Part
@@ -48,6 +49,8 @@ BEGIN, END = "<!-- captured -->\n```\n", "```\n"
 LIMIT_S = 20.0
 ROBOTS = ("r1", "r2")
 TICKS = 5
+RUN = "06e7ed488e05ac24"
+"""Stands for what each world draws."""
 
 
 def captured() -> str:
@@ -122,7 +125,8 @@ def _play(session: zenoh.Session) -> list[tuple[str, str, bytes]]:
         reply = next(iter(session.get(key, payload=question, timeout=LIMIT_S)))
         assert reply.ok is not None
         if robot == ROBOTS[0]:  # the other one's is of the same form
-            log += [("<", key, question), (">", key, reply.ok.payload.to_bytes())]
+            welcome = decode(Welcome, reply.ok.payload.to_bytes()).model_copy(update={"run": RUN})
+            log += [("<", key, question), (">", key, encode(welcome))]
     tokens = [session.liveliness().declare_token(keys.alive(robot)) for robot in ROBOTS]
     for tick in range(TICKS):
         log.extend(_until(heard, keys.OBS))

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from secrets import token_hex
 from typing import Self
 
 import zenoh
@@ -85,7 +86,8 @@ def serve(
                 raise Interrupted
             config = config.model_copy(update={"robots": robots})
             counted(config)
-        episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out)
+        run = token_hex(8)  # drawn, as robots may keep minds of a run that had the very same settings
+        episode = Episode.resume(config, out) if resume and out is not None else Episode(config, out, run=run)
         with Shell(episode, server, session, inbox, progress, known, awaited, written) as shell:
             if settle_s is None:
                 listening(endpoint)
