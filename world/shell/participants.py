@@ -112,8 +112,7 @@ class Participants:
         if robot in self._dead:
             return f"it was given up: {self._dead[robot]}"
         # a process whose link was lost and is there again asks again; one that died has no link any more
-        before = self.sessions.get(robot, join.session)
-        if before != join.session and before in self._linked():
+        if robot in self.sessions and self._is_another(join) and self._is_there(robot):
             return f"another {robot} is there already"
         self.sessions[robot], self.processes[robot] = join.session, join.process
         return None
@@ -128,6 +127,18 @@ class Participants:
             return f"this process is not the {robot} that was let in"
         self.token_went(robot)
         return None
+
+    def _is_another(self, join: Join) -> bool:
+        """Whether a robot that was let in may be another one than this; without a session its process tells."""
+        before = self.sessions[join.robot]
+        if before or join.session:
+            return before != join.session
+        return not join.process or join.process != self.processes[join.robot]
+
+    def _is_there(self, robot: str) -> bool:
+        """Whether a robot that was let in has its link; where it told no session, its token tells."""
+        session = self.sessions[robot]
+        return session in self._linked() if session else robot in self._tokens
 
     def _with_tokens(self) -> list[str]:
         return [self.sessions[robot] for robot in self._tokens if robot in self.sessions]

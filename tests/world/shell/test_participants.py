@@ -1,0 +1,41 @@
+"""Who is let in, and who is not because another of its name is there."""
+
+import pytest
+
+from protocol import keys
+from protocol.codec import encode
+from protocol.messages import PROTOCOL_VERSION, Join
+from world.shell.participants import Participants
+
+THERE = "another r1 is there already"
+
+
+def asks(there: Participants, session: str, process: str) -> str | None:
+    """Why r1 is refused; None where it is let in."""
+    join = Join(version=PROTOCOL_VERSION, robot="r1", session=session, process=process)
+    return there.admit("r1", keys.JOIN, encode(join))
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "refused"),
+    [
+        (("0a", "01"), ("0b", "02"), THERE),
+        (("0a", "01"), ("", "02"), THERE),
+        (("", "01"), ("0b", "02"), THERE),
+        (("", "01"), ("", "02"), THERE),
+        (("", ""), ("", ""), THERE),  # nobody can tell whether it is the same
+        (("0a", "01"), ("0a", "02"), None),  # of one secret, whose Zenoh ID one process at a time can have
+        (("", "01"), ("", "01"), None),
+    ],
+)
+def test_a_name_is_for_one_process_whatever_it_tells_of_itself(
+    first: tuple[str, str], second: tuple[str, str], refused: str | None
+) -> None:
+    links = {first[0]} - {""}
+    there = Participants(["r1"], {}, lambda: links)
+    assert asks(there, *first) is None
+    there.token_came("r1")
+    assert asks(there, *second) == refused
+    links.clear()
+    there.token_went("r1")
+    assert asks(there, *second) is None
