@@ -19,7 +19,8 @@ class JoinConfig(Config):
     """How long a robot looks for its world."""
 
     join_timeout_s: Positive = 10.0
-    """Seconds that a robot tries to reach a world at its start. A world that starts with it is up after 1 to 5 s."""
+    """Seconds that a robot tries to reach a world at its start. A world that starts with it is up after 1 to 5 s. One
+    that is there and still counts its robots (`--settle`) is waited for without limit."""
     reconnect_s: NotNegative = 60.0
     """Seconds that a robot waits for a world that is gone: a minute, as a laptop or a busy machine may stand still for
     so long. A world that restarts is found 0.5 s after it is up. `wireswarm run` knows when its world has ended, and

@@ -158,10 +158,10 @@ class Entry(NamedTuple):
 
 
 def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float) -> Entry | str:
-    """Ask the world to let `robot` in, first or again, for timeout_s seconds. What came in before is dropped.
+    """Ask the world to let `robot` in, first or again, for timeout_s seconds without one. What came before is dropped.
 
     Returns why the run ended where it is over for this robot. Raises RefusedError where the world says no, LinkError
-    where it is not there or does not answer.
+    where it is not there. One whose token is there is waited for without limit.
     """
     question, left_s = _question(session, robot, inbox), timeout_s
     while True:
@@ -182,7 +182,10 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
                 return "interrupted"
             if arrival.what == inbox.WORLD:
                 break
-        left_s -= min(time.monotonic() - began, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
+        if not inbox.world_up:  # a world that is there may still count who comes (`world --settle`)
+            left_s -= min(
+                time.monotonic() - began, ANSWER_S + RETRY_S
+            )  # while this process stood still it did not wait
         if left_s <= 0:
             break
     raise LinkError(

@@ -14,8 +14,12 @@ from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import AgentInbox, run_agent
 from deploy import inprocess
 from deploy.config import RunConfig
+from protocol import keys
+from protocol.codec import decode, encode
 from protocol.errors import LinkError, RefusedError
+from protocol.messages import PROTOCOL_VERSION, Join, Refused
 from protocol.secrets import new_secrets
+from protocol.session import open_client
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer
 from world.config import WorldConfig
@@ -100,3 +104,37 @@ def test_a_robot_that_waits_for_a_run_to_begin_leaves_when_it_is_asked(tmp_path:
         time.sleep(0.5)
         inbox.stop()
         assert robot.result(2) == "interrupted"
+
+
+def test_a_robot_waits_for_a_world_that_counts_longer_than_it_looks_for_one(tmp_path: Path) -> None:
+    config, counted = tiny_config(tmp_path, until=1.0), list[int]()
+    with world(config, tmp_path / "out", counted) as (endpoint, ended), ThreadPoolExecutor() as pool:
+        patience = JoinConfig(join_timeout_s=0.2)
+        robot = pool.submit(run_agent, "r1", endpoint, AgentConfig(), patience=patience, make_mind=Wanderer)
+        assert (robot.result(20), ended.result(20), counted) == ("time", "time", [1])
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_who_has_gone_again_is_not_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, says_so: bool) -> None:
+    monkeypatch.setattr("world.shell.roll_call.SILENT_S", 0.8)
+    config, counted = tiny_config(tmp_path, until=1.0), list[int]()
+    with world(config, tmp_path / "out", counted, settle_s=1.5) as (endpoint, ended), ThreadPoolExecutor() as pool:
+        stays = pool.submit(run_agent, "r1", endpoint, AgentConfig(), make_mind=Wanderer)
+        with open_client(endpoint, 10.0) as session:
+            question = encode(Join(version=PROTOCOL_VERSION, robot="r2"))
+            for service in (keys.JOIN, keys.LEAVE)[: 1 + says_so]:
+                list(session.get(keys.service("r2", service), payload=question, timeout=5.0))
+        assert (stays.result(20), ended.result(20), counted) == ("time", "time", [1])
+
+
+def test_who_cannot_take_part_is_told_so_at_once_and_not_counted(tmp_path: Path) -> None:
+    with world(tiny_config(tmp_path), tmp_path / "out", counted := [], settle_s=0.2) as (endpoint, ended):
+        with pytest.raises(RefusedError, match="no r9 takes part, only r1, r2, r3"):
+            run_agent("r9", endpoint, AgentConfig(), make_mind=Wanderer)
+        with open_client(endpoint, 10.0) as session:
+            for word in (keys.LEAVE, "else"):
+                (reply,) = session.get(keys.service("r1", word), payload=b"", timeout=5.0)
+                assert reply.err is not None and decode(Refused, reply.err.payload.to_bytes()).reason
+        with pytest.raises(TimeoutError):
+            ended.result(0.5)
+    assert not counted
