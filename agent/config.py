@@ -23,8 +23,8 @@ class JoinConfig(Config):
     that is there and still counts its robots (`--settle`) is waited for without limit."""
     reconnect_s: NotNegative = 60.0
     """Seconds that a robot waits for a world that is gone: a minute, as a laptop or a busy machine may stand still for
-    so long. A world that restarts is found 0.5 s after it is up. `wireswarm run` knows when its world has ended, and
-    tells the robots."""
+    so long. A world that restarts is found 0.5 s after it is up. Robots of `wireswarm run` wait without limit, as it
+    knows when their world has ended, and tells them."""
 
 
 class AgentConfig(Config):

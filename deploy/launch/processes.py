@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -74,7 +75,8 @@ def agent_process(
 ) -> None:
     """Run one robot; tells ENDED how, or FAILED why.
 
-    It looks for the world as long as the world waits for it: with 100 robots on two busy cores that takes over 10 s.
+    It looks for the world as long as the world waits for it: with 100 robots on two busy cores that takes over 10 s. A
+    world that is gone it waits for without limit: that stands still, as the launcher ends the robots of one that died.
     """
     speak_into(log)
     from agent.shell.process import AgentInbox, run_agent
@@ -88,7 +90,7 @@ def agent_process(
             endpoint,
             config.agent,
             credentials=None if secret is None else Secrets({robot: secret}),
-            patience=config.model_copy(update={"join_timeout_s": patience}),
+            patience=config.model_copy(update={"join_timeout_s": patience, "reconnect_s": math.inf}),
             make_mind=doomed(schedule(config.robot_ids, config.faults)[robot], make_mind),
             inbox=inbox,
             checkpoints=checkpoints,

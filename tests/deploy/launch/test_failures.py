@@ -171,7 +171,7 @@ def hold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_pause_of_any_process_changes_no_byte_in_lockstep(
     running: Any, tmp_path: Path, pause_s: float, hold: Path
 ) -> None:
-    run = running(mind="Held", until=120.0)
+    run = running(mind="Held", until=120.0, reconnect_s=0.1)  # a robot of a launcher waits for longer
     for process in (run.world(), run.agents()[1]):
         process.suspend()
         time.sleep(pause_s)
