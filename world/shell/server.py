@@ -147,8 +147,8 @@ class Shell:
         self._answers = (LockstepAnswers if self._lockstep else RealTimeAnswers)(episode.robots)
         self._put: dict[tuple[str, str], zenoh.Publisher] = {}
         self._wire = Wire()
-        self._away: dict[str, float] = {}
-        """Robots that were here and whose link is lost, and since when: time.monotonic()."""
+        self._away: dict[str, int] = {}
+        """Robots that were here and whose link is lost, and how many ticks of real time they were waited for since."""
         self._newcomers: dict[str, str] = {}
         """Robots whose process came in this tick, `joined` or `rejoined`."""
         self._losers: set[str] = set()
@@ -157,6 +157,8 @@ class Shell:
         """Questions of each robot in this tick."""
         self._began: float | None = None
         """time.monotonic() at the first tick; None before it and after the last one."""
+        self._due = 0.0
+        """time.monotonic() at which the tick is over in real time."""
         self._told = 0.0
         self._came: tuple[list[str], list[str]] = [], []
         """Robots that were ready, and those that were preparing, when `awaited` was told."""
@@ -216,7 +218,7 @@ class Shell:
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
         self._wire.follow(self._ports())
         self._began = time.monotonic()
-        self._away = dict.fromkeys(self._absent, self._began)
+        self._away = dict.fromkeys(self._absent, 0)
         if not self._lockstep and self.episode.ended is None:
             # in a run that goes on, all links were lost with its world, also of those that are back
             for robot in (robot for robot in self.episode.live if robot in self._here):
@@ -258,7 +260,7 @@ class Shell:
     def run(self) -> None:
         """Tick by tick, as fast as the robots answer or by the clock, until the episode ends."""
         assert self._began is not None
-        begin = self.episode.tick
+        self._due = self._began
         self.tell()
         while self.episode.ended is None:
             tick = self.episode.tick
@@ -271,10 +273,10 @@ class Shell:
             if time.monotonic() - self._told > PROGRESS_S:
                 self._expel()
                 self.tell()
-            if self.config.real_time is None:
+            if self._lockstep:
                 self._wait_for_all()
             else:
-                self._take_until(self._began + (tick + 1 - begin) * self.episode.period_s / self.config.real_time)
+                self._wait_for_clock()
                 self._give_up_silent()
                 self._count_late()
             self._losers.clear()
@@ -327,7 +329,7 @@ class Shell:
         That is told once a tick, as a robot may take its token away and give it back as often as it likes.
         """
         self.episode.links_lost += 1
-        self._away[robot] = time.monotonic()
+        self._away[robot] = 0
         if robot in self._losers:
             return
         self._losers.add(robot)
@@ -360,8 +362,9 @@ class Shell:
         self._newcomers.clear()
 
     def _give_up_silent(self) -> None:
-        for robot, since in list(self._away.items()):
-            if time.monotonic() - since >= self.config.silence_s:
+        for robot in list(self._away):
+            self._away[robot] += 1
+            if self._away[robot] * self._tick_s >= self.config.silence_s:
                 self._kill(robot, f"{LOST}, and it did not come back within {self.config.silence_s:g} s")
 
     def _count_late(self) -> None:
@@ -426,6 +429,25 @@ class Shell:
             self._expel()
             self.tell()
 
+    @property
+    def _tick_s(self) -> float:
+        """Seconds that a tick takes in real time."""
+        return self.episode.period_s / (self.config.real_time or 1.0)
+
+    def _wait_for_clock(self) -> None:
+        """Wait for the end of a tick in real time.
+
+        Where this process stood still, the clock goes on from now: no robot is late by it. A tick that was over before
+        it was said takes a whole period. So does one that is over for longer than a period when this process wakes, as
+        answers to it may wait in sockets.
+        """
+        self._due += self._tick_s
+        for late_s in (0.0, self._tick_s):
+            now = time.monotonic()
+            if now > self._due + late_s:
+                self._due = now + self._tick_s
+            self._take_until(self._due)
+
     def _advance(self, outputs: dict[str, Outputs]) -> None:
         while True:
             try:
@@ -459,7 +481,7 @@ class Shell:
             case WorldInbox.GONE:
                 # before the first tick a robot may be started again, after the last one it leaves as asked
                 self._participants.token_went(arrival.robot)
-                if self._began is not None and arrival.robot in self._here:
+                if self._began is not None and arrival.robot in self._here and arrival.robot in self.episode.live:
                     self._lose(arrival.robot)
             case WorldInbox.ENDED:
                 self._participants.token_went(arrival.robot)
