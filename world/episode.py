@@ -191,6 +191,11 @@ class Episode:
         return [robot for robot in self.robots if robot not in self.dead]
 
     @property
+    def absent(self) -> list[str]:
+        """Robots that have not joined yet; none where no shell tells of processes."""
+        return [robot for robot in self.robots if self.processes and robot not in self.processes]
+
+    @property
     def poses(self) -> Floats:
         """(k, 3) true poses at this tick."""
         return self._physics.poses
@@ -246,8 +251,8 @@ class Episode:
 
     def _look(self) -> Iterator[tuple[str, Inputs]]:
         """Deliver messages and cast the scans of this tick."""
-        live = self.live
-        heard, passages = self._radio.deliver(self.tick, live)
+        live, absent = self.live, self.absent
+        heard, passages = self._radio.deliver(self.tick, live, absent)
         rows = np.array([self._rows[robot] for robot in live], np.intp)
         way = self._physics.way if self.config.spec.lidar.turning else self._physics.way[-1:]
         bodies = way.copy()
@@ -256,6 +261,7 @@ class Episode:
         rays, rngs = self._lidar.rays(way[:, rows]), [self._lidar_noise[row] for row in rows]
         measured = (self._lidar.measured(ranges, rngs, met, rays) if rngs else ranges).astype("<f4")
         met[~np.isfinite(measured)] = -1  # a beam that returned nothing covers nothing
+        met[[robot in absent for robot in live]] = -1  # nor does the scan of a robot that nobody is there to read
         ways, slipping = interpolated(self._physics.way, self._wheels_read), self._physics.touching
         turned = self._physics.driven * (self.period_s / len(ways))
         inputs = {}

@@ -329,6 +329,31 @@ def test_the_dead_stand_still_and_are_logged(tmp_path: Path) -> None:
     assert not (tmp_path / "maps" / "r1.json").exists()  # it published none
 
 
+def test_a_robot_that_has_not_joined_hears_and_covers_nothing(tmp_path: Path) -> None:
+    config = QUICK.model_copy(update={"radio": QUICK.radio.model_copy(update={"range_m": None})})
+    episode = Episode(config, tmp_path)
+    for robot in ("r1", "r2"):
+        episode.arrive(robot, "process")
+
+    def two_ticks() -> None:
+        for _ in range(2):
+            send = Send(tick=episode.tick, to="r3", kind="map", payload=b"of r1")
+            action = Action(tick=episode.tick, speed_mps=0.0, turn_rps=0.0, sent=1)
+            said = {robot: answer(episode.tick) for robot in ("r2", "r3")}
+            episode.advance(said | {"r1": Outputs([send], action, None)})
+
+    two_ticks()
+    assert episode.coverage["r1"] > 0 and episode.coverage["r3"] == 0
+    assert episode.inputs()["r3"].heard == []
+    episode.arrive("r3", "process")
+    two_ticks()
+    assert episode.coverage["r3"] > 0
+    episode.close()
+    with (tmp_path / "radio.csv").open() as stream:
+        outcomes = [row["outcome"] for row in csv.DictReader(stream)]
+    assert outcomes == ["absent", "absent", "delivered", "ended"]
+
+
 def test_ends() -> None:
     until = WorldConfig(world="apartment")
     episode = Episode(until, None)

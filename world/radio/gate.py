@@ -24,6 +24,7 @@ MTU = "mtu"  # longer than the radio carries in one piece
 CAPACITY_OUT = "capacity_out"  # the sender's radio has no capacity left in this second
 CAPACITY_IN = "capacity_in"  # the receiver's radio has none left
 DEAD = "dead"  # the receiver was dead when it was to be delivered
+ABSENT = "absent"  # the receiver had not joined the run by then
 ENDED = "ended"  # the run ended before the delivery
 
 MAX_KINDS = 16
@@ -210,11 +211,11 @@ class Radio:
         return next((reason for reason, loses in self._losses if loses(hop)), None)
 
     def deliver(
-        self, tick: int, live: Collection[str], *, ended: bool = False
+        self, tick: int, live: Collection[str], absent: Collection[str] = (), *, ended: bool = False
     ) -> tuple[dict[str, list[Heard]], list[Passage]]:
         """What each live robot hears at this tick, ordered by sender and sequence, and what became of messages.
 
-        ended: the run is over, and messages still on their way are dropped.
+        absent: robots that have not joined yet. ended: the run is over, and messages still on their way are dropped.
         """
         heard: dict[str, list[Heard]] = {robot: [] for robot in self._robots if robot in live}
         passages = []
@@ -228,6 +229,8 @@ class Radio:
                 outcome = ENDED
             elif to not in heard:
                 outcome = DEAD
+            elif to in absent:
+                outcome = ABSENT
             elif not self._budget.takes(receiver, tick, size):
                 outcome = CAPACITY_IN
             else:
