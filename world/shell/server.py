@@ -38,6 +38,8 @@ MOST_QUESTIONS = 16
 FLOODS = f"more than {MOST_WAITING} of its messages, or {MOST_BYTES_WAITING} bytes of them, waited for the world"
 SAY_AGAIN_S = 2.0
 """In lockstep a tick is said again to robots whose answer takes longer, as a link that was lost loses messages."""
+STALL_S = 1.0
+"""In real time a world that is behind its clock by more stood still; what is less it makes up for."""
 PROGRESS_S = 0.2
 """Time between two publications of clock and progress, so that a viewer looks alive."""
 AWAITED_S = 5.0
@@ -437,14 +439,13 @@ class Shell:
     def _wait_for_clock(self) -> None:
         """Wait for the end of a tick in real time.
 
-        Where this process stood still, the clock goes on from now: no robot is late by it. A tick that was over before
-        it was said takes a whole period. So does one that is over for longer than a period when this process wakes, as
-        answers to it may wait in sockets.
+        Where this process stood still, the clock goes on from now, with a whole period: no robot is late by it. That is
+        looked at before the wait and after it, when answers may still wait in sockets.
         """
         self._due += self._tick_s
-        for late_s in (0.0, self._tick_s):
+        for _ in range(2):
             now = time.monotonic()
-            if now > self._due + late_s:
+            if now > self._due + STALL_S:
                 self._due = now + self._tick_s
             self._take_until(self._due)
 

@@ -23,7 +23,7 @@ from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
 from world.shell.inbox import WorldInbox
 
-STALL_S = 1.0
+STALL_S = 1.5
 
 
 @contextmanager
