@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rosbags.rosbag1 import Reader as Rosbag1
@@ -16,13 +16,15 @@ from rosbags.rosbag2 import Reader as Rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from agent.shell.ros2.laser_scan import APART_S, MAX_RANGE_M, LaserScan, stamp_of
+from agent.shell.ros2.laser_scan import APART_S, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, checked
 from deploy.recorded.frames import Frames
+from deploy.recorded.laser_scans import Entry, of_most, typical
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
 from deploy.recorded.revolution import KNOTS, unroll
+from deploy.recorded.topics import most_of, transforms_beside
 from protocol.errors import InputError
 from protocol.geometry import pose_of
 from protocol.messages import LidarSpec
@@ -32,23 +34,15 @@ FIXED_FRAME = "odom"  # the frame of odometry, by REP 105
 MOUNTED = "the lidar"  # its frame where the user tells its mount: its own frame may be the robot's
 
 
-class _Entry(NamedTuple):
-    """One LaserScan of a bag."""
-
-    number: int
-    scan: LaserScan
-
-
 @dataclass
 class _Bag:
     """What is read out of a bag."""
 
     frames: Frames = field(default_factory=Frames)
-    usable: list[_Entry] = field(default_factory=list)
+    usable: list[Entry] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     lidar_frame: str = ""
-    limits: tuple[float, float] = (0.0, MAX_RANGE_M)  # m, of the lidar
     wheels: tuple[str, str] | None = None  # the frame of the odometry, and the robot's
     scans: int = 0  # LaserScan messages
     readings: int = 0  # of those that are usable
@@ -86,10 +80,13 @@ def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
     bag, wheels, old = _Bag(), Frames(), isinstance(reader, Rosbag1)
     store = definitions(old)
     decode: Callable[[bytes, str], Any] = store.deserialize_ros1 if old else store.deserialize_cdr
-    scans, odometry = _topic(reader, bag, SCAN, given.scan_topic), _topic(reader, bag, ODOMETRY, given.odometry_topic)
+    scans = most_of(reader.connections, SCAN, given.scan_topic, bag.notes)
     if scans is None:
         raise InputError(f"it has no topic of {SCAN}")
-    wanted = [one for one in reader.connections if one.topic in (scans, odometry) or one.msgtype in TRANSFORMS]
+    odometry = most_of(reader.connections, ODOMETRY, given.odometry_topic, bag.notes, scans)
+    told = [one.topic for one in reader.connections if one.msgtype in TRANSFORMS]
+    topics = {scans, odometry, *transforms_beside(scans, told, bag.notes)}
+    wanted = [one for one in reader.connections if one.topic in topics]
     for connection, time_ns, message in _messages(reader, wanted, bag):
         kind, static = connection.msgtype, connection.topic.endswith("tf_static")
         bag.scans += kind == SCAN
@@ -100,7 +97,7 @@ def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
             elif kind == ODOMETRY:
                 _take_odometry(bag, wheels, decode(message, ODOMETRY), time_ns)
             else:
-                _take_transforms(bag, decode(message, TRANSFORMS[0]), time_ns, static)
+                _take_transforms(bag, decode(message, TRANSFORMS[0]), time_ns, static, connection.topic)
         except InputError:
             raise
         except Exception:  # as above, and one message may be damaged alone
@@ -119,22 +116,6 @@ def _messages(reader: Rosbag1 | Rosbag2, wanted: list[Any], bag: _Bag) -> Iterat
         bag.notes.append(f"damaged after {bag.scans} scans, and what follows is left out: {_words(error)}")
 
 
-def _topic(reader: Rosbag1 | Rosbag2, bag: _Bag, kind: str, asked: str | None) -> str | None:
-    """The topic with most messages of a kind, or the one that was asked for. Raises InputError where that is absent."""
-    counts = Counter[str]()
-    for connection in reader.connections:
-        if connection.msgtype == kind:
-            counts[connection.topic] += connection.msgcount
-    if asked is not None and asked not in counts:
-        raise InputError(f"{asked} is no topic of {kind} in it; there is {', '.join(sorted(counts)) or 'none'}")
-    if not counts:
-        return None
-    best = asked or min(counts, key=lambda topic: (-counts[topic], topic))
-    if asked is None and len(counts) > 1:
-        bag.notes.append(f"{best} was read, and not {', '.join(sorted(set(counts) - {best}))}")
-    return best
-
-
 def _stamp(message: Any, time_ns: int) -> float:
     """Seconds of a message's header, or of its arrival where that has none."""
     return stamp_of(message) or 1e-9 * time_ns
@@ -145,26 +126,25 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
-    scan = LaserScan.told(told, _stamp(told, time_ns))
-    if not scan.makes_sense:
+    entry = Entry.told(bag.scans - 1, told, _stamp(told, time_ns), 1e-9 * time_ns)
+    if not entry.scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return
-    if not bag.usable:
-        bag.lidar_frame, bag.limits = told.header.frame_id, (told.range_min, told.range_max)
-    bag.usable.append(_Entry(bag.scans - 1, scan))
-    bag.readings += scan.bearings.number
+    bag.usable.append(entry)
+    bag.readings += entry.scan.bearings.number
 
 
 def _take_odometry(bag: _Bag, wheels: Frames, told: Any, time_ns: int) -> None:
     if bag.wheels is None:
         bag.wheels = told.header.frame_id or FIXED_FRAME, told.child_frame_id or "the robot"
-    wheels.add(*bag.wheels, _stamp(told, time_ns), _pose(told.pose.pose.position, told.pose.pose.orientation))
+    pose = _pose(told.pose.pose.position, told.pose.pose.orientation)
+    wheels.add(*bag.wheels, _stamp(told, time_ns), pose, arrived_s=1e-9 * time_ns)
 
 
-def _take_transforms(bag: _Bag, told: Any, time_ns: int, static: bool) -> None:
+def _take_transforms(bag: _Bag, told: Any, time_ns: int, static: bool, topic: str) -> None:
     for one in told.transforms:
-        pose = _pose(one.transform.translation, one.transform.rotation)
-        bag.frames.add(one.header.frame_id, one.child_frame_id, _stamp(one, time_ns), pose, static=static)
+        link, pose = (one.header.frame_id, one.child_frame_id), _pose(one.transform.translation, one.transform.rotation)
+        bag.frames.add(*link, _stamp(one, time_ns), pose, static=static, topic=topic, arrived_s=1e-9 * time_ns)
 
 
 def _root(bag: _Bag, given: Given) -> str:
@@ -191,19 +171,25 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     """The scans, each at the end of the lidar's revolution, with their odometry."""
     if not bag.usable:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    root, first = _root(bag, given), bag.usable[0].scan
-    ends = np.array([entry.scan.end_s for entry in bag.usable])
+    usable = of_most(bag.usable, bag.skipped)
+    bag.lidar_frame = usable[0].frame
+    root = _root(bag, given)
+    usable = _until_reset(bag, root, usable)
+    most = typical(usable, bag.notes)
+    ends = np.array([entry.scan.end_s for entry in usable])
     knots = [
-        bag.frames.placed(bag.lidar_frame, root, ends - share * first.period_s) for share in np.linspace(1, 0, KNOTS)
+        bag.frames.placed(bag.lidar_frame, root, ends - share * most.scan.period_s)
+        for share in np.linspace(1, 0, KNOTS)
     ]
+    bag.notes += bag.frames.contradictions(bag.lidar_frame, root)
     upside_down, ways = knots[-1].upside_down, np.stack([knot.poses for knot in knots], 1)
-    lidar = _lidar(first, bag.limits, given, upside_down)
+    lidar = _lidar(most, given, upside_down)
     log = LidarLog(lidar, source, skipped=bag.skipped, notes=bag.notes)
-    for entry, end, way, apart in zip(bag.usable, ends.tolist(), ways, knots[-1].apart_s, strict=True):
+    for entry, end, way, apart in zip(usable, ends.tolist(), ways, knots[-1].apart_s, strict=True):
         if apart > APART_S:
             log.skipped[f"scans without odometry within {APART_S} s"] += 1
             continue
-        readings = entry.scan.at(first.bearings)
+        readings = entry.scan.at(most.scan.bearings)
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
@@ -214,8 +200,24 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     return log
 
 
-def _lidar(scan: LaserScan, limits: tuple[float, float], given: Given, upside_down: bool) -> LidarSpec:
+def _until_reset(bag: _Bag, root: str, entries: list[Entry]) -> list[Entry]:
+    """The scans up to where the clock of the odometry begins anew, as that of a simulation does that is reset.
+
+    What follows is another drive, and its times may be those of the first one. Raises InputError where no scan is left.
+    """
+    reset_s = bag.frames.reset_s(bag.lidar_frame, root)
+    if reset_s is None:
+        return entries
+    bag.frames.end(reset_s)
+    kept = [entry for entry in entries if entry.arrived_s < reset_s]
+    if not kept:
+        raise InputError("the clock of its odometry jumps back before its first scan: split it there")
+    bag.skipped += Counter({"scans after the clock of the odometry jumped back": len(entries) - len(kept)})
+    return kept
+
+
+def _lidar(most: Entry, given: Given, upside_down: bool) -> LidarSpec:
     """The lidar that makes such scans."""
-    low, high = limits
+    low, high = most.limits
     reach = (low, high) if given.range_max_m is None else (low, given.range_max_m)
-    return scan.lidar(LidarSpec(**OF_LOGS), reach, upside_down=upside_down)
+    return most.scan.lidar(LidarSpec(**OF_LOGS), reach, upside_down=upside_down)

@@ -10,7 +10,9 @@ from agent.shell.ros2.laser_scan import LEVEL
 from protocol.arrays import Floats
 from protocol.errors import InputError
 
-MAX_SAMPLES = 5_000_000  # of all links together, 320 MB: a robot's ten links at 50 Hz for three hours
+MAX_SAMPLES = 5_000_000  # of all links together, 360 MB: a robot's ten links at 50 Hz for three hours
+RESET_S, RESET_SAMPLES = 1.0, 10  # a clock that goes back by more, for so many in a row, was set back
+WIDTH = 9  # numbers of a sample
 
 
 class Placed(NamedTuple):
@@ -24,13 +26,34 @@ class Placed(NamedTuple):
 class _Link:
     """A frame in its parent frame: one pose for ever, or one now and then."""
 
-    def __init__(self, parent: str, static: bool) -> None:
-        self.parent, self.static = parent, static
-        self.samples = array("d")  # s; m, m, m; quaternion x, y, z, w; one after the other
+    def __init__(self, parent: str, static: bool, topic: str) -> None:
+        self.parent, self.static, self.topic = parent, static, topic
+        self.samples = array("d")  # s; m, m, m; quaternion x, y, z, w; s of its arrival; one after the other
+        self.others = set[str]()  # topics that tell something else
+
+    @property
+    def rows(self) -> Floats:
+        """(n, WIDTH) the samples."""
+        return np.frombuffer(self.samples, np.float64).reshape(-1, WIDTH)
+
+    def tells(self, parent: str, pose: Sequence[float]) -> bool:
+        """Whether it tells this parent and pose for ever."""
+        return self.static and parent == self.parent and np.allclose(self.rows[-1, 1:-1], pose)
+
+    def reset_s(self) -> float | None:
+        """When its clock was set back, by arrival; None where it was not. One stamp that is ahead sets nothing back."""
+        times = self.rows[:, 0]
+        if self.static or len(times) < RESET_SAMPLES + 2:
+            return None
+        before = np.fmax.accumulate(np.fmin(times[:-1], times[1:]))[:-1]  # the latest that two in a row have reached
+        late, behind = times[2:] < before - RESET_S, times[2:] < before
+        in_row = np.lib.stride_tricks.sliding_window_view(behind, RESET_SAMPLES).all(1)
+        at = np.flatnonzero(late[: len(in_row)] & in_row)
+        return float(self.rows[at[0] + 2, -1]) if len(at) else None
 
     def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
         """Rotations (n, 3, 3) and places (n, 3) at times (n,), between the neighbours there; and apart_s (n,)."""
-        rows = np.frombuffer(self.samples, np.float64).reshape(-1, 8)
+        rows = self.rows[:, :-1]
         if self.static:
             turn, place = _rotations(rows[-1:, 4:]), rows[-1:, 1:4]
             return np.repeat(turn, len(times), 0), np.repeat(place, len(times), 0), np.zeros(len(times))
@@ -50,19 +73,32 @@ class Frames:
         self._links: dict[str, _Link] = {}
         self._count = 0
 
-    def add(self, parent: str, child: str, time_s: float, pose: Sequence[float], *, static: bool = False) -> None:
+    def add(
+        self,
+        parent: str,
+        child: str,
+        time_s: float,
+        pose: Sequence[float],
+        *,
+        static: bool = False,
+        topic: str = "",
+        arrived_s: float = 0.0,
+    ) -> None:
         """Learn where a child lies in its parent: x, y, z and a quaternion x, y, z, w. Raises InputError for too many.
 
-        A frame has one parent; what is told of another one is left out.
+        A frame has one parent and one topic that tells of it: what is told of another parent, or by another topic, is
+        left out.
         """
         parent, child = parent.lstrip("/"), child.lstrip("/")
-        link = self._links.setdefault(child, _Link(parent, static))
-        if parent != link.parent:
+        link = self._links.setdefault(child, _Link(parent, static, topic))
+        if parent != link.parent or topic != link.topic:
+            if topic != link.topic and not link.tells(parent, pose):
+                link.others.add(topic)
             return
         self._count += 1
         if self._count > MAX_SAMPLES:
             raise InputError(f"more than {MAX_SAMPLES} transforms; split it")
-        link.samples.extend((time_s, *pose))
+        link.samples.extend((time_s, *pose, arrived_s))
 
     def hang(self, child: str, parent: str, pose: Sequence[float] = (0, 0, 0, 0, 0, 0, 1)) -> None:
         """Put a frame into another one for ever, whatever was told of it."""
@@ -81,6 +117,36 @@ class Frames:
             fixed &= self._links[at].static
             at = self._links[at].parent
             yield at, fixed
+
+    def reset_s(self, frame: str, root: str) -> float | None:
+        """When the first clock between two frames was set back, by arrival; None where none was."""
+        resets = [link.reset_s() for _, link in self._between(frame, root)]
+        return min((reset for reset in resets if reset is not None), default=None)
+
+    def end(self, arrived_s: float) -> None:
+        """Forget what arrived at a moment or later, of all that moves."""
+        for frame, link in [*self._links.items()]:
+            if not link.static:
+                link.samples = array("d", link.rows[link.rows[:, -1] < arrived_s].tobytes())
+                if not link.samples:
+                    del self._links[frame]
+
+    def contradictions(self, frame: str, root: str) -> list[str]:
+        """A sentence for each link between two frames of which several topics tell different things."""
+        return [
+            f"{', '.join(sorted(link.others))} tells otherwise than {link.topic} where {child} is, and is left out"
+            for child, link in self._between(frame, root)
+            if link.others
+        ]
+
+    def _between(self, frame: str, root: str) -> Iterator[tuple[str, _Link]]:
+        """The frames from one up to before one of those above it, each with its link."""
+        at, root = frame.lstrip("/"), root.lstrip("/")
+        for above, _ in self.above(frame):
+            if at == root:
+                return
+            yield at, self._links[at]
+            at = above
 
     def placed(self, frame: str, root: str, times: Floats) -> Placed:
         """Where a frame lies in one of those above it at times (n,), s. Raises InputError for one that is not level.

@@ -95,8 +95,8 @@ def test_a_lidar_on_its_side_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_lidar_that_turns_is_where_it_was_at_each_beam(tmp_path: Path) -> None:
-    said = [*drive(ROS2), ROS2.scan(102.0, FIVES, time_increment=0.1 / 180)]
-    said[0] = ROS2.scan(100.0, FIVES, time_increment=0.1 / 180)  # half a turn in 0.1 s
+    said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
+    said += [ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.1 / 180) for k in range(11)]  # half a turn in 0.1 s
     log = read(write_bag(tmp_path, "mcap", sorted(said, key=lambda one: one.t)))
     assert log.lidar.turning
     last = log.scans[-1]
@@ -116,6 +116,106 @@ def test_the_user_tells_topics_mount_and_range(tmp_path: Path) -> None:
     assert told.notes == ["no scan hits anything"]
     with pytest.raises(InputError, match=r"/front is no topic of .*/LaserScan in it; there is /rear, /scan"):
         read(path, Given(scan_topic="/front"))
+
+
+def of_robot(said: list[Said], robot: str) -> list[Said]:
+    """The same messages in a robot's namespace."""
+    return [one._replace(topic=f"/{robot}{one.topic}") for one in said]
+
+
+def by_tf(place: tuple[float, float, float], away: float = 0.0) -> list[Said]:
+    """The drive with odometry by tf, moved aside, and a lidar at this place."""
+    said = drive(ROS2, odometry=False)
+    for k in range(44):
+        x, y, theta = pose_at(99.9 + 0.05 * k)
+        said.append(ROS2.transform(99.9 + 0.05 * k, "odom", "base_link", (x, y + away, 0.0), yawed(theta)))
+    return [*said, ROS2.transform(99.0, "base_link", "laser", place, yawed(0.0), "/tf_static")]
+
+
+def in_order(said: list[Said]) -> list[Said]:
+    return sorted(said, key=lambda one: one.t)
+
+
+@pytest.mark.parametrize("robot", ["r1", "r2"])
+def test_of_several_robots_tf_of_the_scans_own_is_read(tmp_path: Path, robot: str) -> None:
+    """Merged, they were a path that jumps between two robots, without a word."""
+    said = of_robot(by_tf((0.2, 0.0, 0.0)), "r1") + of_robot(by_tf((0.0, 0.3, 0.0), away=9.0), "r2")
+    log = read(write_bag(tmp_path, "mcap", in_order(said)), Given(scan_topic=f"/{robot}/scan"))
+    place, away = ((0.2, 0.0, 0.0), 0.0) if robot == "r1" else ((0.0, 0.3, 0.0), 9.0)
+    for scan in log.scans:
+        x, y, theta = pose_at(scan.time_s)
+        assert scan.odometry == pytest.approx(compose((x, y + away, theta), place), abs=1e-3)
+    other = "r2" if robot == "r1" else "r1"
+    assert log.notes == [f"/{robot}/tf, /{robot}/tf_static were read, and not /{other}/tf, /{other}/tf_static"]
+
+
+def test_of_several_robots_the_odometry_of_the_scans_own_is_read(tmp_path: Path) -> None:
+    said = of_robot(drive(ROS2), "r2") + [one._replace(topic="/r1/odom") for one in drive(ROS2, 30)]
+    said = [
+        ROS2.odometry(one.t, (7.0, 7.0, 0.0))._replace(topic=one.topic) if "r1" in one.topic else one for one in said
+    ]
+    log = read(write_bag(tmp_path, "mcap", in_order(said)))
+    assert "/r2/odom was read, and not /r1/odom" in log.notes
+    assert log.scans[5].odometry == pytest.approx(pose_at(101.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("y", "notes"), [(0.0, 0), (0.3, 1)], ids=["alike", "contradicting"])
+def test_two_topics_that_tell_of_one_frame_are_not_mixed(tmp_path: Path, y: float, notes: int) -> None:
+    other = ROS2.transform(99.5, "base_link", "laser", (0.2, y, 0.0), yawed(0.0), "/more/tf_static")
+    log = read(write_bag(tmp_path, "mcap", in_order([*by_tf((0.2, 0.0, 0.0)), other])))
+    assert log.scans[0].odometry == pytest.approx((0.2, 0.0, 0.0), abs=1e-3)
+    assert log.notes == notes * ["/more/tf_static tells otherwise than /tf_static where laser is, and is left out"]
+
+
+def test_of_two_lidars_on_one_topic_the_one_that_has_most_is_read(tmp_path: Path) -> None:
+    said = [ROS2.scan(one.t + 0.05, FIVES + 1, frame="rear") for one in drive(ROS2) if one.kind == SCAN][:-1]
+    said += [
+        ROS2.transform(99.0, "base_link", "rear", (-0.2, 0.0, 0.0), yawed(math.pi), "/tf_static"),
+        ROS2.transform(99.0, "base_link", "laser", (0.2, 0.0, 0.0), yawed(0.0), "/tf_static"),
+    ]
+    said[0] = ROS2.scan(99.95, FIVES + 1, frame="rear")
+    log = read(write_bag(tmp_path, "mcap", in_order(said + drive(ROS2))))
+    assert log.skipped == {"scans of another lidar than the one read, whose frame is 'laser'": 9}
+    assert len(log.scans) == 10 and all(scan.ranges[0] < 5.5 for scan in log.scans)
+    assert log.scans[0].odometry == pytest.approx((0.2, 0.0, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("odd", "note"),
+    [
+        ({"angle_min": 0.0, "angle_increment": math.radians(1)}, "1 scans have another field of view than most"),
+        ({"range_max": 4.0}, "1 scans have other limits of the range than most"),
+        ({"time_increment": 0.001}, None),
+    ],
+    ids=["half", "limits", "turning"],
+)
+def test_a_first_scan_that_is_odd_does_not_tell_the_lidar(
+    tmp_path: Path, odd: dict[str, float], note: str | None
+) -> None:
+    around = {"angle_min": -math.pi, "angle_increment": math.radians(2)}
+    said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
+    said += [ROS2.scan(100 + 0.2 * k, FIVES, **(around | odd if k == 0 else around)) for k in range(10)]
+    log = read(write_bag(tmp_path, "mcap", in_order(said)))
+    assert log.lidar.field_of_view_deg == pytest.approx(360) and log.lidar.range_max_m == 10 and not log.lidar.turning
+    assert len(log.scans) == 10 and all(np.isfinite(scan.ranges).all() for scan in log.scans[1:])
+    assert [one for one in log.notes if "most" in one] == ([f"{note}, and are read as most are"] if note else [])
+
+
+@pytest.mark.parametrize("tf", [False, True])
+def test_a_drive_ends_where_the_clock_is_set_back(tmp_path: Path, tf: bool) -> None:
+    """The second drive of a simulation that was reset has the stamps of the first one, and was mixed with it."""
+    said = by_tf((0.0, 0.0, 0.0)) if tf else drive(ROS2)
+    again = [ROS2.scan(200 + 0.2 * k, FIVES, stamp=100 + 0.2 * k) for k in range(30)]
+    for k in range(124):
+        t = 99.91 + 0.05 * k
+        told = (
+            ROS2.transform(t, "odom", "base_link", (0.0, 9.0, 0.0), yawed(0.0)) if tf else ROS2.odometry(t, (0, 9, 0))
+        )
+        again.append(told._replace(t=t + 100))
+    late = ROS2.odometry(9e5, (50.0, 0.0, 0.0))._replace(t=100.52)  # one stamp that is wrong sets nothing back
+    log = read(write_bag(tmp_path, "mcap", in_order(said + again + ([] if tf else [late]))))
+    assert log.skipped == {"scans after the clock of the odometry jumped back": 30}
+    assert [scan.odometry for scan in log.scans] == [pytest.approx(pose_at(100 + 0.2 * k), abs=1e-3) for k in range(10)]
 
 
 @pytest.mark.parametrize("frame", ["base_link", "odom"])

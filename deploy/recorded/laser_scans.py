@@ -1,0 +1,64 @@
+"""The lidar of a topic's LaserScans: the one that most are of, as most of its messages tell it.
+
+Any message may be odd: drivers begin with half a revolution, and two lidars may share a topic.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple, Self, TypeVar
+
+from agent.shell.ros2.laser_scan import LaserScan
+
+T = TypeVar("T")
+OTHER_VIEW = 0.05  # share by which a scan's field of view differs from that of most: a few beams more or less are less
+
+
+class Entry(NamedTuple):
+    """One LaserScan of a bag."""
+
+    number: int
+    frame: str  # of its lidar
+    limits: tuple[float, float]  # m, the least and the greatest range; 0 where the message tells none
+    arrived_s: float
+    scan: LaserScan
+
+    @classmethod
+    def told(cls, number: int, message: Any, stamp_s: float, arrived_s: float) -> Self:
+        """Of a message with this number and stamp."""
+        limits = [0.0 if math.isnan(limit) else limit for limit in (message.range_min, message.range_max)]
+        frame = message.header.frame_id.lstrip("/")
+        return cls(number, frame, (limits[0], limits[1]), arrived_s, LaserScan.told(message, stamp_s))
+
+
+def of_most(entries: Sequence[Entry], skipped: Counter[str]) -> list[Entry]:
+    """The scans of the lidar that has most, by its frame, the first of several; those of others are skipped."""
+    frame = _most(entry.frame for entry in entries)
+    kept = [entry for entry in entries if entry.frame == frame]
+    others = len(entries) - len(kept)
+    skipped += Counter({f"scans of another lidar than the one read, whose frame is {frame!r}": others})
+    return kept
+
+
+def typical(entries: Sequence[Entry], notes: list[str]) -> Entry:
+    """What most of a lidar's scans tell: one with their bearings, their limits and their median revolution.
+
+    Scans that tell something else are noted: they are read as if they were like most.
+    """
+    bearings, limits = _most(entry.scan.bearings for entry in entries), _most(entry.limits for entry in entries)
+    alike = [entry for entry in entries if entry.scan.bearings == bearings]
+    alike.sort(key=lambda entry: entry.scan.period_s)
+    view = bearings.number * abs(bearings.step)
+    views = [abs(one.number * abs(one.step) / view - 1) for one in (entry.scan.bearings for entry in entries)]
+    for count, what in (
+        (sum(off > OTHER_VIEW for off in views), "have another field of view"),
+        (sum(entry.limits != limits for entry in entries), "have other limits of the range"),
+    ):
+        if count:
+            notes.append(f"{count} scans {what} than most, and are read as most are")
+    return alike[(len(alike) - 1) // 2]._replace(limits=limits)
+
+
+def _most(values: Iterable[T]) -> T:
+    """The most frequent value, the first of several."""
+    return Counter(values).most_common(1)[0][0]
