@@ -47,7 +47,7 @@ class _Link:
             return None
         before = np.fmax.accumulate(np.fmin(times[:-1], times[1:]))[:-1]  # the latest that two in a row have reached
         late, behind = times[2:] < before - RESET_S, times[2:] < before
-        in_row = np.lib.stride_tricks.sliding_window_view(behind, RESET_SAMPLES).all(1)
+        in_row = np.convolve(behind, np.ones(RESET_SAMPLES, np.int64), "valid") == RESET_SAMPLES
         at = np.flatnonzero(late[: len(in_row)] & in_row)
         return float(self.rows[at[0] + 2, -1]) if len(at) else None
 

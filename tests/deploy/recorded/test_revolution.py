@@ -176,3 +176,23 @@ def test_noise_is_told_apart_from_walls_and_from_a_constant_part(share: float, c
         log.add(Scan(k, float(k), ranges, (0.0, 0.0, 0.0)))
     measured_noise(log)
     assert log.lidar.noise_share == pytest.approx(share, abs=0.001)
+
+
+@pytest.mark.parametrize(
+    ("share", "constant_m", "clutter_m", "told"),
+    [(0.02, 0.0, 0.0, 0.02), (0.0, 0.03, 0.0, 0.0), (0.0, 0.003, 0.15, 0.0)],
+    ids=["a share", "constant", "a cluttered room"],
+)
+def test_noise_of_a_lidar_of_270_degrees_is_told_apart_from_a_room(
+    share: float, constant_m: float, clutter_m: float, told: float
+) -> None:
+    rng = np.random.default_rng(0)
+    lidar = LidarSpec(beams=270, field_of_view_deg=270.0, turning=False, range_max_m=12.0, noise_share=0.0)
+    log, bearings = LidarLog(lidar, "long room"), lidar.bearings()
+    walls = 2.0 / np.maximum(0.25 * np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    walls *= np.exp(-clutter_m * rng.standard_exponential(270) ** 3)  # things that stand before the walls
+    for k in range(200):
+        ranges = walls * (1 + share * rng.standard_normal(270)) + constant_m * rng.standard_normal(270)
+        log.add(Scan(k, float(k), ranges, (0.0, 0.0, 0.0)))
+    measured_noise(log)
+    assert log.lidar.noise_share == pytest.approx(told, abs=0.001)
