@@ -46,6 +46,12 @@ def has_other_than(begin: bytes, file: Path) -> bool:
         return not begin.startswith(stream.read(len(begin)))
 
 
+def check_own(begin: bytes, file: Path) -> None:
+    """Raise InputError where a file would be written over that does not begin with these bytes, as those of ours do."""
+    if has_other_than(begin, file):
+        raise InputError(f"{file} is there already and of another kind; name another folder by --out")
+
+
 def write_whole(file: Path, content: str | bytes, *, private: bool = False, durable: bool = True) -> None:
     """Write a file so that it has all of its content, or is as it was before.
 

@@ -6,13 +6,17 @@ ROS 2's nav2_map_server documents both, mode `trinary`: occupied is darker than 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import shapely
+import yaml
 from numpy.typing import NDArray
 
 from agent.geometry.cells import CELL_M, MARGIN_CELLS, wall_cells
 from deploy.exchange.maps import NamedMap
 from protocol.errors import InputError
+from protocol.text import printable
 
 OCCUPIED, FREE, UNKNOWN = 0, 254, 205  # greys, as map_saver writes them
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # of darkness, 0 to 1; UNKNOWN has 0.19608
@@ -24,7 +28,9 @@ def pgm(named: NamedMap) -> bytes:
     grid = cells(named)[::-1]
     height, width = grid.shape
     return (
-        f"P5\n# unit: m a cell {CELL_M}; frame: {named.frame}\n{width} {height}\n255\n".encode("ascii", "replace")
+        f"P5\n# unit: m a cell {CELL_M}; frame: {printable(named.frame)}\n{width} {height}\n255\n".encode(
+            "ascii", "replace"
+        )
         + grid.tobytes()
     )
 
@@ -32,9 +38,12 @@ def pgm(named: NamedMap) -> bytes:
 def description(named: NamedMap) -> str:
     """The YAML beside it."""
     (x0, y0), _ = _box(named)
+    image = yaml.safe_dump(
+        {"image": f"{named.name}.pgm"}, allow_unicode=True, width=math.inf
+    )  # quoted where it must be
     return (
-        f"# unit: m, rad; frame: {named.frame}\n"
-        f"image: {named.name}.pgm\nmode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
+        f"# unit: m, rad; frame: {printable(named.frame)}\n"
+        f"{image}mode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
         f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
     )
 

@@ -17,7 +17,7 @@ from deploy.report.rundir import Map, Run, parse_map, read_run
 from protocol.arrays import Floats
 from protocol.document import read_text
 from protocol.errors import InputError, ProtocolError
-from protocol.files import make_folder, write_whole
+from protocol.files import check_own, make_folder, write_whole
 from protocol.geometry import seen_from
 from protocol.walls import neighbours
 from protocol.wireframe import Label, Wireframe
@@ -70,6 +70,14 @@ class NamedMap:
 
 
 Form = Callable[[NamedMap], str | bytes]
+BEGINS: Mapping[str, bytes] = {
+    "pgm": b"P5\n# unit: m a cell ",
+    "yaml": b"# unit: m, rad; frame: ",
+    "geojson": b'{\n "type": "FeatureCollection",\n "name": ',
+    "dxf": b"  0\nSECTION\n",
+    "svg": b'<svg xmlns="http://www.w3.org/2000/svg" data-unit="m" ',
+}
+"""What our files of a suffix begin with. Others are not written over."""
 
 
 def read_maps(path: Path, frame: Frame) -> list[NamedMap]:
@@ -126,13 +134,12 @@ def _apart(track: Floats) -> Floats:
 def export_maps(path: Path, out: Path, frame: Frame, forms: Mapping[str, Form]) -> list[Path]:
     """Write each map of `read_maps` as NAME.SUFFIX for each suffix of `forms`, and return the files.
 
-    Raises InputError and UnwritableError.
+    Raises InputError, also where a file of another kind has the name of one, and UnwritableError.
     """
-    maps = read_maps(path, frame)
+    files = {out / f"{named.name}.{suffix}": (named, suffix) for named in read_maps(path, frame) for suffix in forms}
+    for file, (_, suffix) in files.items():
+        check_own(BEGINS[suffix], file)
     make_folder(out)
-    made = []
-    for named in maps:
-        for suffix, form in forms.items():
-            made.append(out / f"{named.name}.{suffix}")
-            write_whole(made[-1], form(named))
-    return made
+    for file, (named, suffix) in files.items():
+        write_whole(file, forms[suffix](named))
+    return list(files)

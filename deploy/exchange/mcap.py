@@ -21,21 +21,26 @@ from deploy.report import style
 from deploy.report.rundir import Map, Run, read_drawable
 from deploy.report.story import SEVERITY, sentence
 from protocol.arrays import Floats
-from protocol.files import make_folder, write_whole
+from protocol.files import check_own, make_folder, write_whole
 from protocol.geometry import Pose, pose_of
 from protocol.temporary import temporary_folder
 from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import World, rings_of
 
+MAGIC = b"\x89MCAP0\r\n"  # what such files begin with
 WALL_M, VERTEX_M = 0.04, 0.08  # widths as drawn
 LEVELS = {"warning": m.LogLevel.Warning, "error": m.LogLevel.Error}
 """By severity."""
 
 
 def write_mcap(path: Path, out: Path) -> list[Path]:
-    """Write run.mcap into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
+    """Write run.mcap into a folder, and return it. Raises InputError where the run's world or paths are lacking.
+
+    Also where a file of another kind has that name.
+    """
     run, world = read_drawable(path)
+    check_own(MAGIC, out / "run.mcap")
     make_folder(out)
     with temporary_folder() as folder:
         made, context = folder / "run.mcap", Context()

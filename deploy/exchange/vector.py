@@ -38,7 +38,8 @@ def geojson(named: NamedMap) -> str:
         for label in Label
         if len(points := named.marks(label))
     ]
-    local = f'LOCAL_CS["{named.frame}",UNIT["metre",1]]'
+    name = named.frame.replace('"', '""')  # as WKT has it within quotes
+    local = f'LOCAL_CS["{name}",UNIT["metre",1]]'
     head: dict[str, Any] = {"type": "FeatureCollection", "name": named.robot, "unit": "m", "frame": named.frame}
     head["crs"] = {"type": "name", "properties": {"name": local}}
     return json.dumps(head | {"features": features}, indent=1) + "\n"
@@ -50,6 +51,11 @@ def _feature(shape: str, coordinates: list[Any], **properties: Any) -> dict[str,
 
 def _rounded(points: Floats) -> list[list[float]]:
     return [[x + 0.0, y + 0.0] for x, y in np.round(points, DIGITS).tolist()]  # no -0.0
+
+
+def _written(points: Floats) -> list[list[str]]:
+    """The same as texts without zeros at their end."""
+    return [[f"{value:.12g}" for value in point] for point in _rounded(points)]
 
 
 def dxf(named: NamedMap) -> str:
@@ -80,20 +86,20 @@ def svg(named: NamedMap) -> str:
     (x0, y0), (x1, y1) = points.min(0) - MARGIN_M, points.max(0) + MARGIN_M
     width, height = x1 - x0, y1 - y0
     lines = [
-        f'<poly{"gon" if ring else "line"} points="{" ".join(f"{x:g},{y:g}" for x, y in _rounded(line))}"/>'
+        f'<poly{"gon" if ring else "line"} points="{" ".join(f"{x},{y}" for x, y in _written(line))}"/>'
         for line, ring in named.chains
     ]
     marks = [
         f'<g id="{label.word}" fill="{colour}">'
-        + "".join(f'<circle cx="{x:g}" cy="{y:g}" r="0.04"/>' for x, y in _rounded(named.marks(label)))
+        + "".join(f'<circle cx="{x}" cy="{y}" r="0.04"/>' for x, y in _written(named.marks(label)))
         + "</g>"
         for label, (_, colour) in COLOURS.items()
     ]
     size = f'width="{width * SCALE_MM:.1f}mm" height="{height * SCALE_MM:.1f}mm"'
     inner = "\n".join([f'<g id="walls" fill="none" stroke="{style.INK}" stroke-width="0.03">', *lines, "</g>", *marks])
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" {size} viewBox="{x0:.4f} {-y1:.4f} {width:.4f} {height:.4f}" '
-        f'data-unit="m" data-frame={quoteattr(named.frame)}>\n'
+        f'<svg xmlns="http://www.w3.org/2000/svg" data-unit="m" {size} '
+        f'viewBox="{x0:.4f} {-y1:.4f} {width:.4f} {height:.4f}" data-frame={quoteattr(named.frame)}>\n'
         f"<title>{escape(named.robot)}</title>\n"
         f"<desc>Coordinates in metres, y up: {escape(named.frame)}. 1 : 100.</desc>\n"
         f'<g transform="scale(1,-1)">\n{inner}\n</g>\n</svg>\n'

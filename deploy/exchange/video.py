@@ -17,7 +17,7 @@ from deploy.report import style
 from deploy.report.rundir import Run, read_drawable
 from deploy.report.words import headline
 from protocol.arrays import Floats
-from protocol.files import make_folder, write_whole
+from protocol.files import check_own, make_folder, write_whole
 from world.worldfile import World, polygons_of
 
 SIZE_PX = 880  # of the plan's longer side
@@ -33,8 +33,12 @@ WHITE, INK, SOLID, FIRST = range(4)  # places in it; FIRST is the first robot's
 
 
 def write_video(path: Path, out: Path) -> list[Path]:
-    """Write run.gif into a folder, and return it. Raises InputError where the run's world or paths are lacking."""
+    """Write run.gif into a folder, and return it. Raises InputError where the run's world or paths are lacking.
+
+    Also where a file of another kind has that name.
+    """
     run, world = read_drawable(path)
+    check_own(b"GIF8", out / "run.gif")
     film = _Film(run, world)
     first, *rest = [film.frame(t) for t in np.linspace(0, run.duration, FRAMES).tolist()]
     data = io.BytesIO()

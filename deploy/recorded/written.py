@@ -18,7 +18,7 @@ from deploy.recorded.carmen import FLASER, REVOLUTION, ROBOTLASER, SICK_RANGE_M
 from deploy.recorded.runs import kept_files, kept_scans
 from protocol.arrays import Floats
 from protocol.document import MAX_RESULT_BYTES, read_text
-from protocol.files import make_folder, write_whole
+from protocol.files import check_own, make_folder, write_whole
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
 
@@ -30,10 +30,14 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
     """Write ID.log and ID.ref.tum of each robot of a run directory into a folder, and return the logs.
 
     ID.ref.tum holds the lidar's true pose in the world for each scan, `INDEX x y 0 0 0 qz qw`. Raises NoRunError where
-    the directory has no scans or they are damaged, UnwritableError.
+    the directory has no scans or they are damaged, InputError where a file of another kind has the name of one, and
+    UnwritableError.
     """
     lidar, made = config_of(run).spec.lidar, []
     sources = kept_files(run)
+    for source in sources:
+        check_own(f"PARAM {REVOLUTION} ".encode(), out / f"{source.stem}.log")
+        check_own(b"0 ", out / f"{source.stem}.ref.tum")
     make_folder(out)
     for source in sources:
         scans = list(kept_scans(source, lidar.beams))

@@ -181,3 +181,46 @@ def test_a_tangle_of_walls_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "map.json").write_text(json.dumps({"vertices": places, "labels": ["nominal"] * 6000, "edges": ring}))
     with pytest.raises(InputError, match="lie over each other"):
         export_maps(tmp_path / "map.json", tmp_path / "out", "own", FORMS["map_server"])
+
+
+def test_coordinates_far_away_have_a_tenth_of_a_millimetre(tmp_path: Path) -> None:
+    corners = [[1234.5678, -0.0001], [1236.4321, 2.5]]
+    told = {"vertices": corners, "labels": ["nominal", "nominal"], "edges": [[0, 1]]}
+    (tmp_path / "map.json").write_text(json.dumps(told))
+    (made,) = export_maps(tmp_path / "map.json", tmp_path / "out", "own", FORMS["svg"])
+    assert 'points="1234.5678,-0.0001 1236.4321,2.5"' in made.read_text()
+
+
+@pytest.mark.parametrize("name", ["my #1 map", "a: b", 'the "old" one', "two\nlines", "- x", "Größe"])
+def test_a_map_of_any_name_is_read_back(tmp_path: Path, name: str) -> None:
+    from pyogrio import raw
+
+    (tmp_path / f"{name}.json").write_text(json.dumps(seen(8, STARTS["r1"])))
+    export_maps(tmp_path / f"{name}.json", tmp_path / "out", "own", {"pgm": EVERY["pgm"], "yaml": EVERY["yaml"]})
+    occupied, _, _ = grid_of(tmp_path / "out", name)
+    assert len(occupied) > 100
+    (made,) = export_maps(tmp_path / f"{name}.json", tmp_path / "geo", "own", FORMS["geojson"])
+    frame = json.loads(made.read_text())["frame"]
+    assert frame in raw.read(made.rename(tmp_path / "some.geojson"))[0]["crs"].replace('""', '"')
+
+
+@pytest.mark.parametrize("suffix", EVERY)
+def test_files_of_others_are_not_written_over_and_own_ones_are(tmp_path: Path, suffix: str) -> None:
+    """r1.yaml may be a robot's configuration."""
+    (tmp_path / "r1.json").write_text(json.dumps(seen(8, STARTS["r1"])))
+    made = tmp_path / "out" / f"r1.{suffix}"
+    for _ in range(2):
+        export_maps(tmp_path / "r1.json", tmp_path / "out", "own", EVERY)
+    made.write_text("spec: {}\n")
+    for file in tmp_path.glob("out/*"):
+        if file != made:
+            file.unlink()
+    with pytest.raises(InputError, match=rf"r1\.{suffix} is there already and of another kind; name another folder by"):
+        export_maps(tmp_path / "r1.json", tmp_path / "out", "own", EVERY)
+    assert [file.name for file in tmp_path.glob("out/*")] == [made.name] and made.read_text() == "spec: {}\n"
+
+
+def test_a_recording_of_others_is_not_written_over(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_text("mine")
+    with pytest.raises(InputError, match=r"run\.mcap is there already and of another kind"):
+        write_mcap(run, tmp_path)
