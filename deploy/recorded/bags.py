@@ -4,6 +4,7 @@ The definitions of these messages are those of ROS and not those that a bag brin
 """
 
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from rosbags.typesys.store import Typestore
 from agent.shell.ros2.laser_scan import APART_S, stamp_of
 from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, checked
+from deploy.recorded.bag_files import how_to_mend, known_by_suffix
 from deploy.recorded.frames import Frames
 from deploy.recorded.laser_scans import Entry, of_most, typical
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
@@ -60,7 +62,7 @@ def definitions(old: bool) -> Typestore:
 def read_bag(file: Path, given: Given) -> LidarLog:
     """The scans of a bag, from the lidar's place by odometry. Raises InputError where none can be used."""
     try:
-        with checked(file) as path, bounded_memory():
+        with checked(file) as found, known_by_suffix(found) as path, bounded_memory():
             with Rosbag1(path) if path.suffix == ".bag" else Rosbag2(path) as reader:
                 bag = _read(reader, given)
             return _log(str(file), bag, given)
@@ -69,11 +71,12 @@ def read_bag(file: Path, given: Given) -> LidarLog:
     except MemoryError:
         raise InputError(f"{file}: it takes more than {MORE_BYTES >> 30} GB of memory; split it") from None
     except Exception as error:  # the library checks little of bytes that are no bag
-        raise InputError(f"{file}: it is no bag, or damaged: {_words(error)}") from None
+        raise InputError(f"{file}: it is no bag, or damaged: {_words(error)}{how_to_mend(file)}") from None
 
 
 def _words(error: Exception) -> str:
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    text = re.sub(r"\('(.*?)',\)", r"\1", " ".join(str(error).split()))  # of an error within it
+    return text.rstrip(".") or type(error).__name__
 
 
 def _read(reader: Rosbag1 | Rosbag2, given: Given) -> _Bag:
@@ -193,7 +196,10 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
         log.add(Scan(entry.number, end, lidar.cleaned(readings), pose_of(way[-1]), way))
     if not log.scans:
         raise InputError(f"none of its {bag.scans} scans can be used: {', '.join(bag.skipped)}")
-    if not lidar.turning:
+    if lidar.turning:
+        if given.revolution_s is not None:
+            log.notes.append("--revolution is left out: time_increment of its scans tells it")
+    else:
         unroll(log, None, given.revolution_s, from_stamp=True)
     measured_noise(log)
     log.note_odd()

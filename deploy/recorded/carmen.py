@@ -52,7 +52,7 @@ def read_carmen(file: Path, given: Given) -> LidarLog:
         return _read(file, given)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    except (OSError, EOFError, zlib.error) as error:
+    except OSError as error:
         raise InputError(f"{file}: it cannot be read: {error}") from None
 
 
@@ -90,7 +90,8 @@ def _read(file: Path, given: Given) -> LidarLog:
     lasers: list[_Laser] = []
     kind, index, skipped = "", -1, Counter[str]()
     told: Revolution | None = None
-    for words, read in _lines(file):
+    damage: list[str] = []
+    for words, read in _lines(file, damage):
         if not lasers and read > MAX_HEAD:
             raise InputError(f"its first {MAX_HEAD >> 20} MB hold no scan; it should be a CARMEN text log")
         if words[:2] == ["PARAM", REVOLUTION]:
@@ -115,9 +116,15 @@ def _read(file: Path, given: Given) -> LidarLog:
                 continue
             lasers.append(laser)
         laser.add(index, time_s, readings, seen_from, robot)
+    if damage and not lasers:
+        raise InputError(f"it cannot be read: {damage[0]}")
     if not lasers and not skipped:
         raise InputError("no line of it is a FLASER or ROBOTLASER1 scan; it should be a CARMEN text log")
     log = _of_most(lasers, skipped)
+    if damage:
+        log.notes.append(f"damaged after {index + 1} scans, and what follows is left out: {damage[0]}")
+    if given.field_of_view_deg is not None and kind == ROBOTLASER:
+        log.notes.append(f"--field-of-view is left out: {ROBOTLASER} lines tell it")
     if kind == FLASER and given.range_max_m is None:
         find_ceiling(log)
     unroll(log, told, given.revolution_s)
@@ -154,8 +161,11 @@ def _revolution(words: list[str]) -> Revolution | None:
     return Revolution(abs(seconds), backwards=seconds < 0) if abs(seconds) <= MAX_REVOLUTION_S else None
 
 
-def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
-    """Words of each line, whatever ends it, and the characters up to there."""
+def _lines(file: Path, damage: list[str]) -> Iterator[tuple[list[str], int]]:
+    """Words of each line, whatever ends it, and the characters up to there.
+
+    What is wrong with a gzip file ends them, as of a recording that was broken off, and is added to `damage`.
+    """
     check_is_file(file)
     with file.open("rb") as raw:
         zipped = raw.read(2) == b"\x1f\x8b"
@@ -163,11 +173,20 @@ def _lines(file: Path) -> Iterator[tuple[list[str], int]]:
         unzipped = BufferedReader(gzip.GzipFile(fileobj=raw)) if zipped else raw
         with TextIOWrapper(unzipped, "utf-8-sig", "replace") as stream:
             read = 0
-            while line := stream.readline(MAX_LINE):
+            while line := _line(stream, damage):
                 read += len(line)
                 if read > MAX_BYTES:
                     raise InputError(f"more than {MAX_BYTES >> 20} MB of text; split it")
                 yield line.lstrip("\0").split(), read  # a power cut leaves zeros
+
+
+def _line(stream: TextIOWrapper, damage: list[str]) -> str:
+    """The next line; none where the rest is damaged."""
+    try:
+        return stream.readline(MAX_LINE)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        damage.append(str(error))
+        return ""
 
 
 def _parsed(words: list[str], given: Given) -> tuple[LidarSpec, Floats, Pose, Pose, float]:

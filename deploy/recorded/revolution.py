@@ -11,6 +11,7 @@ from itertools import pairwise
 from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deploy.recorded.lidar_log import LidarLog, Scan
 from protocol.arrays import Floats
@@ -69,6 +70,8 @@ def unroll(log: LidarLog, told: Revolution | None, given_s: float | None, from_s
     if revolution.seconds <= 0 or not log.scans:
         return
     ways = _ways(log.scans, revolution)
+    if alike := int(_of_one_stamp(log.scans).sum()):
+        log.notes.append(f"{alike} scans share their stamp with another, and are taken as of one moment")
     for k, scan in enumerate(log.scans):
         if revolution.after_s:
             scan = scan._replace(time_s=scan.time_s + revolution.after_s, odometry=pose_of(ways[k, -1]))
@@ -118,10 +121,16 @@ def _ways(scans: list[Scan], revolution: Revolution) -> Floats:
     poses[:, 2] = np.unwrap(poses[:, 2])
     moments = times[:, None] + revolution.after_s - revolution.seconds * np.linspace(1.0, 0.0, KNOTS)
     ways = np.stack([np.interp(moments, times, column) for column in poses.T], -1)
-    alike = np.append(False, np.diff(times) <= 0)
-    alike[:-1] |= alike[1:]
+    alike = _of_one_stamp(scans)
     ways[alike] = poses[alike, None]
     return ways
+
+
+def _of_one_stamp(scans: list[Scan]) -> NDArray[np.bool_]:
+    """Which scans have the stamp of the one before or after them."""
+    alike = np.append(False, np.diff([scan.time_s for scan in scans]) <= 0)
+    alike[:-1] |= alike[1:]
+    return alike
 
 
 def _turning(lidar: LidarSpec, backwards: bool = False) -> LidarSpec:

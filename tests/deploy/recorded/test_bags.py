@@ -59,6 +59,47 @@ def test_scans_and_odometry_are_read_from_every_kind(tmp_path: Path, kind: str) 
     assert not log.lidar.turning and not log.lidar.clockwise
 
 
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["drive", "DRIVE.MCAP", "x.bag.active", "lone/drive.data"])
+def test_a_bag_is_known_by_what_it_begins_with(tmp_path: Path, kind: str, name: str) -> None:
+    path = write_bag(tmp_path, kind, drive(Speaker(kind)), "bag")
+    file = path if path.is_file() else next(file for file in path.iterdir() if file.suffix != ".yaml")
+    (tmp_path / "lone").mkdir()
+    renamed = file.rename(tmp_path / name)
+    assert len(read(renamed.parent if "/" in name else renamed).scans) == 10
+
+
+def test_files_of_a_bag_without_its_metadata_are_a_sentence(tmp_path: Path) -> None:
+    folder = write_bag(tmp_path, "mcap", drive(ROS2))
+    (folder / "metadata.yaml").rename(tmp_path / "elsewhere")
+    (folder / "more.mcap").write_bytes((folder / "drive.mcap").read_bytes())
+    with pytest.raises(
+        InputError, match=r"its 2 files are of a bag without metadata\.yaml; `ros2 bag reindex` makes it"
+    ):
+        read(folder)
+
+
+@pytest.mark.parametrize(("kind", "mender"), [("rosbag1", "rosbag reindex"), ("mcap", "mcap recover")])
+def test_of_a_recording_that_was_broken_off_the_sentence_tells_what_mends_it(
+    tmp_path: Path, kind: str, mender: str
+) -> None:
+    path = write_bag(tmp_path, kind, drive(Speaker(kind)))
+    file = path if path.is_file() else path / "drive.mcap"
+    file.write_bytes(file.read_bytes()[:-3000])
+    with pytest.raises(InputError, match=f"; if its recording was broken off, `{mender}` mends it$") as error:
+        read(file)
+    assert "(" not in str(error.value)
+
+
+def test_options_that_do_not_apply_are_not_left_out_in_silence(tmp_path: Path) -> None:
+    said = [one for one in drive(ROS2) if one.kind == ODOMETRY]
+    said += [ROS2.scan(100 + 0.2 * k, FIVES, time_increment=0.1 / 180) for k in range(9)]
+    bag = write_bag(tmp_path, "mcap", in_order(said))
+    assert "--revolution is left out: time_increment of its scans tells it" in read(bag, Given(revolution_s=0.0)).notes
+    with pytest.raises(InputError, match="--field-of-view: it is for CARMEN text, leave it out"):
+        read(bag, Given(field_of_view_deg=90.0))
+
+
 @pytest.mark.parametrize("name", ["*.mcap", "*.db3"])
 def test_the_file_in_a_folder_is_read_alone(tmp_path: Path, name: str) -> None:
     folder = write_bag(tmp_path, "mcap" if name == "*.mcap" else "sqlite3", drive(ROS2))

@@ -10,6 +10,7 @@ import pytest
 
 from deploy.recorded.carmen import read_carmen
 from deploy.recorded.lidar_log import Given
+from deploy.recorded.reading import read_logs
 from protocol.errors import InputError
 
 
@@ -238,12 +239,36 @@ def test_odometry_that_never_moves_is_told_where_scans_do(tmp_path: Path, moves:
     assert read_carmen(log(tmp_path, *lines), Given(range_max_m=80.0)).notes == notes
 
 
-def test_a_cut_gzip_is_an_error_with_its_name(tmp_path: Path) -> None:
+def test_a_gzip_that_was_broken_off_is_read_up_to_there(tmp_path: Path) -> None:
+    """As a plain log is."""
     file, rng = tmp_path / "cut.log.gz", np.random.default_rng(0)
-    lines = "\n".join(flaser(k, readings=[f"{r:.6f}" for r in rng.random(180)]) for k in range(50))
+    lines = "\n".join(flaser(k, readings=[f"{r:.6f}" for r in rng.random(180)]) for k in range(200))
     file.write_bytes(gzip.compress(lines.encode())[:-5000])
+    read = read_carmen(file, Given())
+    assert 100 < len(read.scans) < 200 and not read.skipped
+    assert read.notes[0].startswith(f"damaged after {len(read.scans)} scans, and what follows is left out: ")
+    file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(InputError, match=r"cut\.log\.gz: it cannot be read"):
         read_carmen(file, Given())
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (Given(scan_topic="/scan"), "--scan-topic: it is for a bag, leave it out"),
+        (Given(odometry_topic="/odom"), "--odometry-topic: it is for a bag, leave it out"),
+        (Given(mount=(0.0, 0.0, 0.0)), "--mount: it is for a bag, leave it out"),
+    ],
+)
+def test_an_option_that_no_file_takes_is_refused(tmp_path: Path, given: Given, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_logs([log(tmp_path, flaser(0))], given)
+
+
+def test_an_option_that_the_log_tells_itself_is_said_to_be_left_out(tmp_path: Path) -> None:
+    file = log(tmp_path, *(robotlaser(k) for k in range(3)))
+    (read,) = read_logs([file], Given(field_of_view_deg=90.0))
+    assert read.notes == ["--field-of-view is left out: ROBOTLASER1 lines tell it"]
 
 
 def test_much_text_without_a_scan_is_not_read_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -162,6 +162,7 @@ def test_scans_of_one_stamp_are_taken_where_odometry_has_them() -> None:
     for k in range(9):
         log.add(Scan(k, float(k // 3), np.ones(8), (0.1 * k, 0.0, 0.0)))
     unroll(log, Revolution(0.2), None)
+    assert log.notes == ["9 scans share their stamp with another, and are taken as of one moment"]
     assert all(scan.way is not None and (scan.way[:, 0] == scan.odometry[0]).all() for scan in log.scans)
 
 
