@@ -98,6 +98,18 @@ def test_the_farthest_wall_of_a_log_is_a_hit(tmp_path: Path, far: str) -> None:
     assert all(np.isfinite(scan.ranges).all() for scan in read.scans) and not read.notes
 
 
+def test_the_end_of_a_corridor_is_a_hit_and_no_end_of_the_range(tmp_path: Path) -> None:
+    """Its readings pile up at the log's largest, too, but spread with noise."""
+    bearings, lines = np.radians(np.arange(180) - 90.0), []
+    with np.errstate(divide="ignore"):
+        walls = np.minimum(20 / np.cos(bearings), 1 / np.abs(np.sin(bearings)))
+    for k in range(20):
+        noisy = walls + np.random.default_rng(k).normal(0, 0.01, 180)
+        lines.append(flaser(k, readings=[f"{metres:.2f}" for metres in noisy]))
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert all(np.isfinite(scan.ranges).all() for scan in read.scans) and not read.notes
+
+
 def robotlaser(number: float, step: object = 0.0174, limit: object = 30.0, first: object = -1.57) -> str:
     head = f"ROBOTLASER1 0 {first} 3.14 {step} {limit} 0.01 0 180"
     return f"{head} {'3 ' * 180}0 1 2 0 1 2 0 .1 0 .3 .2 9 {number} host {number}"
