@@ -23,6 +23,7 @@ CHANGE_M = 0.1  # of half of the beams: a robot that stands sees that much of no
 MAX_STAMP_S = 1e10  # from the epoch: in the year 2286
 MAX_DAYS = 200  # of one log: at 100 scans a second, two that overlap have fewer ticks than a beacon can tell (2**32)
 WILD_S = 10.0  # a stamp that is farther ahead than this of the two that follow is wrong, else these are late
+CLOCK_SCANS = 10  # in a row by another clock, after which that one counts
 WILD = "scans whose time or place the next two contradict"
 MAX_SCANS = 200_000  # the longest of public logs has 60,000
 MAX_READINGS = 80_000_000  # 640 MB: as many scans of 361 readings and more
@@ -76,6 +77,8 @@ class LidarLog:
     notes: list[str] = field(default_factory=list)  # what else is odd
     reference: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, by scans' numbers: where it was
     _added: int = 0
+    _shift_s: float = 0.0  # from the stamps to the clock by which the log began
+    _other_clock: list[tuple[Scan, str]] = field(default_factory=list)  # the last scans, by another one, and the reason
     _doubt: tuple[Scan, str] | None = None  # the scan before, if it says that the last one used is wild, and its reason
 
     def part(self, begin: int, end: int, name: str) -> "LidarLog":
@@ -106,12 +109,15 @@ class LidarLog:
         follows one wrong stamp or a wrong first pose.
         """
         self._added += 1
+        scan = scan._replace(time_s=scan.time_s + self._shift_s)
         doubt, self._doubt = self._doubt, None
         reason = self._damaged(scan) or _contradicted(scan, *self._ends())
         if reason is None:
             self.scans.append(scan)
+            self._other_clock.clear()
         elif not self._makes_wild(scan):
             self.skipped[reason] += 1
+            self._follow_clock(scan, reason)
         elif doubt is None or _contradicted(scan, self._ends(1)[0] or doubt[0], doubt[0]):
             self.skipped[reason] += 1
             self._doubt = scan, reason
@@ -119,6 +125,30 @@ class LidarLog:
             self.skipped -= Counter([doubt[1]])
             self.skipped[WILD] += 1
             self.scans[-1:] = doubt[0], scan
+
+    def _follow_clock(self, scan: Scan, reason: str) -> None:
+        """Go on by another clock, where ten scans in a row have its times: before the log's begin, or far too late.
+
+        Who sets the clock of a robot while it records would lose all that follows.
+        """
+        ahead_s = scan.time_s - self.scans[0].time_s if self.scans else 0.0
+        before = self._other_clock[-1][0].time_s if self._other_clock else -math.inf
+        if self._damaged(scan) or 0 <= ahead_s <= MAX_DAYS * 86_400 or scan.time_s < before:
+            self._other_clock.clear()
+            return
+        self._other_clock.append((scan, reason))
+        if len(self._other_clock) < CLOCK_SCANS:
+            return
+        others = [other for other, _ in self._other_clock]
+        step_s = (others[-1].time_s - others[0].time_s) / (CLOCK_SCANS - 1)
+        shift_s = self.scans[-1].time_s + step_s - others[0].time_s
+        self.notes.append(
+            f"its clock jumps by {-shift_s:.3f} s before scan {others[0].number}, and counts from there on"
+        )
+        self.skipped -= Counter(why for _, why in self._other_clock)
+        self.scans += [other._replace(time_s=other.time_s + shift_s) for other in others]
+        self._shift_s += shift_s
+        self._other_clock.clear()
 
     def _damaged(self, scan: Scan) -> str | None:
         if len(scan.ranges) != self.lidar.beams:

@@ -226,6 +226,16 @@ def test_scans_that_come_late_or_once_more_move_no_other(tmp_path: Path) -> None
     assert read.skipped == {"scans whose time jumps back": 31}
 
 
+@pytest.mark.parametrize("jump_s", [1.5e9, -1.5e9])
+def test_a_clock_that_is_set_while_a_log_is_recorded_loses_nothing(tmp_path: Path, jump_s: float) -> None:
+    """A robot without a battery for its clock finds the time by NTP, seconds after it has begun."""
+    lines = [flaser(0.2 * k, time=2e9 + 0.2 * k + (jump_s if k >= 5 else 0)) for k in range(30)]
+    read = read_carmen(log(tmp_path, *lines), Given())
+    assert [scan.number for scan in read.scans] == list(range(30)) and not read.skipped
+    assert [scan.time_s - 2e9 for scan in read.scans] == pytest.approx([0.2 * k for k in range(30)], abs=1e-3)
+    assert read.notes == [f"its clock jumps by {jump_s:.3f} s before scan 5, and counts from there on"]
+
+
 def test_a_log_of_which_most_is_skipped_says_so(tmp_path: Path) -> None:
     read = read_carmen(log(tmp_path, *(flaser(k, time=-k) for k in range(10))), Given())
     assert read.notes == ["only 1 of 10 scans are used"]
