@@ -22,7 +22,7 @@ from agent.shell.ros2.wire import ODOMETRY, SCAN
 from deploy.recorded.bag_bounds import MORE_BYTES, bounded_memory, checked
 from deploy.recorded.bag_files import how_to_mend, known_by_suffix
 from deploy.recorded.frames import Frames
-from deploy.recorded.laser_scans import Entry, of_most, typical
+from deploy.recorded.laser_scans import BagScan, of_most, typical
 from deploy.recorded.lidar_log import OF_LOGS, Given, LidarLog, Scan, check_amount
 from deploy.recorded.noise import measured_noise
 from deploy.recorded.revolution import KNOTS, unroll
@@ -41,7 +41,7 @@ class _Bag:
     """What is read out of a bag."""
 
     frames: Frames = field(default_factory=Frames)
-    usable: list[Entry] = field(default_factory=list)
+    usable: list[BagScan] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     lidar_frame: str = ""
@@ -129,7 +129,7 @@ def _pose(place: Any, turn: Any) -> tuple[float, ...]:
 
 
 def _take_scan(bag: _Bag, told: Any, time_ns: int) -> None:
-    entry = Entry.told(bag.scans - 1, told, _stamp(told, time_ns), 1e-9 * time_ns)
+    entry = BagScan.told(bag.scans - 1, told, _stamp(told, time_ns), 1e-9 * time_ns)
     if not entry.scan.makes_sense:
         bag.skipped["scans of no possible lidar"] += 1
         return
@@ -206,7 +206,7 @@ def _log(source: str, bag: _Bag, given: Given) -> LidarLog:
     return log
 
 
-def _until_reset(bag: _Bag, root: str, entries: list[Entry]) -> list[Entry]:
+def _until_reset(bag: _Bag, root: str, entries: list[BagScan]) -> list[BagScan]:
     """The scans up to where the clock of the odometry begins anew, as that of a simulation does that is reset.
 
     What follows is another drive, and its times may be those of the first one. Raises InputError where no scan is left.
@@ -222,7 +222,7 @@ def _until_reset(bag: _Bag, root: str, entries: list[Entry]) -> list[Entry]:
     return kept
 
 
-def _lidar(most: Entry, given: Given, upside_down: bool) -> LidarSpec:
+def _lidar(most: BagScan, given: Given, upside_down: bool) -> LidarSpec:
     """The lidar that makes such scans."""
     low, high = most.limits
     reach = (low, high) if given.range_max_m is None else (low, given.range_max_m)

@@ -14,7 +14,7 @@ T = TypeVar("T")
 OTHER_VIEW = 0.05  # share by which a scan's field of view differs from that of most: a few beams more or less are less
 
 
-class Entry(NamedTuple):
+class BagScan(NamedTuple):
     """One LaserScan of a bag."""
 
     number: int
@@ -31,7 +31,7 @@ class Entry(NamedTuple):
         return cls(number, frame, (limits[0], limits[1]), arrived_s, LaserScan.told(message, stamp_s))
 
 
-def of_most(entries: Sequence[Entry], skipped: Counter[str]) -> list[Entry]:
+def of_most(entries: Sequence[BagScan], skipped: Counter[str]) -> list[BagScan]:
     """The scans of the lidar that has most, by its frame, the first of several; those of others are skipped."""
     frame = _most(entry.frame for entry in entries)
     kept = [entry for entry in entries if entry.frame == frame]
@@ -40,7 +40,7 @@ def of_most(entries: Sequence[Entry], skipped: Counter[str]) -> list[Entry]:
     return kept
 
 
-def typical(entries: Sequence[Entry], notes: list[str]) -> Entry:
+def typical(entries: Sequence[BagScan], notes: list[str]) -> BagScan:
     """What most of a lidar's scans tell: one with their bearings, their limits and their median revolution.
 
     Scans that tell something else are noted: they are read as if they were like most.
