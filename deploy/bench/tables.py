@@ -115,7 +115,8 @@ def columns(text: str, **made: Reduce) -> list[Column]:
     return out
 
 
-def _text(value: object) -> str:
+def text_of(value: object) -> str:
+    """A value as it is printed; a dash for None."""
     if isinstance(value, float):
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return "-" if value is None else str(value)
@@ -200,7 +201,7 @@ class Section:
             missed = self.missed(number)
             bad = column.key in (missed or ())
             style = "red" if bad else "green" if column.bar and missed is not None else ""
-            cells.append(Text(_text(row.get(column.key)) + (" !" if bad else ""), style=style))
+            cells.append(Text(text_of(row.get(column.key)) + (" !" if bad else ""), style=style))
         return cells
 
     def draw(self, path: Path) -> None:
