@@ -18,7 +18,7 @@ def told(folder: Path) -> str:
     files = sorted(folder.glob("*.json"))
     lines = [line for file in files for line in _lines(file)]
     short = len({file for file, *_ in lines})
-    sentence = f"Of {len(files)} files, {short} have a bar that is missed. A line is a bar; the value is its worst row's."
+    sentence = f"Of {len(files)} files, {short} have a missed bar. A line is a bar; the value is its worst row's."
     heads = ("file", "section", "bar", "worst value", "of", "rows that miss it")
     table = [heads, tuple("---" for _ in heads), *lines]
     return "\n".join([sentence, "", *(f"| {' | '.join(line)} |" for line in table)])

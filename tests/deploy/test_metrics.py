@@ -8,7 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from deploy.metrics import corners_fitted, score, score_walls, truth_of
+from deploy.metrics import Score, corners_fitted, score, score_walls, truth_of
 from protocol.geometry import apply
 from protocol.wireframe import Label, Wireframe
 from tests.conftest import SHARED
@@ -112,3 +112,9 @@ def test_it_is_the_scorers(scorer: ModuleType, tmp_path: Path, name: str) -> Non
     # one sample in a thousand may fall into another cell by rounding of the map file
     for field, value in ours._asdict().items():
         assert value == pytest.approx(theirs[field], rel=2e-3), field
+
+
+def test_the_docs_define_every_measure() -> None:
+    page = (Path(__file__).parents[2] / "docs/formats.md").read_text(encoding="utf-8")
+    defined = page.partition("## Measures of a map")[2].partition("\n## ")[0]
+    assert all(f"| `{measure}` | " in defined for measure in Score._fields)

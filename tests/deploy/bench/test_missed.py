@@ -27,7 +27,7 @@ def test_a_bar_is_listed_once_with_its_worst_row(tmp_path: Path) -> None:
     document = {"sections": {"one": section.as_dict(), "none": {"bars": {}, "rows": [{"x": 1, "missed": None}]}}}
     (tmp_path / "some.json").write_text(json.dumps(document))
     (tmp_path / "met.json").write_text(json.dumps({"sections": {}}))
-    assert told(tmp_path).splitlines()[0].startswith("Of 2 files, 1 have a bar that is missed.")
+    assert told(tmp_path).splitlines()[0].startswith("Of 2 files, 1 have a missed bar.")
     assert told(tmp_path).splitlines()[4:] == [
         "| `some.json` | one | `t` <= 3 | 9 | b | 2 of 3 |",
         "| `some.json` | one | `share` >= 0.5 | - | b | 2 of 3 |",
