@@ -4,6 +4,7 @@ import json
 import os
 import platform
 from collections.abc import Container, Mapping, Sequence
+from contextvars import copy_context
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import version
@@ -14,7 +15,8 @@ from rich.console import Console
 
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
-from deploy.sensing import named
+from deploy.revision import revision
+from deploy.sensing import IDEAL_BENCHMARK, named
 from protocol.errors import InputError
 from protocol.files import write_whole
 from protocol.messages import RobotSpec
@@ -68,26 +70,46 @@ class Benchmark:
         """Of its tables, STEM.json; those of one part are in STEM-PART.json and leave that alone."""
         return folder / f"{self.stem(quick, ideal)}{f'-{self.part}' if self.part else ''}.json"
 
+    def command(self, quick: bool, ideal: bool = False) -> str:
+        """What makes its tables, but for the folder and the number of jobs, which change nothing."""
+        part = f" --part {self.part}" if self.part else ""
+        return f"wireswarm bench {self.name}{part}{' --ideal' if ideal else ''}{' --quick' if quick else ''}"
+
     def run(self, quick: bool, folder: Path, jobs: int | None, ideal: bool = False) -> Status:
         """Measure what is not in `folder` yet and print all tables; FAILURE where a case has no figures.
 
         Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
         that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
         """
-        stem = folder / self.stem(quick, ideal)
+        stem, made_by = (
+            folder / self.stem(quick, ideal),
+            {"command": self.command(quick, ideal), "revision": revision()},
+        )
+        measuring = copy_context()
+        measuring.run(IDEAL_BENCHMARK.set, ideal)
         for part in self.parts:
-            getattr(part, "beforehand", bool)(quick)
+            measuring.run(getattr(part, "beforehand", bool), quick)
         outcome = measure_all([replace(case, ideal=ideal) for case in self.cases(quick)], stem, jobs)
         sensing = "ideal" if ideal else named(RobotSpec())
         sections = [replace(section, quick=quick) for section in self.sections(outcome.figures)]
-        report(stem.name, sensing, sections, outcome.failed, self.file(folder, quick, ideal))
+        report(stem.name, made_by, sensing, sections, outcome.failed, self.file(folder, quick, ideal))
         if outcome.failed:
             return Status.FAILURE
         return Status.NOT_MET if any(section.met is False for section in sections) else Status.OK
 
 
-def report(name: str, sensing: str, sections: Sequence[Section], failed: Mapping[str, str], out: Path) -> None:
-    """Print all tables and write them to `out`, with the machine they were measured on, and pictures beside it."""
+def report(
+    name: str,
+    made_by: Mapping[str, str],
+    sensing: str,
+    sections: Sequence[Section],
+    failed: Mapping[str, str],
+    out: Path,
+) -> None:
+    """Print all tables and write them to `out`, with what made them and the machine, and pictures beside it.
+
+    made_by: the command, and the revision of the sources. sensing: of the runs that do not set it themselves.
+    """
     console = Console()
     if not console.is_terminal:
         console.width = max(console.width, WIDTH)
@@ -98,9 +120,9 @@ def report(name: str, sensing: str, sections: Sequence[Section], failed: Mapping
     console.print(f"sensing is {sensing} where a table does not say otherwise")
     machine = {"python": platform.python_version(), "machine": platform.machine(), "cpus": os.cpu_count()}
     met = {section.table.name: section.met for section in sections}
-    found = {section.table.name: section.as_dict() for section in sections}
-    document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), "sensing": sensing, **machine}
-    document |= {"met": met, "sections": found, "failed": dict(failed)}
+    found = {section.table.name: section.as_dict(sensing) for section in sections}
+    document: dict[str, Any] = {"bench": name, "version": version("wireswarm"), **made_by, "sensing": sensing}
+    document |= {**machine, "met": met, "sections": found, "failed": dict(failed)}
     out.parent.mkdir(parents=True, exist_ok=True)
     write_whole(out, json.dumps(document, indent=1, allow_nan=False) + "\n")
     for section in sections:

@@ -125,7 +125,15 @@ def _worst(
         complete=share(lambda run: run["ended"] == "complete" and run["reason"]),
     )
     kind, pattern = name.split("-")[0], "|".join(layouts)
-    return Table(name, title, f"{kind}/(?=(?:{pattern})/){{{label}}}/*", heads, judged=judged, note=NOTE)
+    return Table(
+        name,
+        title,
+        f"{kind}/(?=(?:{pattern})/){{{label}}}/*",
+        heads,
+        judged=judged,
+        note=NOTE,
+        sensing="ideal" if name == "ideal" else "real",
+    )
 
 
 def _alike(figures: Outcomes) -> list[Row]:
@@ -168,18 +176,21 @@ TABLES = [
             closed=share(lambda run: run["closed"]),
         ),
         note="Closed: by loops of which none is false, and at the end the robot knows within 1 m where it is.",
+        sensing="real",
     ),
     Table(
         "alike",
         "Loops where places are alike, real sensing",
         _alike,
         "where; runs; loops; false_loops <= 0: false loops; runs_false <= 0: runs with one",
+        sensing="real",
     ),
     Table(
         "faults",
         "Discrete faults injected in mid-run, real sensing",
         _faults,
         "fault; trials; gone >= 95: gone in 50 scans %",
+        sensing="real",
     ),
     Table(
         "team",
@@ -192,6 +203,7 @@ TABLES = [
         ),
         total="all",
         note="Share: of the pairs in contact with overlap >= 30 % and 120 s left, those that are merged by the end.",
+        sensing="real",
     ),
     _worst(
         "robot",

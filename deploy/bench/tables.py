@@ -213,10 +213,12 @@ class Section:
             self.table.drawn(self.rows, figure)
             write_figure(figure, path, dpi=120)
 
-    def as_dict(self) -> dict[str, Any]:
-        """All of it as JSON values."""
+    def as_dict(self, sensing: str = "") -> dict[str, Any]:
+        """All of it as JSON values. sensing: that of runs which do not set it themselves; empty: not told."""
+        own = self.table.sensing or sensing
         return {
             "title": self.title,
+            **({"sensing": own} if own else {}),
             "met": self.met,
             "bars": {column.key: column.bar for column in self.table.columns if column.bar},
             "rows": [{**row, "missed": self.missed(number)} for number, row in enumerate(self.rows)],
@@ -238,6 +240,7 @@ class Table:
     judged: Callable[[Row], bool] = lambda row: True  # which rows must meet the bars
     note: str | Callable[[Outcomes], str] = ""
     drawn: Callable[[Sequence[Row], "Figure"], None] | None = None  # makes a picture of its rows
+    sensing: str = ""  # that of its runs, where these set it themselves; empty: what the benchmark was asked for
 
     @cached_property
     def columns(self) -> Sequence[Column]:

@@ -3,6 +3,7 @@
 import time
 import zlib
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from itertools import product
 from statistics import median
 
@@ -18,6 +19,7 @@ from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNE
 from deploy.bench.cases import Case, Figures, each, measure_all
 from deploy.bench.layouts import KEEP
 from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
+from deploy.sensing import IDEAL_BENCHMARK
 from deploy.sweep.statistics import wilson
 from protocol.messages import RobotSpec
 
@@ -41,9 +43,10 @@ def cases(quick: bool) -> list[Case]:
 
 
 def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
-    """Recordings by world, made before where they are missing."""
+    """Recordings by world with the benchmark's sensing, made before where they are missing."""
     folder = KEEP / "recordings" / ("quick" if quick else "full")
-    outcome = measure_all(recordings.cases(quick), folder, 1, quiet=True)
+    cases = [replace(case, ideal=IDEAL_BENCHMARK.get()) for case in recordings.cases(quick)]
+    outcome = measure_all(cases, folder, 1, quiet=True)
     by_world: dict[str, list[recordings.Recording]] = {}
     for _, figures in sorted(outcome.figures.items()):
         by_world.setdefault(figures["world"], []).append(recordings.recording_of(figures))

@@ -58,6 +58,7 @@ TABLES = [
         whole("cost/particles/*"),
         "particles; median: median ms; p99: 99 % ms; bytes: filter bytes; load",
         note="Ideal sensing.",
+        sensing="ideal",
     ),
     Table(
         "vertices",
@@ -65,5 +66,6 @@ TABLES = [
         _by_vertices,
         f"world; particles; vertices: vertices, from (to {BIN_VERTICES} more); median: median ms",
         note="Ideal sensing.",
+        sensing="ideal",
     ),
 ]

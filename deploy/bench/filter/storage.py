@@ -110,5 +110,6 @@ TABLES = [
         judged=lambda row: row["storage"] in ("codec", "one particle"),
         note="Grid: 2 bits a cell over the outline's bounding box; occupied cells get the true wall's direction. "
         "Ideal sensing.",
+        sensing="ideal",
     )
 ]

@@ -67,7 +67,7 @@ TABLES = [
         "ranges_corner: noisy ranges corner rmse m; odometry_recall: noisy odometry recall; "
         "odometry_precision: noisy odometry precision; odometry_rmse: noisy odometry wall rmse m; "
         "ambiguous: ambiguous walls F1 along",
-        note="Means over the cases.",
+        note="Means over the cases. Of ambiguous walls, ideal sensing.",
     ),
     Table(
         "sweep-faults",
@@ -76,5 +76,6 @@ TABLES = [
         f"particles; {'; '.join(f'{kind}: {kind} gone %' for kind in KINDS)}; half: faults in half gone %; "
         "update_ms: filter update ms; filter_bytes",
         note="Gone: within 50 scans that see the place. Of faults, ideal sensing.",
+        sensing="ideal",
     ),
 ]

@@ -184,5 +184,6 @@ TABLES = [
         "p90: 90 % scans",
         note="Median and 90 % of the scans that saw the place until it was right again; - : more than 50. "
         "Ideal sensing.",
+        sensing="ideal",
     )
 ]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from deploy.bench.filter import trials
+from deploy.bench.filter import ambiguous, cost, storage, trials
 from deploy.bench.filter.ambiguous import double_walls
 from deploy.bench.filter.faults import KINDS, Fault
 from deploy.bench.filter.recording import HERE, ScanRecording, record
@@ -19,7 +19,8 @@ from deploy.bench.filter.trials import STAYS, WITHIN, _draw_seen, _scans_until_g
 from deploy.bench.tables import Table, columns, row_of
 from deploy.metrics import score
 from deploy.occupancy_grid import OccupancyGrid
-from protocol.messages import LidarSpec
+from deploy.sensing import named, of_benchmark
+from protocol.messages import LidarSpec, RobotSpec
 from world import worldfile
 from world.coverage import GRAZING_RAD
 from world.lidar.lidar import Lidar
@@ -184,6 +185,25 @@ def test_a_grid_is_as_fine_as_its_bytes_allow(recording: ScanRecording) -> None:
         cell = _cell_for(recording, size)
         cells = math.ceil(width / cell) * math.ceil(height / cell)
         assert 0.9 * size < cells / CELLS_PER_BYTE <= size
+
+
+@pytest.mark.parametrize("part", [ambiguous, cost, storage, trials])
+def test_the_sensing_that_a_table_declares_is_that_of_its_recordings(
+    part: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever the benchmark was asked for."""
+    seen: list[str] = []
+
+    def explore(settings: dict[str, Any], *_: object) -> None:
+        spec = of_benchmark(settings)["spec"]
+        seen.append(named(RobotSpec.model_validate(spec)))
+        raise InterruptedError
+
+    monkeypatch.setattr("deploy.bench.filter.recording.explore", explore)
+    case = part.cases(quick=True)[0]
+    with pytest.raises(InterruptedError):
+        case.measure(**case.arguments)
+    assert all(table.sensing.split(",")[0] == seen[0] == "ideal" for table in part.TABLES)
 
 
 def test_bars_judge_and_missing_figures_miss() -> None:

@@ -13,7 +13,7 @@ from deploy.bench.cases import Case, Outcome
 from deploy.bench.study import STUDIES, comparison, study
 from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.commands.experiments import BENCHMARKS
-from deploy.revision import ROOT
+from deploy.revision import ROOT, revision
 from protocol.errors import InputError
 from protocol.status import Status
 
@@ -86,6 +86,38 @@ def test_one_part_leaves_the_tables_of_all_parts_alone(tmp_path: Path, monkeypat
     assert (tmp_path / "radio-quick-codec.json").is_file()
 
 
+def test_results_tell_command_and_revision_and_of_each_section_its_sensing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, other = Table("own", "Own", "case", "x", sensing="ideal"), Table("other", "Other", "case", "x")
+    monkeypatch.setattr("deploy.bench.benchmark.measure_all", lambda *_: Outcome({"case": {"x": 1}}, {}))
+    benchmark = Benchmark("radio", part="codec")
+    monkeypatch.setattr(benchmark.parts[0], "TABLES", [own, other])
+    for ideal, others in ((False, "real"), (True, "ideal")):
+        benchmark.run(True, tmp_path, 1, ideal)
+        document = json.loads(benchmark.file(tmp_path, True, ideal).read_text())
+        assert document["revision"] == revision() and document["sensing"] == others
+        assert document["command"] == f"wireswarm bench radio --part codec{' --ideal' if ideal else ''} --quick"
+        assert {name: one["sensing"] for name, one in document["sections"].items()} == {"own": "ideal", "other": others}
+
+
+def test_partial_maps_are_recorded_with_the_sensing_that_was_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded: set[bool] = set()
+
+    def measure(cases: list[Case], *_: object, **__: object) -> Outcome:
+        recorded.update(case.ideal for case in cases)
+        return Outcome({}, {})
+
+    monkeypatch.setattr("deploy.bench.alignment.trials.measure_all", measure)
+    monkeypatch.setattr("deploy.bench.benchmark.measure_all", lambda *_: Outcome({}, {}))
+    for ideal in (True, False):
+        recorded.clear()
+        Benchmark("alignment", part="trials").run(True, tmp_path, 1, ideal)
+        assert recorded == {ideal}
+
+
 def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
     figures = {
         f"runs/{world}/{seed}": {"t": t, "ok": t < 4} for world, seed, t in (("a", 0, 1), ("b", 0, 5), ("a", 1, 2))
@@ -102,7 +134,7 @@ def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> N
     assert section.rows[0] == {"world": "a", "t": 1.5, "t_spread": "1-2", "ok": 1.0, "sum": 3}
     assert section.rows[2]["world"] == "all" and section.rows[2]["sum"] == 8
     assert [section.missed(k) for k in range(3)] == [[], None, []]
-    report("some", "ideal", [section], {}, tmp_path / "some.json")
+    report("some", {}, "ideal", [section], {}, tmp_path / "some.json")
     document = json.loads((tmp_path / "some.json").read_text())
     assert document["met"] == {"one": True} and document["sections"]["one"]["bars"] == {"t": "<= 3"}
 
