@@ -34,6 +34,23 @@ def test_a_bar_is_listed_once_with_its_worst_row(tmp_path: Path) -> None:
     ]
 
 
+def test_the_docs_tell_of_sharing_and_division_what_the_results_say() -> None:
+    kept = json.loads((PAGE.parent / "alignment-live.json").read_text(encoding="utf-8"))["sections"]
+    page = (PAGE.parents[1] / "docs/cooperation.md").read_text(encoding="utf-8")
+    said = page.partition("### What sharing and division buy")[2]
+    *seeds, sharing = kept["sharing"]["rows"]
+    verdict = {True: ": missed", False: ": met"}
+    rows = [(3, len(seeds), sharing, "ratio", sharing["spread"], kept["sharing"]["bars"]["ratio"])]
+    for key in ("ratio", "sooner"):
+        for row in kept["division"]["rows"]:
+            spread = row["spread"] if key == "ratio" else "not kept"
+            bar = "none" if row["missed"] is None else kept["division"]["bars"][key]
+            rows.append((row["robots"], row["seeds"], row, key, spread, bar))
+    for robots, n, row, key, spread, bar in rows:
+        judged = "" if bar == "none" else verdict[key in row["missed"]]
+        assert f"| {robots} | {n} | {row[key]:.2f} | {spread} | {bar}{judged} |" in said
+
+
 def test_a_page_without_the_list_is_refused() -> None:
     with pytest.raises(ValueError, match="lacks"):
         renewed("# Results", "")
