@@ -6,16 +6,16 @@ import json
 import math
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from deploy.png import write_figure
+from deploy.sweep import picture
+from deploy.sweep.picture import Panel, titled
 from deploy.sweep.statistics import Estimate, difference, median, value_of
 from deploy.sweep.store import read_rows
 from deploy.sweep.work import OK, Row
@@ -45,6 +45,8 @@ class Sheet(NamedTuple):
     title: str
     heads: list[str]
     lines: list[list[str | int | Estimate | None]]
+    unreached: Mapping[tuple[int, int], str] = {}
+    """By line and column: of a median that is no time, how many runs did not reach it."""
 
 
 def select(what: str) -> tuple[list[Row], list[str]]:
@@ -60,8 +62,21 @@ def select(what: str) -> tuple[list[Row], list[str]]:
         raise InputError(f"{what:.200}: {error}") from None
     rows = [row for row in read_rows(Path(folder)) if wanted.items() <= _settings(row, wanted).items()]
     if not rows:
-        raise InputError(f"{what:.200}: no results")
+        raise InputError(f"{what:.200}: no results{_there(read_rows(Path(folder)), wanted)}")
     return rows, list(wanted)
+
+
+def _there(rows: Iterable[Row], keys: Iterable[str]) -> str:
+    """Which values of these settings there are, to be said after what is missing."""
+    values: dict[str, set[str]] = {key: set() for key in keys}
+    for row in rows:
+        for key, value in _settings(row, values).items():
+            if key in values:
+                values[key].add(_plain(value))
+    told = [
+        f"{key} is {', '.join(sorted(found)):.200}" if found else f"no run has {key}" for key, found in values.items()
+    ]
+    return "".join(f"; {one}" for one in told)
 
 
 def _wish(text: str) -> tuple[str, str]:
@@ -123,19 +138,24 @@ def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
         groups[_without(point, ["seed"])].append(row)
     varied = _varied(list(groups))
     lines: list[list[str | int | Estimate | None]] = []
+    unreached = {}
     for point, alike in groups.items():
         failed = sum(row["status"] != OK for row in alike)
         found = [[value for row in alike if (value := _value(row, name)) is not None] for name in measures]
         settings = [_plain(dict(point).get(key, "")) for key in varied]
+        for at, values in enumerate(found):
+            if never := sum(map(math.isinf, values)):
+                unreached[len(lines), len(settings) + 2 + at] = f"not reached ({never} of {len(values)})"
         lines.append([*settings, len(alike), failed, *map(median, found)])
-    return Sheet("Medians", [*varied, "runs", "failed", *measures], lines)
+    return Sheet("Medians", [*varied, "runs", "failed", *measures], lines, unreached)
 
 
 def compare(first: str, second: str, measures: Sequence[str]) -> Sheet:
     """The runs that two texts select, compared; within each revision where a side has several. Raises InputError."""
     (mine, keys), (theirs, others) = select(first), select(second)
     single = all(len({row["revision"] for row in rows}) == 1 for rows in (mine, theirs))
-    return compared(mine, theirs, [*keys, *others, *(["revision"] if single else [])], measures)
+    sheet = compared(mine, theirs, [*keys, *others, *(["revision"] if single else [])], measures)
+    return sheet._replace(title=f"{sheet.title}: {first} less {second}")
 
 
 def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str], measures: Sequence[str]) -> Sheet:
@@ -155,9 +175,11 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
     for measure in measures:
         values = [(_value(row, measure), _value(other, measure)) for row, other in pairs]
         both = [(a, b) for a, b in values if a is not None and b is not None]
-        found = difference(both, measure)
-        lines.append([measure, len(both), len(pairs) - len(both), *(found or (None, None))])
-    return Sheet("Differences by seed", ["measure", "pairs", "without", "median difference", "P(better)"], lines)
+        neither = sum(math.isinf(a) and math.isinf(b) for a, b in both)
+        found = difference(both, measure) if neither < len(both) else None  # times that nobody has are not equal ones
+        lines.append([measure, len(both), len(pairs) - len(both), *(found or (None, None)), neither])
+    heads = ["measure", "pairs", "without", "median difference", "P(better)", "neither reached"]
+    return Sheet("Differences by seed", heads, lines)
 
 
 def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
@@ -170,14 +192,16 @@ def against(rows: Sequence[Row], wish: str, measures: Sequence[str]) -> Sheet:
     for row in rows:
         by_value[_settings(row, [key]).get(key, "")].append(row)
     if value not in by_value or len(by_value) < 2:
-        raise InputError(f"--against {wish:.200}: there must be runs with it, and with another value")
+        there = ", ".join(sorted(_plain(one) or "none" for one in by_value))
+        raise InputError(
+            f"--against {wish:.200}: there must be runs with it, and with another value; there are {there:.300}"
+        )
     base, sheets = by_value.pop(value), []
     for other, those in sorted(by_value.items()):
         sheet = compared(those, base, [key], measures)
         sheets.append(sheet._replace(lines=[[_plain(other), *line] for line in sheet.lines]))
-    return Sheet(
-        f"Differences to {wish} by seed", [key, *sheets[0].heads], [line for one in sheets for line in one.lines]
-    )
+    title = f"Differences by seed: {key}={', '.join(map(_plain, sorted(by_value)))} less {_plain(value)}"
+    return Sheet(title, [key, *sheets[0].heads], [line for one in sheets for line in one.lines])
 
 
 def _by_point(rows: Sequence[Row], points: Sequence[Point], besides: Sequence[str]) -> dict[Point, Row]:
@@ -260,33 +284,41 @@ def _tex(text: str) -> str:
 
 
 def draw(sheet: Sheet, file: Path) -> None:
-    """A PNG with a panel for each column of figures: a point and its interval a line. Raises UnwritableError.
-
-    An infinite end is the panel's edge, and an infinite figure has no point.
-    """
-    from matplotlib.figure import Figure
-
+    """A PNG of the sheet's figures, if it has some. Raises UnwritableError."""
     columns = [at for at in range(len(sheet.heads)) if any(isinstance(line[at], Estimate) for line in sheet.lines)]
     if not columns:
         return
-    first = min(columns)
-    labels = [", ".join(words(value) for value in line[:first] if isinstance(value, str)) for line in sheet.lines]
-    figure = Figure((3 * len(columns) + 2, 0.3 * len(labels) + 1.5), layout="constrained")
-    panels = figure.subplots(1, len(columns), sharey=True, squeeze=False)[0]
-    for panel, at in zip(panels, columns, strict=True):
-        figures = [(row, value) for row, line in enumerate(sheet.lines) if isinstance(value := line[at], Estimate)]
-        for row, estimate in figures:
-            panel.plot(estimate.value, row, "o", color="C0")
-            panel.update_datalim([(end, row) for end in estimate if end is not None and math.isfinite(end)])
-        edges = panel.set_xlim(panel.get_xlim())  # from here on they stay
-        for row, estimate in figures:
-            if estimate.low is not None and estimate.high is not None:
-                panel.plot(np.clip([estimate.low, estimate.high], *edges), [row, row], color="C0")
-        panel.set_title(sheet.heads[at], fontsize=9)
-        panel.grid(axis="x", alpha=0.3)
-    panels[0].set_yticks(range(len(labels)), labels)
-    panels[0].invert_yaxis()
-    write_figure(figure, file, dpi=120)
+    settings = [at for at in range(min(columns)) if any(isinstance(line[at], str) for line in sheet.lines)]
+    if "measure" in sheet.heads:
+        settings.remove(sheet.heads.index("measure"))
+    labels = [", ".join(words(line[at]) for at in settings) for line in sheet.lines]
+    make = _panels_of_differences if "measure" in sheet.heads else _panels_of_medians
+    picture.draw(sheet.title, ", ".join(sheet.heads[at] for at in settings), make(sheet, labels), file)
+
+
+def _panels_of_medians(sheet: Sheet, labels: Sequence[str]) -> list[Panel]:
+    """One for each measure."""
+    panels = []
+    for at in range(sheet.heads.index("failed") + 1, len(sheet.heads)):
+        rows = []
+        for number, (label, line) in enumerate(zip(labels, sheet.lines, strict=True)):
+            figure = value if isinstance(value := line[at], Estimate) else None
+            told = figure is not None and math.isfinite(figure.value)
+            rows.append((label, figure, "" if told else sheet.unreached.get((number, at), "-")))
+        panels.append(Panel(titled(sheet.heads[at]), rows))
+    return panels
+
+
+def _panels_of_differences(sheet: Sheet, labels: Sequence[str]) -> list[Panel]:
+    """One for each measure, with P(better) in words."""
+    at, never, chance = (sheet.heads.index(head) for head in ("measure", "neither reached", "P(better)"))
+    rows: defaultdict[str, list[tuple[str, Estimate | None, str]]] = defaultdict(list)
+    for label, line in zip(labels, sheet.lines, strict=True):
+        off = line[sheet.heads.index("median difference")]
+        told = f"P(better) {words(line[chance])}" if isinstance(off, Estimate) else "-"
+        told += f", neither reached: {line[never]}" if line[never] else ""
+        rows[str(line[at])].append((label, off if isinstance(off, Estimate) else None, told))
+    return [Panel(titled(measure), those, 0.0) for measure, those in rows.items()]
 
 
 def show(sheets: Sequence[Sheet], out: Path | None) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from deploy.sweep import tables
+from deploy.sweep import picture
 from deploy.sweep.measure import task_of
 from deploy.sweep.plan import read_jobs
 from deploy.sweep.statistics import Estimate, difference, median, wilson
@@ -218,14 +218,55 @@ def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Pa
 
 def test_an_interval_that_never_ends_is_drawn_to_the_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Figure] = []
-    monkeypatch.setattr(tables, "write_figure", lambda figure, *_, **__: shown.append(figure))
+    monkeypatch.setattr(picture, "write_figure", lambda figure, *_, **__: shown.append(figure))
     estimates = [Estimate(5.0, 4.0, math.inf), Estimate(math.inf, 7.0, math.inf), Estimate(3.0, None, None)]
-    draw(Sheet("Medians", ["team.t_90"], [[one] for one in estimates]), tmp_path / "medians.png")
+    draw(
+        Sheet("Medians", ["runs", "failed", "team.t_90"], [[6, 0, one] for one in estimates]), tmp_path / "medians.png"
+    )
     (panel,) = shown[0].axes
     lines = [line.get_xdata() for line in panel.lines if line.get_marker() == "None"]
     for begin in (4.0, 7.0):
         assert any(len(line) == 2 and tuple(line) == (begin, panel.get_xlim()[1]) for line in lines)
     assert 7.0 < panel.get_xlim()[1] < 10.0
+
+
+def drawn(sheet: Sheet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Figure:
+    shown: list[Figure] = []
+    monkeypatch.setattr(picture, "write_figure", lambda figure, *_, **__: shown.append(figure))
+    draw(sheet, tmp_path / "some.png")
+    return shown[0]
+
+
+def test_times_that_no_run_reached_are_told_and_are_no_equal_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        row(range_m, seed, None, float(range_m + seed)) | {"revision": "abc"} for range_m in (2, 4) for seed in range(6)
+    ]
+    figure = drawn(medians(rows, NAMES), tmp_path, monkeypatch)
+    time, path = figure.axes
+    assert [text.get_text() for text in time.texts] == ["not reached (6 of 6)"] * 2 and not len(time.get_xticks())
+    assert [text.get_text() for text in path.texts] == ["", ""]
+    assert time.get_ylabel() == "radio.range_m" and time.get_title() == "team.t_90 (s)"
+    sheet = against(rows, "radio.range_m=2", NAMES)
+    assert sheet.lines[0] == ["4", "team.t_90", 6, 0, None, None, 6]
+    assert sheet.lines[1][-1] == 0 and isinstance(sheet.lines[1][4], Estimate)
+
+
+def test_each_measure_of_differences_has_its_own_axis_unit_and_zero(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figure = drawn(against(select(str(folder))[0], "radio.range_m=2", NAMES), tmp_path, monkeypatch)
+    time, path = figure.axes
+    assert figure.get_suptitle() == "Differences by seed: radio.range_m=4 less 2"
+    assert time.get_title() == "team.t_90 (s)" and path.get_title() == "mean.path_m (m)"
+    assert time.get_xlim() != path.get_xlim()
+    assert all(any(list(line.get_xdata()) == [0, 0] for line in panel.lines) for panel in figure.axes)
+
+
+def test_a_picture_of_many_measures_is_no_wider_than_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sheet = Sheet("Medians", ["failed", *"abcdefg"], [[0, *[Estimate(1.0, 0.0, 2.0)] * 7]])
+    assert drawn(sheet, tmp_path, monkeypatch).get_size_inches()[0] < 14
 
 
 def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
@@ -248,7 +289,8 @@ def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
     [
         ("nowhere", "no folder"),
         ("{}:radio.range_m", "write KEY=VALUE"),
-        ("{}:radio.range_m=7", "no results"),
+        ("{}:radio.range_m=7", "no results; radio.range_m is 2, 4$"),
+        ("{}:radio.range=7", "no results; no run has radio.range$"),
         ("{}:seed=0,radio.models=[{{,seed=1", r"seed=1: radio\.models: no YAML"),
     ],
 )
@@ -263,7 +305,7 @@ def test_an_unknown_measure_and_a_comparison_without_pairs_are_refused(folder: P
         medians(rows, ["team.t_91"])
     with pytest.raises(InputError, match="no two of these runs"):
         compared(rows[:1], rows[-1:], [], NAMES)
-    with pytest.raises(InputError, match="another value"):
+    with pytest.raises(InputError, match=r"another value; there are 2, 4$"):
         against(rows, "radio.range_m=3", NAMES)
     with pytest.raises(InputError, match=r"--against radio\.models: no YAML"):
         against(rows, "radio.models=[", NAMES)
