@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import getsourcefile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -99,6 +100,15 @@ def minds_of(names: Mapping[str, str]) -> MakeMind | None:
     for name in names.values():
         _class(name)
     return Minds(names) if names else None
+
+
+def source_of(name: str) -> Path | None:
+    """The file in which a mind, package:Class, is written; None where it has none. Raises InputError."""
+    try:
+        file = getsourcefile(_class(name))
+    except TypeError:  # it is not written in Python
+        return None
+    return None if file is None else Path(file)
 
 
 def _class(name: str) -> Any:

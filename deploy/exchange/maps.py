@@ -95,7 +95,8 @@ def read_maps(path: Path, frame: Frame) -> list[NamedMap]:
             raise InputError(f"{path}: no map: {(str(error) or repr(error)).splitlines()[0]:.200}") from None
     if not maps:
         broken = [note for note in run.notes if note.startswith("maps/")]
-        raise InputError(f"{path} has no maps: {'; '.join(broken)}")
+        shows = "a mind of your own publishes one by `self.show(Wireframe(...))`"
+        raise InputError(f"{path} has no maps: {'; '.join([*broken, shows])}")
     return [_named(run, robot, drawn, frame, path) for robot, drawn in maps.items()]
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, FiniteFloat
 
+from agent.shell.mind import source_of
 from deploy.config import RunConfig
 from protocol.configuration import ConfigError, is_world, put, validated
 from protocol.document import read_document
@@ -73,7 +74,7 @@ class Job(NamedTuple):
     """One run of a sweep."""
 
     key: str
-    """Hash of all that decides its result, but for the code."""
+    """Hash of all that decides its result, the source of minds of your own included, but for our code."""
     settings: Settings
     """By dotted key those that the file gives, world and seed included."""
     config: Mapping[str, Any]
@@ -83,7 +84,7 @@ class Job(NamedTuple):
 
 
 def read_jobs(file: Path) -> list[Job]:
-    """The runs that a file asks for, each once. Raises ConfigError and WorldFileError."""
+    """The runs that a file asks for, each once. Raises ConfigError, WorldFileError and InputError."""
     try:
         fields = read_document(file)
         if not isinstance(fields, dict):
@@ -151,13 +152,20 @@ def _draw(rng: np.random.Generator, key: str, choices: Range | list[Any]) -> Any
     return min(max(round(value), low), high) if whole else value
 
 
+def _source_hash(mind: str) -> str:
+    """Of the file in which a mind is written; empty where it has none. Raises InputError."""
+    file = source_of(mind)
+    return "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+
+
 def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[Job]:
     """A run for each seed. Their configurations are one but for it, and checked once: there may be 100,000."""
     tree: dict[str, Any] = {}
     for key, value in settings.items():
         put(tree, key, value)
     whole = validated(RunConfig, tree).model_dump(mode="json")
+    minds = {robot: _source_hash(name) for robot, name in whole["mind"].items()}
     for seed in seeds:
         config = whole | {"seed": seed}
-        text = json.dumps([config, document], sort_keys=True)
+        text = json.dumps([config, document, *([minds] if minds else [])], sort_keys=True)
         yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, config, document)

@@ -69,6 +69,18 @@ def test_the_key_follows_from_the_configuration_and_the_content_of_the_world(tmp
     assert first.key == same.key and len({first.key, other.key, moved.key}) == 3
 
 
+def test_the_key_follows_from_the_source_of_a_mind_of_your_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mind = tmp_path / "standing_mind.py"
+    mind.write_text("class Standing:\n    def step(self, observation, heard): ...\n")
+    plan = write_sweep(tmp_path, 'seeds: 2\ngrid: {mind: [{}, {r1: "standing_mind:Standing"}]}')
+    before = [job.key for job in read_jobs(plan)]
+    assert before == [job.key for job in read_jobs(plan)]
+    mind.write_text(mind.read_text() + "    speed = 1\n")
+    after = [job.key for job in read_jobs(plan)]
+    assert after[:2] == before[:2] and not set(after[2:]) & set(before)
+
+
 def test_a_world_is_not_looked_for_where_the_command_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write_sweep(tmp_path, "worlds: [other.yaml]")
     (here := tmp_path / "here").mkdir()
@@ -85,10 +97,11 @@ def test_each_seed_has_the_configuration_that_was_checked_and_its_hash(tmp_path:
         assert job.key == hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def test_the_file_in_the_docs_is_a_sweep(tmp_path: Path) -> None:
-    (text,) = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/experiments.md").read_text(), re.S)
+def test_the_files_in_the_docs_are_sweeps(tmp_path: Path) -> None:
+    text, minds = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs/experiments.md").read_text(), re.S)
     jobs = read_jobs(write_sweep(tmp_path, text.replace("my-world", "tiny")))
     assert len(jobs) == 3 * 10 * 6 * 2 * 5
+    assert len(read_jobs(write_sweep(tmp_path, minds))) == 6 * 3
 
 
 def test_the_thousand_runs_of_the_docs_are_a_thousand() -> None:
