@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -96,10 +96,16 @@ def draw_overview(axes: Axes, run: Run) -> None:
     for robot in placed:
         draw_start(axes, run, robot, colours[robot])
     finish_plan(axes)
+    draw_scale(axes)
     dot: Any = {"color": style.FAINT, "ls": "", "ms": 5}
     marks = [Line2D([], [], marker=mark, label=label.word, **dot) for label, mark in style.MARKS.items()]
     lines = [Line2D([], [], color=colours[robot], lw=3, label=robot) for robot in run.robots[:NAMED]]
-    axes.legend(handles=[*lines, *marks], loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=7, handlelength=1.4)
+    way = Line2D([], [], color=style.FAINT, lw=0.8, label="path")
+    start = Line2D([], [], **dot | {"marker": "o", "mfc": "white", "mew": 1.6, "ms": 7, "label": "start, heading"})
+    handles = [*lines, *marks, way, start]
+    axes.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=min(len(handles), 5), handlelength=1.4
+    )
 
 
 def draw_single(axes: Axes, run: Run, robot: str) -> None:
@@ -159,6 +165,15 @@ def draw_start(axes: Axes, run: Run, robot: str, colour: str) -> None:
     name.set(weight="bold", path_effects=[withStroke(linewidth=2.5, foreground="white")])
 
 
+def draw_scale(axes: Axes) -> None:
+    """A bar of 1 m under the plan, at its left; the plan must be finished."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    y = low - 0.01 * max(right - left, high - low)
+    axes.plot([left, left + 1.0], [y, y], color=style.INK, lw=2.0, solid_capstyle="butt", zorder=5)
+    axes.annotate("1 m", (left + 1.0, y), xytext=(5, 0), textcoords="offset points", va="center", size=9)
+    axes.autoscale_view()
+
+
 def finish_plan(axes: Axes) -> None:
     """Equal scales, no box."""
     axes.set_aspect("equal")
@@ -181,7 +196,7 @@ def draw_coverage(axes: Axes, run: Run) -> None:
         axes.axhline(level, color=style.FAINT, lw=0.8, ls=(0, (4, 3)), zorder=1)
     axes.set(ylim=(0, 1.03), ylabel="coverage of the visible wall")
     axes.yaxis.set_major_formatter(PercentFormatter(1, decimals=0, symbol=" %"))
-    _finish_curves(axes, run, "lower right")
+    _finish_curves(axes, run)
 
 
 def draw_bytes(axes: Axes, run: Run) -> None:
@@ -190,7 +205,7 @@ def draw_bytes(axes: Axes, run: Run) -> None:
     axes.set(ylabel="bytes sent, in all")
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_formatter(EngFormatter("B"))
-    _finish_curves(axes, run, "upper left")
+    _finish_curves(axes, run)
 
 
 def _curves(axes: Axes, run: Run, column: str) -> list[tuple[int, str, Series]]:
@@ -202,10 +217,10 @@ def _curves(axes: Axes, run: Run, column: str) -> list[tuple[int, str, Series]]:
     return drawn
 
 
-def _finish_curves(axes: Axes, run: Run, corner: Literal["lower right", "upper left"]) -> None:
-    """Axis of time, and the legend in that corner."""
+def _finish_curves(axes: Axes, run: Run) -> None:
+    """Axis of time, and the legend on the right of the plot, where no curve is."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc=corner, ncols=1 + min(len(run.robots), NAMED) // 8)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), handlelength=1.4)
     axes.set_xlim(0, max(run.duration, 1.0))
     axes.set_xlabel("simulated time (s)")
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))

@@ -173,10 +173,14 @@ class Run:
         """Draw one robot's map, or those of all, over the true world; without axes, on those of a new figure."""
         from matplotlib import pyplot
 
-        from deploy.report.picture import draw_overview, draw_single
+        from deploy.report.picture import draw_overview, draw_scale, draw_single
 
         drawn: Axes = axes or pyplot.subplots(figsize=(8, 8), layout="constrained")[1]
-        draw_overview(drawn, self) if robot is None else draw_single(drawn, self, robot)
+        if robot is None:
+            draw_overview(drawn, self)
+        else:
+            draw_single(drawn, self, robot)
+            draw_scale(drawn)
         return drawn
 
 

@@ -182,7 +182,18 @@ def test_legends_of_many_robots_leave_room_for_their_curves(tmp_path: Path) -> N
     draw_coverage(axes, run)
     legend = axes.get_legend()
     assert len(axes.get_lines()) >= 101
-    assert legend is not None and [text.get_text() for text in legend.get_texts()][-2:] == [f"r{NAMED}", TEAM]
+    assert legend is not None and legend.get_bbox_to_anchor().x0 >= axes.bbox.x1  # beside the curves, not over them
+    assert [text.get_text() for text in legend.get_texts()][-2:] == [f"r{NAMED}", TEAM]
+
+
+@pytest.mark.parametrize("robot", [None, "r1"])
+def test_a_plan_has_a_bar_of_a_metre_and_tells_what_is_path_and_start(whole: Path, robot: str | None) -> None:
+    axes = read_run(whole).plot(robot, Figure().subplots())
+    (bar,) = (line for line in axes.get_lines() if line.get_linewidth() == 2.0)
+    assert np.ptp(bar.get_xdata()) == pytest.approx(1.0) and "1 m" in [text.get_text() for text in axes.texts]
+    if robot is None:
+        legend = axes.get_legend()
+        assert legend is not None and {"path", "start, heading"} <= {text.get_text() for text in legend.get_texts()}
 
 
 def test_maps_are_placed_by_the_true_frames(whole: Path) -> None:
