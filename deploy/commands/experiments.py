@@ -28,10 +28,10 @@ BENCHMARKS = {
     "lockstep": "Ticks a second over Zenoh with robots that do not think.",
     "crowd": "What a robot costs among 3 to 100; 30 and 100 as processes: speed, memory, false merges, bytes.",
     "filter": "Whole runs, faults, ambiguous walls, storage, cost and number of particles of the filter; takes hours.",
-    "alignment": "Pairs of partial maps by three methods, and robots that align, verify and merge; takes hours.",
-    "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes hours.",
-    "sensing": "One robot and teams with a lidar that turns and wheels that err, against exact ones; takes hours.",
-    "radio": "Bytes of the codec and of whole runs, a bad radio against a perfect one, range and speed; takes an hour.",
+    "alignment": "Pairs of partial maps by three methods, and robots that merge; takes a day, mostly `exact`.",
+    "exploration": "One robot and teams, mazes, default states, a bound of tours, a dense grid; takes 45 minutes.",
+    "sensing": "One robot and teams with a lidar that turns and wheels that err, and exact ones; half an hour.",
+    "radio": "Bytes of the codec and of whole runs, a bad radio and a perfect one, range and speed; takes 20 minutes.",
 }
 
 
@@ -101,7 +101,7 @@ def study(
     results: Results = Path("studies"),
     jobs: Jobs = None,
 ) -> None:
-    """Make a published experiment again: trust, maps, exploration or radio; hours, as its benchmark takes."""
+    """Make a published experiment again: trust, maps, exploration or radio; takes as long as its benchmark."""
     from deploy.bench.study import study
 
     raise Exit(study(name, results, jobs, quick))
