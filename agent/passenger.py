@@ -116,7 +116,7 @@ class Passenger:
     def _cooperate(self, tick: int) -> list[Event]:
         """Align maps, and judge proposals without a drive to verify them."""
         self.team.align_maps(tick, self.own)
-        self.team.judge(tick, self.own, self.submaps.pose, None)
+        self.team.judge(tick, self.own, self.submaps.pose)
         return self.team.events
 
     def drawn(self) -> Wireframe:

@@ -74,7 +74,6 @@ class Robot:
         self._map_bytes = encode_wireframe(self.wireframe)
         self._update = Period(in_ticks(UPDATE_S, spec.lidar.rate_hz))
         self._laying = Laying(spec.lidar.rate_hz)
-        self._arrived: bool | None = None  # how the last drive to verify a proposal ended, as of Command.arrived
         self._to_look = 0  # ticks left of the first look
         if spec.odometry.noisy:
             self._to_look = min(in_ticks(FIRST_LOOK_S, spec.lidar.rate_hz), MOST_SCANS)
@@ -118,7 +117,7 @@ class Robot:
         news, events = self.exchange.hear(tick, heard)  # C
         if self.config.cooperation.sharing:
             self.team.hear(tick, news, pose, scan, self.own)
-            self.team.judge(tick, self.own, pose, self._arrived)  # accept = judge(proposal), of the last tick's Z
+            self.team.judge(tick, self.own, pose)  # accept = judge(proposal), of the last tick's Z
             self.team.align_maps(tick, self.own)  # Z = Z + align_maps(C)
         changed = self._draw_map(tick, own_changed)
         explorer = self.explorer
@@ -136,7 +135,6 @@ class Robot:
             command = explorer.drive(scene, frontier)
         else:
             command = explorer.drive(scene, explorer.default_state(scene))
-        self._arrived = command.arrived
         sends = self._talk(tick, pose, scan)
         if changed:
             self._map_bytes = encode_wireframe(self.wireframe)
@@ -203,7 +201,7 @@ class Robot:
             seen=seen,
             discs=scan.discs,
             close=scan.close,
-            errand=None if self.team.errand is None else self.team.errand.place,
+            errand=self.team.errand,
             partners=partners,
             silent=silent,
             viewpoints=self.team.views.places,

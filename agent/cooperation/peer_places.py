@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.errand import STILL_HEARD_S
 from agent.cooperation.peer import Merged, PeerLog, Peers, Proposed, Unaligned
+from agent.cooperation.proposal_queue import STILL_HEARD_S
 from agent.cooperation.verification import DISC_GATE_M
 from protocol.arrays import Floats
 from protocol.geometry import Pose

@@ -16,7 +16,6 @@ from agent.alignment.config import AlignmentConfig
 from agent.communication.exchange import NOBODY, News
 from agent.cooperation import thirds
 from agent.cooperation.config import CooperationConfig
-from agent.cooperation.errand import Errand, ProposalQueue
 from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, fresh_pieces
 from agent.cooperation.merging import (
     REFUSED_MAPS,
@@ -29,11 +28,13 @@ from agent.cooperation.merging import (
 )
 from agent.cooperation.peer import KNOWN_S, Figures, Merged, Peer, PeerLog, Peers, Proposed, Unaligned, transform_sd_m
 from agent.cooperation.peer_places import PeerPlaces
+from agent.cooperation.proposal_queue import ProposalQueue
 from agent.cooperation.proposing import GROWTH_ON_TRIAL, Aligner, off_its_map
 from agent.cooperation.team_views import TeamViews
 from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
+from agent.errand import Errand
 from agent.mapping.views import View, view_of
 from agent.period import Period, in_ticks
 from protocol.arrays import Floats
@@ -384,12 +385,12 @@ class Team:
 
     # accept = judge(proposal)
 
-    def judge(self, tick: int, own: Wireframe, pose: Pose, arrived: bool | None) -> None:
+    def judge(self, tick: int, own: Wireframe, pose: Pose) -> None:
         """Decide the proposals whose evidence suffices, and where to drive for the first of the others.
 
         Where only a sighting of the peer can decide, and it has gone, the proposal waits for the next contact with it,
         without a further drive, and what was seen is not lost.
-        arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
+        pose: the robot's, in its own frame.
         """
         self._decide(tick, own)
         if self._circles.take_due(tick) and self.config.verification.thirds:
@@ -398,7 +399,7 @@ class Team:
             if peer.waits_since is not None and peer.waits_since is not peer.log.first_encounter:
                 peer.waits_since = None
                 self.queue.add(peer)
-        if ended := self.queue.set_out(tick, pose, arrived):
+        if ended := self.queue.set_out(tick, pose):
             self._end_drive(*ended)
 
     def _decide(self, tick: int, own: Wireframe) -> None:

@@ -6,12 +6,13 @@ is a state that a new frontier ends, or viewpoints that are taken back.
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from agent.errand import Errand
 from agent.exploration import standing
 from agent.exploration.agenda import Target, Task, agenda_of, first_of_tour, is_end
 from agent.exploration.auction import own_share
@@ -59,7 +60,6 @@ class Command(NamedTuple):
     reason: str  # the state in a few words
     events: list[Event]
     target: tuple[float, float] | None  # where it is going, frame of the map
-    arrived: bool | None = None  # whether the errand that ended in this tick arrived; None while under way or without
 
 
 class Explorer:
@@ -80,8 +80,7 @@ class Explorer:
         self.target: Target | None = None
         self._put_back: Target | None = None
         """The last target, where this tick compares it with others, or its path is no longer clear."""
-        self._errand: Floats | None = None
-        self._errand_arrived: bool | None = None
+        self._errand: Errand | None = None
         self._events: list[Event] = []
         self._decided_tick, self._decided_version = 0, -1
         self._reconsider_ticks = ticks_to_drive(RECONSIDER_M, spec)
@@ -100,7 +99,7 @@ class Explorer:
     def look(self, situation: Situation) -> Scene:
         """Take in the situation. The target is dropped where it is resolved, in vain, or to be compared anew."""
         scene = self.surroundings.look(situation)
-        self._events, self._errand_arrived, self._put_back = [], None, None
+        self._events, self._put_back = [], None
         self._take_errand(scene.errand)
         moved_on = self.viewpoints.keep(scene.tick, scene.here)
         self._take_viewpoints(scene)
@@ -161,14 +160,15 @@ class Explorer:
 
         While something else is under way (making room for a teammate), that goes on.
         """
-        if scene.errand is None:
+        errand = scene.errand
+        if errand is None:
             return None
-        if self.target is None and self._errand_arrived is None:
+        if self.target is None and not errand.ended:
             for roads in self.surroundings.ways(scene):
-                route = standing.near(scene.errand, roads)
+                route = standing.near(errand.place, roads)
                 if route is not None:
-                    return self._pursue(scene, Task("errand", scene.errand, route.path[-1]), roads, None)
-            self._errand_arrived = False
+                    return self._pursue(scene, Task("errand", errand.place, route.path[-1]), roads, None)
+            errand.ended = "no way"
         return self.target
 
     def way_home(self, scene: Scene) -> Target | None:
@@ -204,13 +204,11 @@ class Explorer:
 
     # what is new
 
-    def _take_errand(self, errand: Floats | None) -> None:
+    def _take_errand(self, errand: Errand | None) -> None:
         """A new errand, or the end of one, is a reason to decide anew."""
         last, self._errand = self._errand, errand
-        if errand is None:
-            if self.target is not None and self.target.task.kind == "errand":
-                self.target = None
-        elif last is None or (errand != last).any():
+        drives = self.target is not None and self.target.task.kind == "errand"
+        if errand is not last and (errand is not None or drives):
             self.target = None
 
     def _take_viewpoints(self, scene: Scene) -> None:
@@ -299,7 +297,7 @@ class Explorer:
         if target.task.kind == "sweep":
             self.viewpoints.keep(scene.tick, scene.here, 0.0)
         if target.task.kind == "errand":
-            self._errand_arrived = True
+            self._end_errand("arrived")
         if target.task.kind == "home":
             self._sd_at_home_m = scene.pose_sd_m
         self._done(target.task)
@@ -324,11 +322,16 @@ class Explorer:
         if is_end(target.task):
             self._events.append(self.goals.abandon(target.task.place, target.task.along, reason))
         elif target.task.kind == "errand":
-            self._errand_arrived = False
+            self._end_errand("no way")
         else:
             if target.task.kind == "home":
                 self._sd_at_home_m = math.inf
             self._done(target.task)
+
+    def _end_errand(self, how: Literal["arrived", "no way"]) -> None:
+        """Tell the team how the drive under way has ended."""
+        assert self._errand is not None, "an errand that is taken back takes its target along"
+        self._errand.ended = how
 
     def _done(self, task: Task) -> None:
         """The task is not to be proposed again: the robot stood where it asked, or could not."""
@@ -529,7 +532,7 @@ class Explorer:
             x, y = self.target.task.stand
             place = float(x), float(y)
         complete = self.complete and self._errand is None
-        return Command(motion.speed_mps, motion.turn_rps, complete, reason, self._events, place, self._errand_arrived)
+        return Command(motion.speed_mps, motion.turn_rps, complete, reason, self._events, place)
 
     def _tell(self, event: str, **data: object) -> None:
         self._events.append(Event(event=event, data=data))

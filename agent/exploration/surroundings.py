@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from agent.errand import Errand
 from agent.exploration.close_walls import CloseWalls, fronts
 from agent.exploration.config import DrivingConfig
 from agent.exploration.driving import Obstacles
@@ -37,7 +38,7 @@ class Situation:
     discs: Floats  # (k, 2) centres of teammates seen now, frame of the robot's pose
     close: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(c, 3) sectors of what is close and neither wall nor teammate: bearings from and to, and metres to it."""
-    errand: Floats | None = None  # (2,) where the robot is sent to verify a proposal
+    errand: Errand | None = None  # the drive to verify a proposal; whoever drives says how it ended
     partners: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) teammates that share the work, heard lately: place, and metres by which each must be nearer to a task."""
     silent: Floats = field(default_factory=lambda: np.zeros((0, 3)))

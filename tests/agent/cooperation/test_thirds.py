@@ -150,7 +150,7 @@ def test_three_that_agree_suffice_without_a_drive_even_where_the_peer_has_seen_o
     half = room()
     half.own[: len(WALLS) // 2] = False
     team.align_maps(1, half)
-    team.judge(1, half, (0.0, 0.0, 0.0), None)
+    team.judge(1, half, (0.0, 0.0, 0.0))
     peer = team.peers["p"]
     assert isinstance(peer, Merged) and np.allclose(peer.transform, PEER, atol=0.02)
     assert team.errand is None
@@ -163,12 +163,12 @@ def test_the_open_circle_s_weakest_link_goes_on_trial_again_and_then_the_next() 
     team.peers["a"] = merged("a", TRUE["a"], agreed_m=9.0)
     team.peers["a"].log.take_frames({"p": relative(pose_of(TRUE["a"]), pose_of(PEER))})
     look = round(CIRCLES_S * SPEC.lidar.rate_hz)
-    team.judge(look, room(), (0.0, 0.0, 0.0), None)
+    team.judge(look, room(), (0.0, 0.0, 0.0))
     peer = team.peers["p"]
     assert isinstance(peer, Proposed) and peer.trial.weight == -THIRD_NATS
     assert isinstance(team.peers["a"], Merged)
     team.merge(peer, look, room())  # its trial was passed once more, so it is the other link's turn
-    team.judge(2 * look, room(), (0.0, 0.0, 0.0), None)
+    team.judge(2 * look, room(), (0.0, 0.0, 0.0))
     assert isinstance(team.peers["p"], Merged) and isinstance(team.peers["a"], Proposed)
 
 

@@ -35,10 +35,11 @@ def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tu
     peer = Unaligned(PeerLog("r2", encounters=[Encounter(HERE, (3.0, 0.0, 0.0))]))
     peer.log.map = ReceivedMap(theirs, 0)
     proposed = team.propose(peer, (0.0, 0.0, 0.0), EMPTY, {})
-    team.judge(LATER - 1, EMPTY, HERE, None)
+    team.judge(LATER - 1, EMPTY, HERE)
     assert team.errand is not None and team.errand.place.tolist() == [3.0, 0.0]
     proposed.trial.nats["ground"], proposed.trial.nats["discs"] = ground, discs
-    team.judge(LATER, EMPTY, HERE, True)
+    team.errand.ended = "arrived"
+    team.judge(LATER, EMPTY, HERE)
     return team, proposed
 
 
@@ -46,10 +47,10 @@ def on_trial(ground: float, discs: float = 0.0, theirs: Wireframe = EMPTY) -> tu
 def test_it_waits_without_a_drive_and_the_next_contact_takes_it_up_again(ground: float) -> None:
     team, proposed = on_trial(ground)
     assert team.errand is None and not team.queue.proposals and team.proposed == [proposed]
-    team.judge(LATER + 1, EMPTY, HERE, None)
+    team.judge(LATER + 1, EMPTY, HERE)
     assert team.errand is None  # the same contact, long over
     proposed.log.encounters, proposed.log.pose_tick = [Encounter(HERE, (0.0, 2.0, 0.0))], LATER + 2
-    team.judge(LATER + 2, EMPTY, HERE, None)
+    team.judge(LATER + 2, EMPTY, HERE)
     assert team.queue.proposals == [proposed] and team.errand is not None and team.errand.place.tolist() == [0.0, 2.0]
 
 
@@ -68,7 +69,7 @@ def test_a_contact_has_one_first_encounter_whatever_ticks_its_beacons_tell(ticks
 def test_a_sighting_decides_while_it_waits(sighting: float) -> None:
     team, proposed = on_trial(GROUND_MOST_NATS)
     proposed.trial.nats["discs"] = sighting
-    team.judge(LATER + 1, EMPTY, HERE, None)
+    team.judge(LATER + 1, EMPTY, HERE)
     # these maps have no wall: without the last check, which they cannot pass, the first one would be merged
     said = [event.data["reason"] for event in team.events if event.event == "rejected"]
     assert said == ["its walls do not fit" if sighting > 0 else "the evidence decides"]

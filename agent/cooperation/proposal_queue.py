@@ -4,11 +4,10 @@ The robot drives to where the peer was at contact (paper IV). Where that has dec
 (ours).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from agent.cooperation.peer import Proposed
+from agent.errand import Errand
 from protocol.arrays import Floats
 from protocol.geometry import Pose, apply
 
@@ -20,18 +19,6 @@ HERE_M = 0.6
 """Places nearer than this show the robot nothing new."""
 IN_FRONT_M = 0.8
 """Distance from a wall at which the robot stands to see it."""
-
-
-@dataclass(frozen=True)
-class Errand:
-    """The drive to verify the first proposal of the queue."""
-
-    place: Floats
-    """(2,) metres, the robot's own frame."""
-    since: int
-    """Tick of setting out to the place of contact."""
-    detours: int = 0
-    """Other places that the robot has driven to since."""
 
 
 class ProposalQueue:
@@ -55,10 +42,10 @@ class ProposalQueue:
         if peer in self.proposals:
             self.proposals.remove(peer)
 
-    def set_out(self, tick: int, pose: Pose, arrived: bool | None) -> tuple[Proposed, str] | None:
+    def set_out(self, tick: int, pose: Pose) -> tuple[Proposed, str] | None:
         """To the place of contact of the first proposal, then elsewhere; that proposal, and why its drive has ended.
 
-        arrived: whether the drive that ended in the last tick arrived; None while it goes on or without one.
+        pose: the robot's, in its own frame.
         """
         if not self.proposals:
             return None
@@ -68,11 +55,11 @@ class ProposalQueue:
             self.errand = Errand(apply(peer.transform, np.array([peer.log.first_encounter.theirs[:2]]))[0], tick)
         elif tick - errand.since > self._time_out:
             return peer, "it took too long"
-        elif arrived is False and not errand.detours:
+        elif errand.ended == "no way" and not errand.detours:
             return peer, "unreachable"
-        elif (errand.detours or arrived) and peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
+        elif (errand.detours or errand.ended) and peer.trial.asks_for_a_sighting and not self._is_heard(tick, peer):
             return peer, "undecided"
-        elif arrived is not None:
+        elif errand.ended:
             place = self._elsewhere(tick, peer, pose, errand.detours)
             if place is None or errand.detours >= DETOURS:
                 return peer, "undecided"
