@@ -184,9 +184,9 @@ class Robot:
         if self.loops and self.loops.take(
             tick, scan, pose_of(way[-1]), self.filter.length_scale, self.filter.pose, self.filter.covariance
         ):
-            walls, settled = self.loops.settled()
-            self.filter.replace(records_of(walls), settled)
-            self.explorer.mend(self.loops.mended)
+            settled = self.loops.settled()
+            self.filter.replace(records_of(settled.walls), settled.pose)
+            self.explorer.mend(settled)
         self.perception.remember(tick, self.filter.pose)
         return scan, self._own.update(self.filter.wireframe())
 

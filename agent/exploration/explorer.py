@@ -5,7 +5,6 @@ is a state that a new frontier ends, or viewpoints that are taken back.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -29,8 +28,9 @@ from agent.exploration.planning import Roads, circle
 from agent.exploration.surroundings import MOST_WALLS, Scene, Situation, Surroundings
 from agent.exploration.sweep import MOST_KEPT, Sweep, Viewpoints
 from agent.geometry.clearance import distances_to_walls
+from agent.mapping.submaps.settled import Settled
 from agent.state import State, checked
-from protocol.arrays import Floats, Ints
+from protocol.arrays import Floats
 from protocol.messages import Event, RobotSpec
 
 LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
@@ -133,13 +133,10 @@ class Explorer:
         self.viewpoints.own = [(x, y) for x, y in eyes.tolist()]
         self.viewpoints.ticks, self.surroundings.touch.walls = ticks.tolist(), felt
 
-    def mend(self, mended: Callable[[Ints, Floats], Floats]) -> None:
-        """The map was torn and is merged anew: from where it was looked moves with it, and the rest begins anew.
-
-        mended: places (k, 2) in the new map, of those in the torn one at which the robot was at ticks (k,).
-        """
+    def mend(self, settled: Settled) -> None:
+        """The map was torn and is merged anew: from where it was looked moves with it, and the rest begins anew."""
         eyes = self.viewpoints
-        eyes.own = [(x, y) for x, y in mended(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
+        eyes.own = [(x, y) for x, y in settled.places(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
         self.surroundings.touch.walls, self.target = self.surroundings.touch.walls[:0], None
 
     # the branches of Algorithm 1

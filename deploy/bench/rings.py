@@ -96,8 +96,8 @@ class Mapper:
         self.filter.update(scan, observation.poses())
         mind = self.filter
         if self.loops.take(observation.tick, scan, pose_of(way[-1]), mind.length_scale, mind.pose, mind.covariance):
-            walls, pose = self.loops.settled()
-            self.filter.replace(records_of(walls), pose)
+            settled = self.loops.settled()
+            self.filter.replace(records_of(settled.walls), settled.pose)
             self.settled += 1
 
     def wireframe(self) -> Wireframe:

@@ -14,8 +14,9 @@ from agent.mapping.submaps.chain import MERGE_AFTER_M, SKIPPED, Submaps, travell
 from agent.mapping.submaps.loops import RIVAL_SCORE, on_walls
 from agent.mapping.submaps.matching import tiles_of
 from agent.mapping.submaps.segments import moved
-from protocol.arrays import Floats, Ints, Records
-from protocol.geometry import Pose, apply, compose, inverted, pose_of, relative, wrapped
+from agent.mapping.submaps.settled import Settled
+from protocol.arrays import Floats
+from protocol.geometry import Pose, compose, inverted, pose_of, relative, wrapped
 
 TORN_M = 0.15  # between where a loop and the filter have a submap; matches of submaps err by 0.05 m
 TORN_RAD = math.radians(3.0)
@@ -40,7 +41,6 @@ class LoopClosing:
         """half_view: rad to either side of the heading that the lidar sees."""
         self.submaps = Submaps(config, half_view)
         self._frames: list[Pose] = []  # of the submaps, by the filter
-        self._torn_frames: list[Pose] = []  # the same before they were last settled
         self._begins: list[int] = []  # ticks at which they began
         self._sds: list[Floats] = []  # (3,) how well it knew each: m, m, rad
         self._against: list[tuple[int, int, Pose]] = []
@@ -124,21 +124,14 @@ class LoopClosing:
         lever = math.dist(self._frames[a][:2], self._frames[b][:2])
         return math.hypot(one[0], one[1], other[0], other[1], lever * one[2])
 
-    def settled(self) -> tuple[Records, Pose]:
-        """Segments of all submaps and the robot's pose, both in the filter's frame, which they hold from now on."""
-        start = self._frames[0]
-        self._against, self._torn_frames = [], self._frames
+    def settled(self) -> Settled:
+        """The map and the pose by the submaps, in the filter's frame, which the submaps hold from now on."""
+        start, torn = self._frames[0], self._frames
+        self._against = []
         self._frames = [compose(start, pose) for pose in map(pose_of, self.submaps.poses)]
-        return moved(self.submaps.walls(), np.array(start)), compose(start, self.submaps.pose)
-
-    def mended(self, ticks: Ints, places: Floats) -> Floats:
-        """Where places (k, 2) of the torn map, at which the robot was at ticks (k,), are in the settled one.
-
-        Each moves with the submap of its time: those of two laps may lie side by side.
-        """
-        of = np.searchsorted(self._begins, ticks, "right") - 1
-        by = [compose(new, inverted(old)) for old, new in zip(self._torn_frames, self._frames, strict=True)]
-        return np.array([apply(by[k], place[None])[0] for k, place in zip(of, places, strict=True)]).reshape(-1, 2)
+        by = [compose(new, inverted(old)) for old, new in zip(torn, self._frames, strict=True)]
+        walls = moved(self.submaps.walls(), np.array(start))
+        return Settled(walls, compose(start, self.submaps.pose), np.array(self._begins, np.int64), np.array(by))
 
 
 def _explains(known_m: float, off: Floats, information: Floats) -> bool:

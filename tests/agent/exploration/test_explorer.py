@@ -21,6 +21,8 @@ from agent.exploration.parking import AT_HOME_M, Parking
 from agent.exploration.planning import Roads
 from agent.exploration.surroundings import Scene, Situation
 from agent.exploration.teammates import Teammates
+from agent.mapping.submaps.segments import SEGMENT
+from agent.mapping.submaps.settled import Settled
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of
 from protocol.messages import Event, LidarSpec, RobotSpec
@@ -35,6 +37,7 @@ LAYOUTS = Path(__file__).resolve().parents[4] / "shared" / "worlds"
 SPEC = RobotSpec()
 TIGHT_M = SPEC.radius_m + DrivingConfig().tight_path_air_m
 NOBODY = np.zeros((0, 2))
+NO_WALLS, HERE = np.zeros(0, SEGMENT), (0.0, 0.0, 0.0)
 
 
 def drawn(*polylines: list[tuple[float, float]], spawn: Pose) -> World:
@@ -349,7 +352,7 @@ def test_places_it_looked_from_move_with_a_map_that_is_mended():
     for tick in range(0, 60, 20):
         at(room, robot, range(tick, tick + 1), pose=(0.05 * tick, 0.0, 0.0))
     assert robot.viewpoints.own == [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)]
-    robot.mend(lambda ticks, places: places + (0.0, 0.5) * (ticks[:, None] >= 40))
+    robot.mend(Settled(NO_WALLS, HERE, np.array([0, 40]), np.array([HERE, (0.0, 0.5, 0.0)])))
     assert np.array(robot.viewpoints.own) == pytest.approx(np.array([(0.0, 0.0), (1.0, 0.0), (2.0, 0.5)]))
     assert robot.target is None
 

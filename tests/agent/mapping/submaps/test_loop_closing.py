@@ -43,9 +43,9 @@ def driven(lost_at: int | None) -> tuple[LoopClosing, WireframeFilter, Floats, F
             torn = compose(mind.pose, (0.8, 0.0, 0.0))
             mind.edges["kind"], mind.poses[:] = 0, torn  # all that it knew of the place is gone, too
         if loops.take(seen.tick, scan, pose_of(told[-1]), mind.length_scale, mind.pose, mind.covariance):
-            segments, pose = loops.settled()
-            mind.replace(records_of(segments), pose)
-            closed.append((seen.tick, loops.mended(np.arange(seen.tick), np.array(path)[:, :2])))
+            settled = loops.settled()
+            mind.replace(records_of(settled.walls), settled.pose)
+            closed.append((seen.tick, settled.places(np.arange(seen.tick), np.array(path)[:, :2])))
         path.append(mind.pose)
     return loops, mind, np.array(path), way, closed
 
@@ -88,8 +88,9 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
         before = seen.odometry
         scan = perceive(seen.scan(), SPEC, alone=True)
         loops.take(seen.tick, scan, by, 1.0, compose(start, seen.odometry), np.zeros((3, 3)))
-    segments, pose = loops.settled()
-    records = records_of(segments)
+    settled = loops.settled()
+    pose = settled.pose
+    records = records_of(settled.walls)
     check_records(records)
     mind = _filter()
     mind.replace(records, pose)
