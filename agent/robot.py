@@ -187,6 +187,9 @@ class Robot:
             settled = self.loops.settled()
             self.filter.replace(records_of(settled.walls), settled.pose)
             self.explorer.mend(settled)
+            self.team.mend(settled)
+            self.perception.forget_posts()
+            self.exchange.tell_frames_anew()
         self.perception.remember(tick, self.filter.pose)
         return scan, self._own.update(self.filter.wireframe())
 

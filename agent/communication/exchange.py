@@ -150,6 +150,11 @@ class Exchange:
         self.contacts = {peer: contact for peer, contact in self.contacts.items() if peer not in lost}
         return [news[peer] for peer in self.contacts if peer in news], events
 
+    def tell_frames_anew(self) -> None:
+        """The robot's map lies otherwise in its frame: peers are told with the next beacon where all frames are now."""
+        for told in self._told.values():
+            told.frames = {name: (held, 0) for name, (held, _) in told.frames.items()}
+
     def _take(
         self, tick: int, peer: str, message: Heard
     ) -> Beacon | ReceivedMap | PeerViews | AskViews | ToldFrames | None:

@@ -14,12 +14,15 @@ from agent.alignment.candidates import refine_near
 from agent.alignment.config import AlignmentConfig
 from agent.alignment.prepared import PreparedMap
 from agent.communication.receiving import ReceivedMap
+from agent.communication.telling import LONG_AGO
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Figures, Laid, Merged, Proposed
+from agent.cooperation.verification import Watch
 from agent.cooperation.wall_fit import WallFit, fit_on_walls
 from agent.geometry.transform import apart
 from agent.mapping.layers import layer_of
 from protocol.arrays import Floats
+from protocol.geometry import Pose, compose, pose_of
 from protocol.wireframe import Wireframe
 
 SAME_WALL_M = 0.06
@@ -112,6 +115,17 @@ def refit(peer: Merged, tick: int, own: Wireframe) -> Merged:
     if not apart(fit.transform, peer.transform, fit.centre, STALE_M, STALE_RAD):
         return peer
     return _fitted(peer, peer.map, fit)
+
+
+def moved(peer: Merged, by: Pose) -> Merged:
+    """The peer with its map moved as the robot's own was, where both met; it is to be fitted anew as soon as may be.
+
+    No fit would find that by itself: it is not believed where it moves a map by more than 0.2 m.
+    by: the motion in the robot's own frame.
+    """
+    transform = np.array(compose(by, pose_of(peer.transform)))
+    laid = _laid(peer.map, transform, peer.walls)
+    return replace(peer, transform=transform, laid=laid, updated=LONG_AGO, watch=Watch())
 
 
 def _fitted(peer: Merged, received: ReceivedMap, fit: WallFit) -> Merged:

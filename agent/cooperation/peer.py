@@ -162,6 +162,16 @@ class PeerLog:
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))
 
+    def move(self, by: Pose) -> None:
+        """The robot's map has moved by so much where it met the peer, in its own frame.
+
+        What was seen of the peer, and its word on frames, are of the map before. Of the last contact its begin is kept.
+        """
+        self.encounters = [one._replace(here=compose(by, one.here)) for one in self.encounters[:1]]
+        self.sightings.clear()
+        self.sighting_is_news, self.explained, self.explained_by_proposal = False, 0, 0
+        self.claim = self.tried_claim = None
+
     def take_sighting(self, sighting: Sighting) -> None:
         """Keep a sighting if one of the two robots has moved since the last one."""
         if self.sightings:

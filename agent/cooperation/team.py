@@ -23,6 +23,7 @@ from agent.cooperation.merging import (
     contradiction,
     hide_seen_through,
     merge,
+    moved,
     refit,
     update,
 )
@@ -35,6 +36,7 @@ from agent.cooperation.verification import Trial, nats_of_thirds
 from agent.cooperation.weight import weigh
 from agent.corner_scan import CornerScan
 from agent.errand import Errand
+from agent.mapping.submaps.settled import Settled
 from agent.mapping.views import View, view_of
 from agent.period import Period, in_ticks
 from protocol.arrays import Floats
@@ -150,6 +152,27 @@ class Team:
                 view = view_of(scan, here, WALL_MARGIN_M)
                 for peer in self.peers.values():
                     self._look(peer, view)
+
+    def mend(self, settled: Settled) -> None:
+        """The robot's map was torn and is merged anew: peers' frames move as it did where each was last met.
+
+        To be called before `hear`.
+        """
+        self._lately.clear()
+        first = self.queue.proposals[0] if self.queue.proposals else None
+        for name, peer in list(self.peers.items()):
+            by, met = settled.at(peer.log.pose_tick), peer.log.first_encounter
+            peer.log.move(by)
+            if isinstance(peer, Merged):
+                self.peers[name] = moved(peer, by)
+            elif isinstance(peer, Proposed):
+                peer.trial.move(by)
+                if peer.waits_since is met:  # a contact that moves along is no other one
+                    peer.waits_since = peer.log.first_encounter
+                if peer is first and self.errand is not None:
+                    self.errand.place = apply(by, self.errand.place[None])[0]
+        self.views.mend()
+        self.views.gather(self.merged if self.config.division else [])
 
     def _take_beacon(self, tick: int, peer: Peer, since: int, beacon: Beacon, alone: bool) -> None:
         """Keep where a peer says that it was, if that is new; it is a sighting where a scan of then is known."""

@@ -93,6 +93,11 @@ class TeamViews:
         self._passed_on = dict[str, int]()  # first-hand viewpoints of each peer that were passed on, or known already
         self._own, self._own_tick, self._ends = 0, -1, 0
 
+    def mend(self) -> None:
+        """The robot's map was torn and is merged anew: all places are elsewhere, and are taken and told again."""
+        self._taken = {}
+        self._begin_anew()
+
     def gather(self, merged: Sequence[Merged]) -> None:
         """Take what these peers told, where the merged maps hold what was seen from there."""
         held = {peer.log.name: peer for peer in merged}

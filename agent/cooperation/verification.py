@@ -15,7 +15,7 @@ from agent.cooperation.evidence import WALL_MARGIN_M, WallEvidence, sees_place
 from agent.corner_scan import CornerScan
 from agent.mapping.views import View, view_of
 from protocol.arrays import Floats
-from protocol.geometry import Pose, apply
+from protocol.geometry import Pose, apply, compose, pose_of
 
 KINDS = ("ground", "discs", "heard", "thirds", "later_maps")
 """Kinds of evidence, as the switches of VerificationConfig and the figures of events name them."""
@@ -139,6 +139,10 @@ class Trial:
     def thirds_suffice(self) -> bool:
         """Whether merged peers alone decide: maps of robots that share their work need not have walls in common."""
         return self.config.thirds and self.nats["thirds"] >= self.config.accept
+
+    def move(self, by: Pose) -> None:
+        """The robot's map has moved by so much where it met the peer, in its own frame: the transform goes along."""
+        self.transform, self.watch = np.array(compose(by, pose_of(self.transform))), Watch()
 
     def look_at_walls(self, view: View) -> None:
         """Hold a scan against the received walls, and weigh what is known of them."""

@@ -134,10 +134,17 @@ class Explorer:
         self.viewpoints.ticks, self.surroundings.touch.walls = ticks.tolist(), felt
 
     def mend(self, settled: Settled) -> None:
-        """The map was torn and is merged anew: from where it was looked moves with it, and the rest begins anew."""
-        eyes = self.viewpoints
+        """The map was torn and is merged anew: from where it was looked moves with it.
+
+        All else that is remembered of places begins anew.
+        """
+        eyes, config, lidar = self.viewpoints, self.config, self.spec.lidar
         eyes.own = [(x, y) for x, y in settled.places(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
-        self.surroundings.touch.walls, self.target = self.surroundings.touch.walls[:0], None
+        self.goals, self.sweep = Goals(config.attempts, self.spec), Sweep(config.smallest_object_m, lidar)
+        self.states = DefaultStates(config, self.sweep, lidar, self.states.rng)
+        self.homing, self.parking = Homing(), Parking()
+        self.surroundings.touch.walls, self.surroundings.teammates.known = self.surroundings.touch.walls[:0], []
+        self.target, self._back_off = None, (-1, np.zeros(2))
 
     # the branches of Algorithm 1
 

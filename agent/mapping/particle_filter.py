@@ -306,6 +306,7 @@ class WireframeFilter:
 
     def replace(self, walls: Records, pose: Pose) -> None:
         """Let every particle begin anew from walls (n,) of EDGE and a pose."""
+        self.glimpses = self.glimpses[:0]  # they are of the map before
         while len(walls) + SPARE > self.edges.shape[1]:
             self.edges = np.hstack((self.edges, np.zeros_like(self.edges)))
         self.edges[:, : len(walls)], self.counts[:], self.poses[:] = walls, len(walls), pose

@@ -110,6 +110,10 @@ class Posts:
             self.places = np.vstack((self.places, self._candidates[still, :2]))[-MAX_POSTS:]
         self._candidates = self._candidates[~still & (tick - self._candidates[:, 3] <= self._still)]
 
+    def forget(self) -> None:
+        """Begin anew; who was heard, and when, stays known."""
+        self._candidates, self.places = self._candidates[:0], self.places[:0]
+
     def seen_from(self, pose: Pose) -> Floats:
         """(k, 2) the posts in the frame of a pose."""
         return seen_from(pose, self.places)

@@ -129,6 +129,10 @@ class Perception:
         """Note where the last scan's discs are, once the pose is corrected."""
         self._posts.add(tick, apply(pose, self._discs), self._places)
 
+    def forget_posts(self) -> None:
+        """The map was torn and is merged anew: posts are elsewhere in it."""
+        self._posts.forget()
+
 
 def _of_revolution(way: Floats) -> Floats | None:
     """The way of the last revolution, of a way (k + 1, 3) that began earlier, as scans were missed.

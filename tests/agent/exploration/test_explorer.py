@@ -357,6 +357,22 @@ def test_places_it_looked_from_move_with_a_map_that_is_mended():
     assert robot.target is None
 
 
+def test_what_it_remembers_of_places_in_a_torn_map_begins_anew():
+    """It stayed in the torn map's frame: ends and corners that nobody had looked at passed for tried and seen."""
+    robot, place, along = explorer(), np.array((5.0, 5.0)), np.array((1.0, 0.0))
+    robot.goals.looked(Task("frontier", place, place, along))
+    robot.goals.abandon(place, along, "no way")
+    robot.sweep.stood(place)
+    robot.sweep.leave(place[None])
+    robot.states.glimpses.keep(3, place[None])
+    robot.states.done(Task("edge", place, place, along))
+    robot.surroundings.teammates.update(3, place[None])
+    assert robot.nbytes > explorer().nbytes
+    robot.mend(Settled(NO_WALLS, HERE, np.array([0]), np.array([(0.0, 0.5, 0.0)])))
+    assert robot.nbytes == explorer().nbytes
+    assert not robot.goals.in_vain and not robot.surroundings.teammates.known
+
+
 def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
     targets = {}

@@ -93,7 +93,9 @@ def test_settled_segments_are_records_that_the_filter_can_trust() -> None:
     records = records_of(settled.walls)
     check_records(records)
     mind = _filter()
+    mind.glimpses = np.zeros((1, 2))
     mind.replace(records, pose)
+    assert not len(mind.glimpses)  # of the map before
     wireframe = mind.wireframe()
     wireframe.check()
     true = apply((0.0, 0.0, 0.0), np.array([compose(start, relative(pose_of(way[0]), pose_of(way[-1])))[:2]]))
