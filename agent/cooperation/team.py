@@ -179,10 +179,11 @@ class Team:
         log, pose_tick = peer.log, min(beacon.tick, tick)  # nobody is ahead of time
         if pose_tick <= log.pose_tick:
             return
-        past = self._scan_of(beacon.tick)
+        past = self._scan_of(pose_tick)
         _, here, discs, scan = past or self._lately[-1]
         sighting = Sighting(here, beacon.pose, discs, scan, alone)
-        log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
+        if log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz):
+            peer = self._forget_frame(peer)
         if past is None:
             return
         log.take_sighting(sighting)
@@ -190,6 +191,14 @@ class Team:
             self._weigh(peer.trial, sighting)
         elif isinstance(peer, Merged) and self.config.verification.discs:
             self._watch(peer, sighting)
+
+    def _forget_frame(self, peer: Peer) -> Peer:
+        """A peer began anew, in another frame: a transform of it is undone or rejected; the peer without one."""
+        if isinstance(peer, Merged):
+            self.undo(peer, "it began anew", {})
+        elif isinstance(peer, Proposed):
+            self._reject(peer, "it began anew")
+        return self.peers[peer.log.name]
 
     def _scan_of(self, tick: int) -> PastScan | None:
         """The newest scan if that is of about a tick, else the first one from then on; None where none is kept."""
