@@ -47,6 +47,8 @@ class PeerViews(NamedTuple):
     """(g, 4) metres and unit, the peer's own frame: open ends that it looked at in vain, and where the walls go on."""
     editions: int = 0
     """How often the peer has told all anew, as some of it no longer held."""
+    forgotten: tuple[int, int] = (0, 0)
+    """Of this edition's viewpoints, how many the peer's own and from others are kept no more, the oldest ones."""
 
 
 @dataclass
@@ -135,7 +137,10 @@ class Known:
         old = self.views if views.since else PeerViews(editions=self.views.editions + 1)
         points = np.vstack((old.points, views.points))[-KEPT_VIEWS:]
         need = np.concatenate((old.need, np.full(len(views.points), self.newest)))[-KEPT_VIEWS:]
-        heard = np.concatenate((old.heard, np.arange(len(views.points)) >= len(views.cells)))[-KEPT_VIEWS:]
+        heard = np.concatenate((old.heard, np.arange(len(views.points)) >= len(views.cells)))
+        from_others, cut = int(heard[:-KEPT_VIEWS].sum()), max(len(heard) - KEPT_VIEWS, 0)
+        forgotten = old.forgotten[0] + cut - from_others, old.forgotten[1] + from_others
         ends = np.vstack((old.ends, views.ends))[-KEPT_ENDS:]
-        self.views, self.views_until = PeerViews(points, need, heard, ends, old.editions), views.until
+        self.views = PeerViews(points, need, heard[-KEPT_VIEWS:], ends, old.editions, forgotten)
+        self.views_until = views.until
         return self.views

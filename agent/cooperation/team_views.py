@@ -31,7 +31,7 @@ class _Taken(NamedTuple):
     editions: int
     """How often the peer had told all anew."""
     heard: int
-    """How many from second hand."""
+    """How many from second hand, those included that the peer's list holds no more."""
     places: Floats
     """(k, 2) those of them that were kept, metres, the robot's own frame."""
 
@@ -117,16 +117,17 @@ class TeamViews:
             views, before = peer.log.views, self._taken.get(name)
             heard = self._usable[name].heard
             _, count, places = before or _Taken(views.editions, 0, np.zeros((0, 2)))
-            if len(heard) > count:
+            total = views.forgotten[1] + len(heard)
+            if total > count:
                 if known is None:
                     known = set(_cells(np.vstack([np.zeros((0, 2)), *kept])))
-                more, rows = apply(peer.transform, heard[count:]), []
+                more, rows = apply(peer.transform, heard[max(count - views.forgotten[1], 0) :]), []
                 for row, cell in enumerate(_cells(more)):
                     if cell not in known:
                         known.add(cell)
                         rows.append(row)
                 places = np.vstack((places, more[rows]))
-            self._taken[name] = _Taken(views.editions, len(heard), places)
+            self._taken[name] = _Taken(views.editions, total, places)
         self.places = np.vstack(
             [np.zeros((0, 2)), *self._first_hand.values(), *(taken.places for taken in self._taken.values())]
         )
@@ -153,9 +154,10 @@ class TeamViews:
         self._waiting.extend((x, y, "", turn) for x, y, turn in ends[self._ends :])
         self._ends = len(ends)
         for name, places in self._first_hand.items():
-            if len(places) > (count := self._passed_on.get(name, 0)):
-                self._passed_on[name] = len(places)
-                self._pass_on(name, places[count:])
+            forgotten, count = self._usable[name].views.forgotten[0], self._passed_on.get(name, 0)
+            if forgotten + len(places) > count:
+                self._passed_on[name] = forgotten + len(places)
+                self._pass_on(name, places[max(count - forgotten, 0) :])
         for _ in range(min(TOLD_A_TICK, len(self._waiting))):
             self._looked.add(tick, *self._waiting.popleft())
         return self._looked

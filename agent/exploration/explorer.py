@@ -220,7 +220,7 @@ class Explorer:
 
         A sweep goes on while they have not seen what it is for: a crowd tells of new viewpoints at all times.
         """
-        news, back = len(scene.viewpoints) != len(self.viewpoints.teammates), scene.withdrawn != self._withdrawn
+        news, back = scene.viewpoints is not self.viewpoints.teammates, scene.withdrawn != self._withdrawn
         self.viewpoints.teammates, self._withdrawn = scene.viewpoints, scene.withdrawn
         if (news or back) and self.target is not None and self.target.task.samples is not None:
             left, swept = self.sweep.left(self.target.task.samples, NO_EYES, scene.viewpoints, scene.walls)

@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from agent.communication.receiving import PeerViews, ReceivedMap
+from agent.communication import receiving
+from agent.communication.receiving import Known, PeerViews, ReceivedMap
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Laid, Merged, PeerLog
 from agent.cooperation.team_views import TOLD_A_TICK, TeamViews
 from agent.mapping.layers import layer_of
-from protocol.viewpoints import Looked
+from protocol.viewpoints import Looked, Views
 from protocol.wireframe import Wireframe
 
 OWN = ([0, 3], [(0.0, 0.0), (0.5, 0.0)])
@@ -108,3 +110,25 @@ def test_own_ends_are_told_once_and_again_to_who_is_told_all_anew() -> None:
     assert [turn for turn in looked.turns if turn >= 0] == [3, 6]
     views.gather([])  # what b saw is taken back
     assert [turn for turn in views.looked(110, *OWN, ends).turns if turn >= 0] == [3, 6]
+
+
+def test_a_peer_whose_list_is_full_is_listened_to_and_passed_on_all_the_same() -> None:
+    """From 6000 viewpoints on, the oldest ones make room, and the list gets no longer."""
+    views = TeamViews()
+    peer = merged("a", [1.0, 2.0, 3.0], [21.0, 22.0, 23.0])
+    views.gather([peer])
+    assert told(views, "b") == {0.0, 0.5, 11.0, 12.0, 13.0}
+    later = merged("a", [2.0, 3.0, 4.0], [22.0, 23.0, 24.0])
+    later.log.views = later.log.views._replace(forgotten=(1, 1))
+    views.gather([later])
+    assert {14.0, 34.0} <= set(views.places[:, 0].tolist())
+    assert 14.0 in told(views, "b")
+
+
+def test_a_full_list_says_how_many_viewpoints_made_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(receiving, "KEPT_VIEWS", 3)
+    known = Known()
+    for until, since in ((5, 0), (6, 5)):
+        known.views_asked = True
+        known.take_views(Views(since, until, np.zeros((1, 2), np.int64), np.zeros((2, 2), np.int64)))
+    assert len(known.views.points) == 3 and known.views.forgotten == (1, 2)

@@ -345,6 +345,18 @@ def test_what_a_teammate_saw_is_not_swept_until_it_is_taken_back(instead):
     assert not back[-1].complete and back[-1].reason == "sweep"
 
 
+def test_viewpoints_that_take_the_place_of_as_many_others_are_news():
+    """A full list of viewpoints gets no longer."""
+    room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
+    everywhere = np.array([(x, y) for x in (-3.0, -1.0, 1.0, 3.0) for y in (-1.0, 1.0)])
+    robot, seen = explorer(default_state="interior-sweep"), [np.tile((0.0, 0.0), (8, 1)), everywhere]
+    steps = [
+        step(robot, Situation(tick, room, 1, (0.0, 0.0, 0.0), Wireframe(), NOBODY, viewpoints=seen[min(tick, 1)]))
+        for tick in range(2)
+    ]
+    assert steps[0].reason == "sweep" and steps[1].complete
+
+
 def test_places_it_looked_from_move_with_a_map_that_is_mended():
     """They stayed: what lay behind the tear was swept twice, or taken for swept."""
     room = chain([(-4, -2), (4, -2), (4, 2), (-4, 2), (-4, -2)])
