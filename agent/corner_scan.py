@@ -68,7 +68,7 @@ class Sight(NamedTuple):
     shift: float  # m, by which the lidar moved in the revolution: seen from the stamp, edges are uncertain by this, too
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CornerScan:
     """A scan as corners and walls."""
 

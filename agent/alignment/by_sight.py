@@ -26,7 +26,7 @@ from protocol.geometry import Pose, pose_of, wrapped
 from protocol.walls import main_direction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sighting:
     """A scan of the robot at the moment when a peer says where it is."""
 
