@@ -150,9 +150,10 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
     What is behind a wall shows only beside it. A piece that goes on past the end of the one in front has hits on both,
     and lies between them: OF_TWO_WALLS. Of two on one line it is of f as `_lies_more_along` says.
     """
+    uncertain = related(edges[e]) and related(edges[f])
     if not is_beside(edges[e], edges[f], gates):
-        return f if _lies_more_along(edges[f], edges[e], p) else e
-    if not related(edges[e]) or not related(edges[f]):
+        return f if _lies_more_along(edges[f], edges[e], p, 0.0 if uncertain else GOES_ON_M) else e
+    if not uncertain:
         return e
     front = f if above(edges[e], edges[f].x, edges[f].y) > 0.0 else e
     shared = _shared(edges[front], p, along(edges[front], p.x, p.y))
@@ -162,19 +163,20 @@ def _one_of(edges: Records, e: int, f: int, p: Record, gates: Gates) -> int:
 
 
 @kernel
-def _lies_more_along(f: Record, e: Record, p: Record) -> bool:
+def _lies_more_along(f: Record, e: Record, p: Record, by_m: float) -> bool:
     """Whether a piece lies along wall f, more than along wall e on its line, and f has a corner before e.
 
     Walls on both sides of a partition became one, as the one had taken a piece of the other, or was mapped 8 cm too
     long, and then took its views. The centroid of a wall that was cut may lie in the other part: its ends tell where it
-    is.
+    is. by_m: metres by which it must lie more along f. With an exact pose, views of a post's short faces that lie along
+    either of two alike are not told apart by less than ends err: one of them became two.
     """
     middle = along(f, 0.5 * (e.tip[0, 0] + e.tip[1, 0]), 0.5 * (e.tip[0, 1] + e.tip[1, 1]))
     side = 1 if middle > 0.5 * (tip_at(f, 0) + tip_at(f, 1)) else 0
     is_past = middle > tip_at(f, 1) if side == 1 else middle < tip_at(f, 0)
     if f.label[side] != NOMINAL or not is_past:
         return False
-    return bool(_shared(f, p, along(f, p.x, p.y)) > _shared(e, p, along(e, p.x, p.y)))
+    return bool(_shared(f, p, along(f, p.x, p.y)) > _shared(e, p, along(e, p.x, p.y)) + by_m)
 
 
 class Lines(NamedTuple):
