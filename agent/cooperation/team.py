@@ -179,7 +179,7 @@ class Team:
         log, pose_tick = peer.log, min(beacon.tick, tick)  # nobody is ahead of time
         if pose_tick <= log.pose_tick:
             return
-        past = self._scan_of(pose_tick)
+        past = self._scan_of(beacon.tick)
         _, here, discs, scan = past or self._lately[-1]
         sighting = Sighting(here, beacon.pose, discs, scan, alone)
         if log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz):
