@@ -146,30 +146,21 @@ class PeerLog:
             elif name in self.frames or len(self.frames) < MOST_FRAMES:
                 self.frames[name] = np.array(frame)
 
-    def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> bool:
+    def take_beacon(self, since: int, pose_tick: int, sighting: Sighting, max_drive_m: float) -> None:
         """Keep where the peer says that it was at pose_tick; and of the first messages of a contact where both were.
 
-        since: when the contact began. max_drive_m: what a robot drives in a tick. Returns whether the peer was started
-        anew, in another frame: then nothing counts that it told before but its map, and no transform of it
-        holds.
+        since: when the contact began. max_drive_m: what a robot drives in a tick.
         """
-        may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
-        away = math.dist(sighting.theirs[:2], self.pose[:2])
-        anew = self.pose_tick >= 0 and away > MOST_SPEED * may_have_driven + DISC_MOVED_M
-        if anew:
-            self._begin_anew()
         if since != self.met:
             self.met, self.encounters = since, []
+        may_have_driven = max_drive_m * (pose_tick - self.pose_tick)
+        if math.dist(sighting.theirs[:2], self.pose[:2]) > MOST_SPEED * may_have_driven + DISC_MOVED_M:
+            self.sightings.clear()  # it was started anew, in another frame
+            self.explained = self.explained_by_proposal = 0
+            self.knows_me = False
         self.pose, self.pose_tick = sighting.theirs, pose_tick
         if len(self.encounters) < ENCOUNTERS_KEPT:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))
-        return anew
-
-    def _begin_anew(self) -> None:
-        """Forget all but the maps, in the place of which it will tell others."""
-        views = PeerViews(editions=self.views.editions)
-        new = PeerLog(self.name, self.map, self.weight, self.waiting, self.waiting_weight, views=views)
-        vars(self).update(vars(new))
 
     def move(self, by: Pose) -> None:
         """The robot's map has moved by so much where it met the peer, in its own frame.

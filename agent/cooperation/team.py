@@ -182,8 +182,7 @@ class Team:
         past = self._scan_of(beacon.tick)
         _, here, discs, scan = past or self._lately[-1]
         sighting = Sighting(here, beacon.pose, discs, scan, alone)
-        if log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz):
-            peer = self._forget_frame(peer)
+        log.take_beacon(since, pose_tick, sighting, self.spec.max_speed_mps / self.spec.lidar.rate_hz)
         if past is None:
             return
         log.take_sighting(sighting)
@@ -191,14 +190,6 @@ class Team:
             self._weigh(peer.trial, sighting)
         elif isinstance(peer, Merged) and self.config.verification.discs:
             self._watch(peer, sighting)
-
-    def _forget_frame(self, peer: Peer) -> Peer:
-        """A peer began anew, in another frame: a transform of it is undone or rejected; the peer without one."""
-        if isinstance(peer, Merged):
-            self.undo(peer, "it began anew", {})
-        elif isinstance(peer, Proposed):
-            self._reject(peer, "it began anew")
-        return self.peers[peer.log.name]
 
     def _scan_of(self, tick: int) -> PastScan | None:
         """The newest scan if that is of about a tick, else the first one from then on; None where none is kept."""

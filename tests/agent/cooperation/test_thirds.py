@@ -110,24 +110,6 @@ def test_who_no_longer_knows_the_robots_frame_is_a_stranger_again(later: dict[st
     assert team.places.is_stranger_to(["a"]) is stranger
 
 
-@pytest.mark.parametrize("merges", [True, False])
-def test_a_peer_that_began_anew_within_a_contact_is_a_peer_of_which_nothing_is_known(merges: bool) -> None:
-    """Its places before and after, in two frames, ruled out all transforms. Its map stayed merged."""
-    team = team_of({"a": PEER})
-    if not merges:
-        team.propose(Unaligned(team.peers["a"].log), pose_of(PEER), room(), {})
-    for tick, x in ((100, 1.0), (101, 1.05)):
-        news = News("a", 1, beacon=Beacon(tick, (x, 0.0, 0.0)), frame=(1.0, 2.0, 0.3), others={"b": (0.0, 0.0, 0.0)})
-        team.hear(tick, [news], (0.0, 0.0, 0.0), SCAN, Wireframe())
-    assert isinstance(team.peers["a"], Merged if merges else Proposed)
-    team.hear(102, [News("a", 1, beacon=Beacon(102, (9.0, 0.0, 0.0)))], (0.0, 0.0, 0.0), SCAN, Wireframe())
-    peer = team.peers["a"]
-    assert isinstance(peer, Unaligned) and not team.queue.proposals
-    assert [event.data["reason"] for event in team.events] == ["it began anew"]
-    assert [one.theirs[0] for one in peer.log.encounters] == [9.0] == [one.theirs[0] for one in peer.log.sightings]
-    assert peer.log.claim is None and not peer.log.frames
-
-
 def test_the_word_of_most_is_taken() -> None:
     peer = merged("p", PEER)
     others = team_of({"a": PEER, "b": WRONG, "c": PEER + np.array((0.05, 0.0, 0.0))}).merged
