@@ -63,6 +63,14 @@ def _usable_of(peer: Merged, before: _Usable | None) -> _Usable:
     return _Usable(transform, views, tick, first_hand, views.points[usable & views.heard], ends)
 
 
+def _new_of(places: Floats, forgotten: int, count: int) -> tuple[Floats, int]:
+    """Those of places (k, 2) that were not taken yet, and how many there ever were.
+
+    forgotten: older ones that the list holds no more. count: of all, those that were taken.
+    """
+    return places[max(count - forgotten, 0) :], forgotten + len(places)
+
+
 def _cells(places: Floats) -> list[int]:
     """A number of the cell of each of places (k, 2)."""
     x, y = np.floor(places / SAME_VIEW_M).astype(np.int64).T
@@ -117,11 +125,11 @@ class TeamViews:
             views, before = peer.log.views, self._taken.get(name)
             heard = self._usable[name].heard
             _, count, places = before or _Taken(views.editions, 0, np.zeros((0, 2)))
-            total = views.forgotten[1] + len(heard)
-            if total > count:
+            new, total = _new_of(heard, views.forgotten[1], count)
+            if len(new):
                 if known is None:
                     known = set(_cells(np.vstack([np.zeros((0, 2)), *kept])))
-                more, rows = apply(peer.transform, heard[max(count - views.forgotten[1], 0) :]), []
+                more, rows = apply(peer.transform, new), []
                 for row, cell in enumerate(_cells(more)):
                     if cell not in known:
                         known.add(cell)
@@ -154,10 +162,11 @@ class TeamViews:
         self._waiting.extend((x, y, "", turn) for x, y, turn in ends[self._ends :])
         self._ends = len(ends)
         for name, places in self._first_hand.items():
-            forgotten, count = self._usable[name].views.forgotten[0], self._passed_on.get(name, 0)
-            if forgotten + len(places) > count:
-                self._passed_on[name] = forgotten + len(places)
-                self._pass_on(name, places[max(count - forgotten, 0) :])
+            forgotten = self._usable[name].views.forgotten[0]
+            new, total = _new_of(places, forgotten, self._passed_on.get(name, 0))
+            if len(new):
+                self._passed_on[name] = total
+                self._pass_on(name, new)
         for _ in range(min(TOLD_A_TICK, len(self._waiting))):
             self._looked.add(tick, *self._waiting.popleft())
         return self._looked

@@ -71,13 +71,9 @@ class Explorer:
     def __init__(self, config: ExplorationConfig, driving: DrivingConfig, spec: RobotSpec, rng: Generator) -> None:
         self.config, self.spec = config, spec
         self.driver, self.surroundings = Driver(driving, spec), Surroundings(driving, spec)
-        self.viewpoints = Viewpoints()
-        self.goals = Goals(config.attempts, spec)
-        self.sweep = Sweep(config.smallest_object_m, spec.lidar)
-        self.states = DefaultStates(config, self.sweep, spec.lidar, rng)
-        self.headway, self.homing, self.parking = Headway(rng, spec.lidar.rate_hz), Homing(), Parking()
+        self.viewpoints, self.headway = Viewpoints(), Headway(rng, spec.lidar.rate_hz)
+        self._remember_nothing(rng)
         self.complete = False
-        self.target: Target | None = None
         self._put_back: Target | None = None
         """The last target, where this tick compares it with others, or its path is no longer clear."""
         self._errand: Errand | None = None
@@ -88,6 +84,14 @@ class Explorer:
         self._withdrawn = 0  # times that teammates' viewpoints were taken back
         self._news = 0  # ticks for which a complete robot has seen a new frontier
         self._waits = 0  # times that the robot has waited for a teammate since it last had a target
+
+    def _remember_nothing(self, rng: Generator) -> None:
+        """Begin with no memory of places, but for those that were looked from."""
+        config, lidar = self.config, self.spec.lidar
+        self.goals, self.sweep = Goals(config.attempts, self.spec), Sweep(config.smallest_object_m, lidar)
+        self.states = DefaultStates(config, self.sweep, lidar, rng)
+        self.homing, self.parking = Homing(), Parking()
+        self.target: Target | None = None
         self._back_off: tuple[int, Floats] = (-1, np.zeros(2))  # until which tick, and (2,) where the robot was stuck
 
     @property
@@ -138,13 +142,10 @@ class Explorer:
 
         All else that is remembered of places begins anew.
         """
-        eyes, config, lidar = self.viewpoints, self.config, self.spec.lidar
+        eyes = self.viewpoints
         eyes.own = [(x, y) for x, y in settled.places(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
-        self.goals, self.sweep = Goals(config.attempts, self.spec), Sweep(config.smallest_object_m, lidar)
-        self.states = DefaultStates(config, self.sweep, lidar, self.states.rng)
-        self.homing, self.parking = Homing(), Parking()
         self.surroundings.touch.walls, self.surroundings.teammates.known = self.surroundings.touch.walls[:0], []
-        self.target, self._back_off = None, (-1, np.zeros(2))
+        self._remember_nothing(self.states.rng)
 
     # the branches of Algorithm 1
 

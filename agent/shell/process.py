@@ -183,9 +183,8 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
             if arrival.what == inbox.WORLD:
                 break
         if not inbox.world_up:  # a world that is there may still count who comes (`world --settle`)
-            left_s -= min(
-                time.monotonic() - began, ANSWER_S + RETRY_S
-            )  # while this process stood still it did not wait
+            waited_s = time.monotonic() - began
+            left_s -= min(waited_s, ANSWER_S + RETRY_S)  # while this process stood still it did not wait
         if left_s <= 0:
             break
     raise LinkError(

@@ -81,10 +81,8 @@ class Benchmark:
         Cases are kept under folder/STEM (`stem`), the tables in `file`. ideal: with the paper's sensing in all runs
         that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
         """
-        stem, made_by = (
-            folder / self.stem(quick, ideal),
-            {"command": self.command(quick, ideal), "revision": revision()},
-        )
+        stem = folder / self.stem(quick, ideal)
+        made_by = {"command": self.command(quick, ideal), "revision": revision()}
         measuring = copy_context()
         measuring.run(IDEAL_BENCHMARK.set, ideal)
         for part in self.parts:

@@ -27,23 +27,18 @@ def pgm(named: NamedMap) -> bytes:
     """The picture, binary PGM."""
     grid = cells(named)[::-1]
     height, width = grid.shape
-    return (
-        f"P5\n# unit: m a cell {CELL_M}; frame: {printable(named.frame)}\n{width} {height}\n255\n".encode(
-            "ascii", "replace"
-        )
-        + grid.tobytes()
-    )
+    head = f"P5\n# unit: m a cell {CELL_M}; frame: {printable(named.frame)}\n{width} {height}\n255\n"
+    return head.encode("ascii", "replace") + grid.tobytes()
 
 
 def description(named: NamedMap) -> str:
     """The YAML beside it."""
     (x0, y0), _ = _box(named)
-    image = yaml.safe_dump(
-        {"image": f"{named.name}.pgm"}, allow_unicode=True, width=math.inf
-    )  # quoted where it must be
+    image = {"image": f"{named.name}.pgm"}
+    quoted = yaml.safe_dump(image, allow_unicode=True, width=math.inf)  # where it must be
     return (
         f"# unit: m, rad; frame: {printable(named.frame)}\n"
-        f"{image}mode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
+        f"{quoted}mode: trinary\nresolution: {CELL_M}\norigin: [{x0:.4f}, {y0:.4f}, 0.0]\n"
         f"negate: 0\noccupied_thresh: {OCCUPIED_THRESHOLD}\nfree_thresh: {FREE_THRESHOLD}\n"
     )
 

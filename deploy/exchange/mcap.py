@@ -16,6 +16,7 @@ from foxglove import Channel, Context, open_mcap
 from foxglove import messages as m
 from foxglove.channels import FrameTransformsChannel, LaserScanChannel, LogChannel, SceneUpdateChannel
 
+from deploy.recorded.bag_files import MCAP
 from deploy.recorded.runs import kept_scans, ranges_of
 from deploy.report import style
 from deploy.report.rundir import Map, Run, read_drawable
@@ -28,7 +29,6 @@ from protocol.wireframe import Label
 from world.recorder import TEAM
 from world.worldfile import World, rings_of
 
-MAGIC = b"\x89MCAP0\r\n"  # what such files begin with
 WALL_M, VERTEX_M = 0.04, 0.08  # widths as drawn
 LEVELS = {"warning": m.LogLevel.Warning, "error": m.LogLevel.Error}
 """By severity."""
@@ -40,7 +40,7 @@ def write_mcap(path: Path, out: Path) -> list[Path]:
     Also where a file of another kind has that name.
     """
     run, world = read_drawable(path)
-    check_own(MAGIC, out / "run.mcap")
+    check_own(MCAP, out / "run.mcap")
     make_folder(out)
     with temporary_folder() as folder:
         made, context = folder / "run.mcap", Context()

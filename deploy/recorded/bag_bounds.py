@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from deploy.recorded.bag_files import METADATA
+from deploy.recorded.bag_files import METADATA, SQLITE
 from protocol.document import LOADER, MAX_DEPTH, check_is_file, read_text
 from protocol.errors import InputError
 from protocol.temporary import temporary_folder
@@ -24,7 +24,6 @@ MORE_BYTES = 3 << 30
 """Memory beyond what the process has. The readings of the longest log that is taken are 640 MB; a bag of 10 kB asked
 for 6 GB by its compressed chunk."""
 INFORMATION = "rosbag2_bagfile_information"  # what METADATA begins with
-SQLITE = b"SQLite format 3\0"  # what such a file begins with, whatever its name
 STORED = ("table", "index")  # what a bag in SQLite has; a view may be a query without an end
 PACKED = ".zstd"  # of names, as rosbag2 has them
 PART_BYTES = 1 << 20  # of a compressed file that are unpacked at a time

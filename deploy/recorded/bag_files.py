@@ -4,14 +4,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from deploy.manifest import FILE as MANIFEST
 from protocol.errors import InputError
 from protocol.temporary import temporary_folder
 
-BEGINS: Mapping[bytes, str] = {b"#ROSBAG V2": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
+MCAP, SQLITE = b"\x89MCAP0\r\n", b"SQLite format 3\0"
+BEGINS: Mapping[bytes, str] = {b"#ROSBAG V2": ".bag", MCAP: ".mcap", SQLITE: ".db3"}
 """The suffix by which a file of each kind is known."""
 MENDERS: Mapping[str, str] = {".bag": "rosbag reindex", ".mcap": "mcap recover"}
 METADATA = "metadata.yaml"  # of a bag that is a folder
-MANIFEST = "manifest.json"  # of a run directory, in which somebody may have put a recording
 
 
 def bag_in(path: Path) -> Path | None:
@@ -23,7 +24,7 @@ def bag_in(path: Path) -> Path | None:
         return path if suffix_of(path) else None
     if (path / METADATA).exists():
         return path
-    if (path / MANIFEST).exists():
+    if (path / MANIFEST).exists():  # a run directory, in which somebody may have put a recording
         return None
     try:
         parts = [part for part in sorted(path.iterdir()) if suffix_of(part)]

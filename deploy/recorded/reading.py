@@ -25,25 +25,24 @@ def read_logs(files: Sequence[Path], given: Given) -> list[LidarLog]:
 
     Raises InputError, also for what is given and no file takes.
     """
-    kinds = {_kind(file) for file in files}
+    found = [_kind(file) for file in files]
+    kinds = {kind for kind, _ in found}
     for name, (option, takers) in ONLY_OF.items():
         if getattr(given, name) is not None and kinds.isdisjoint(takers):
             raise InputError(f"{option}: it is for {' and '.join(takers)}, leave it out")
-    return [log for file in files for log in _read(file, given)]
+    return [log for kind, path in found for log in _read(kind, path, given)]
 
 
-def _kind(file: Path) -> str:
-    if bag_in(file):
-        return BAG
-    return RUN if file.is_dir() else TEXT
+def _kind(file: Path) -> tuple[str, Path]:
+    """Of which kind a log is, and where it lies: a bag may be a file of the folder that was named."""
+    if bag := bag_in(file):
+        return BAG, bag
+    return RUN if file.is_dir() else TEXT, file
 
 
-def _read(file: Path, given: Given) -> list[LidarLog]:
-    bag = bag_in(file)
-    if bag:
+def _read(kind: str, path: Path, given: Given) -> list[LidarLog]:
+    if kind == BAG:
         from deploy.recorded.bags import read_bag  # of the extra `bags`
 
-        return [read_bag(bag, given)]
-    if file.is_dir():
-        return read_run(file, given)
-    return [read_carmen(file, given)]
+        return [read_bag(path, given)]
+    return read_run(path, given) if kind == RUN else [read_carmen(path, given)]

@@ -198,7 +198,7 @@ class Shell:
         """
         timeout_s = self.config.join_timeout_s
         begin = time.monotonic()
-        while self.episode.ended and self._absent and self._take(begin + timeout_s):
+        while self.episode.ended and self._still_away and self._take(begin + timeout_s):
             pass
         deadline = begin + timeout_s
         first = self.config.begin_with or len(self.episode.robots)
@@ -220,7 +220,7 @@ class Shell:
         wait_for_matching(to_robots, timeout_s, lambda: self.inbox.stopped)
         self._wire.follow(self._ports())
         self._began = time.monotonic()
-        self._away = dict.fromkeys(self._absent, 0)
+        self._away = dict.fromkeys(self._still_away, 0)
         if not self._lockstep and self.episode.ended is None:
             # in a run that goes on, all links were lost with its world, also of those that are back
             for robot in (robot for robot in self.episode.live if robot in self._here):
@@ -251,7 +251,7 @@ class Shell:
         return self.episode.processes
 
     @property
-    def _absent(self) -> list[str]:
+    def _still_away(self) -> list[str]:
         """Robots that have joined the run, live, and are not ready now."""
         return [robot for robot in self._participants.missing if robot in self._here and robot in self.episode.live]
 
