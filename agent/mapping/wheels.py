@@ -126,9 +126,10 @@ def _rolled(told: Floats, constants: Floats, axle_m: float) -> Floats:
         ahead_told = dx * math.cos(turn_told / 2) + dy * math.sin(turn_told / 2)
         ahead = (ahead_told - lever * axle * turn_told / size) / (size - lever * bend / size)
         turn = (axle * turn_told - bend * ahead) / size
-        scale = ahead / ahead_told if abs(ahead_told) > 1e-9 else 1.0
-        c, s = scale * math.cos((turn - turn_told) / 2), scale * math.sin((turn - turn_told) / 2)
-        next_pose = compose(_pose(way, k), (c * dx - s * dy, s * dx + c * dy, turn))
+        c, s = math.cos((turn - turn_told) / 2), math.sin((turn - turn_told) / 2)
+        more = ahead - ahead_told  # on the chord alone: wheels tell nothing of what a robot does sideways
+        x, y = c * dx - s * dy + more * math.cos(turn / 2), s * dx + c * dy + more * math.sin(turn / 2)
+        next_pose = compose(_pose(way, k), (x, y, turn))
         way[k + 1, 0], way[k + 1, 1], way[k + 1, 2] = next_pose
     return way
 

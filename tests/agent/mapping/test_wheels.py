@@ -137,3 +137,11 @@ def test_what_turns_the_begin_of_a_revolution_swings_its_end_as_much() -> None:
     wheels.move(poses, joint, np.array([(0.3, 0.1, 0.0)]))
     error = joint[0, BEGIN : BEGIN + 3, 2] / joint[0, BEGIN + 2, 2]
     assert error == pytest.approx((-0.1, 0.3, 1.0), abs=0.01)
+
+
+def test_a_robot_that_turns_on_the_spot_stays_there_though_odometry_tells_a_little_sideways() -> None:
+    """Odometry of a frame beside the axle: what wheels drive more than was told is ahead, however little was told."""
+    wheels = Wheels(SPEC, 1, RATE_HZ)
+    wheels.constants[0] = 1.0, 0.09, 1.0
+    steps = np.array([(ahead, 1e-4, 0.3) for ahead in (-1.6e-5, -1.5e-5, -1.4e-5, 0.0)])
+    assert np.abs(np.diff(wheels.way(steps, 0)[:, :2], axis=0)).max() < 1e-3
