@@ -110,7 +110,11 @@ def covariances_from(node: int, poses: Floats, edges: Edges) -> Floats:
             swing = np.array(((1.0, 0.0, -dy), (0.0, 1.0, dx), (0.0, 0.0, 1.0)))
             c, s = math.cos(poses[edges.ends[k, 0], 2]), math.sin(poses[edges.ends[k, 0], 2])
             turn = np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0)))
-            found = swing @ out[here] @ swing.T + turn @ inverses[k] @ turn.T
+            edge = turn @ inverses[k] @ turn.T  # at the edge's second end
+            if edges.ends[k, 0] == here:
+                found = swing @ out[here] @ swing.T + edge
+            else:
+                found = swing @ (out[here] + edge) @ swing.T
             if found[0, 0] + found[1, 1] < out[there, 0, 0] + out[there, 1, 1]:
                 out[there] = found
                 heapq.heappush(queue, (float(found[0, 0] + found[1, 1]), there, k))

@@ -368,6 +368,15 @@ def test_a_graph_spreads_the_error_and_resists_one_wrong_loop() -> None:
     assert np.trace(known[11]) < np.trace(known[5]), "a node with a loop is surer than one far along the way"
 
 
+@pytest.mark.parametrize("node", [0, 1])
+def test_how_an_edge_errs_in_heading_moves_its_far_end_whichever_way_it_is_walked(node: int) -> None:
+    """Seen from its second end, the first one was as unsure as if the edge had measured where it lies itself."""
+    sd, length = np.array((0.05, 0.05, math.radians(1.0))), 5.0
+    edges = Edges(np.array([(0, 1)]), np.array([(length, 0.0, 0.0)]), np.diag(sd**-2.0)[None], np.zeros(1, np.bool_))
+    across = covariances_from(node, np.array(((0.0, 0.0, 0.0), (length, 0.0, 0.0))), edges)[1 - node, 1, 1]
+    assert across == pytest.approx(sd[1] ** 2 + (0.0 if node == 0 else length * sd[2]) ** 2)
+
+
 def test_segments_of_several_maps_are_united_once() -> None:
     turned = moved(ROOM, np.array((0.02, -0.02, 0.01)))
     walls = united([ROOM, turned, ROOM])
