@@ -314,14 +314,17 @@ def remove(edges: Records, e: int) -> None:
     """Take a wall out of the map."""
     part(edges, e, 0)
     part(edges, e, 1)
-    edges[e].kind = FREE
+    edges[e].kind, edges[e].twin = FREE, 0
 
 
 @kernel
 def free_record(edges: Records, count: int) -> tuple[int, int]:
-    """A free record and the new count; (-1, count) if the array is full."""
+    """A free record and the new count; (-1, count) if the array is full.
+
+    One of a wall that this scan has joined into another is not free yet: the joint estimate still asks for both.
+    """
     for k in range(count):
-        if edges[k].kind == FREE:
+        if edges[k].kind == FREE and edges[k].twin == 0:
             return k, count
     return (count, count + 1) if count < len(edges) else (-1, count)
 

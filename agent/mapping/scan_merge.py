@@ -212,4 +212,5 @@ def _unite(edges: Records, e: int, f: int) -> None:
     a.seen, a.due, a.through = max(a.seen, b.seen), max(a.due, b.due), 0.0
     a.probation, a.own = min(a.probation, b.probation), max(a.own, b.own)
     remove(edges, f)
-    edges[f].twin = e + 1
+    if related(b):
+        b.twin = e + 1

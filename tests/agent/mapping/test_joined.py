@@ -111,3 +111,22 @@ def test_walls_that_a_scan_leaves_apart_say_nothing_of_each_other() -> None:
     edges["kind"], shift = WALL, np.zeros(row_of(2))
     assert not hold_joined(edges, edges.copy(), joint, shift)
     assert not shift.any()
+
+
+def test_what_parts_tell_does_not_hang_on_which_piece_came_first() -> None:
+    """A new wall of the same scan took the record of the part that was joined, and what had been known of that."""
+    known = []
+    for order in ([0, 1], [1, 0]):
+        edges, joint = on_a_line((-3.0, -1.0), (1.0, 3.0))
+        pieces = np.zeros(2, PIECE)
+        pieces["label"], pieces["link"] = FRONTIER, -1
+        pieces["hits"], pieces["y"], pieces["ux"], pieces["spread"] = (100.0, 5.0), (0.0, -2.0), 1.0, (100.0, 0.1)
+        pieces["end"] = (-3.0, 3.0), (-0.2, 0.2)
+        edges, joint = np.append(edges, np.zeros(2, EDGE)), np.pad(joint, (0, row_of(4) - row_of(2)))
+        before, shift = edges[:2].copy(), np.zeros(len(joint))
+        walls = np.array([0, -1])[order]
+        count = merge_scan(edges, 2, pieces[order], walls, np.full(2, 0.5), Gates(NOISE, OFFSET_GATE_M), 1.0, True)
+        assert hold_joined(edges, before, joint, shift)
+        know_walls(edges, count, joint, (0.0, 0.0, 0.0), NOISE, before["kind"] != WALL)
+        known.append(joint[row_of(0) + 1, row_of(0) + 1])
+    assert known[0] == pytest.approx(known[1])
