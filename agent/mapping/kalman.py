@@ -25,6 +25,13 @@ class KalmanUpdate(NamedTuple):
     number: Ints  # (1,) of those
 
 
+class Innovation(NamedTuple):
+    """What a number tells that the estimates do not, with all that was taken in before it."""
+
+    off: float  # in the number's unit
+    deviations: float  # in deviations of number and estimates together
+
+
 @kernel
 def update_of(joint: Floats, shift: Floats) -> KalmanUpdate:
     """Begin an update of a covariance and a shift, both in place."""
@@ -34,21 +41,21 @@ def update_of(joint: Floats, shift: Floats) -> KalmanUpdate:
 @kernel
 def observe(
     joint: Floats, shift: Floats, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float
-) -> float:
+) -> Innovation:
     """Take in one number at once: `take` and `settle`."""
     update = KalmanUpdate(joint, shift, np.zeros((1, len(shift))), np.zeros(1, np.int64))
-    deviations = take(update, rows, slopes, off, variance, sigmas)
+    innovation = take(update, rows, slopes, off, variance, sigmas)
     settle(update)
-    return deviations
+    return innovation
 
 
 @kernel
-def take(update: KalmanUpdate, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float) -> float:
+def take(update: KalmanUpdate, rows: Ints, slopes: Floats, off: float, variance: float, sigmas: float) -> Innovation:
     """Take in one number.
 
     off: what was measured, less what the estimates predict. rows, slopes (k,): on which errors it depends, and how.
     Its weight is Cauchy's: it falls where the number is off by more than its variance and the covariance explain. One
-    that is off by more `sigmas` than both is of something else. Returns by how many deviations of both it is off.
+    that is off by more `sigmas` than both is of something else.
     """
     joint, shift, gains, number = update
     if number[0] == TOGETHER:
@@ -71,22 +78,13 @@ def take(update: KalmanUpdate, rows: Ints, slopes: Floats, off: float, variance:
     deviations = left / math.sqrt(known + variance)
     if deviations * deviations > sigmas * sigmas:
         gain[:] = 0.0
-        return deviations
+        return Innovation(left, deviations)
     scale = 1.0 / math.sqrt(known + variance * (1.0 + left * left / (4.0 * (known + variance))))
     for i in range(m):  # of both sides of the product alike, so that the covariance stays symmetric to the last bit
         gain[i] *= scale
         shift[i] += gain[i] * scale * left
     number[0] += 1
-    return deviations
-
-
-@kernel
-def variance_of(update: KalmanUpdate, row: int) -> float:
-    """The variance of one error, all numbers counted."""
-    gone = 0.0
-    for n in range(update.number[0]):
-        gone += update.gains[n, row] ** 2
-    return float(update.joint[row, row] - gone)
+    return Innovation(left, deviations)
 
 
 @kernel

@@ -30,7 +30,7 @@ from agent.mapping.joint import (
     row_of,
     tells_end,
 )
-from agent.mapping.kalman import KalmanUpdate, observe, settle, take, update_of, variance_of
+from agent.mapping.kalman import Innovation, KalmanUpdate, observe, settle, take, update_of
 from agent.mapping.scan_merge import same_line
 from agent.mapping.strain import strain, strain_direction
 from agent.mapping.tentative import tentative_of
@@ -168,9 +168,9 @@ def correct_pose(
         elif math.isfinite(axis.sd):
             off = wrapped(axis.angle - math.atan2(p.uy, p.ux), 0.5 * math.pi)
             sd = gates.noise / math.sqrt(p.spread)
-            if sd < AXIS_PIECE_SD and off * off < AXIS_SIGMAS**2 * (sd * sd + axis.sd**2 + variance_of(update, 2)):
+            if sd < AXIS_PIECE_SD:
                 slopes = np.array((p.moment, 1.0 - p.moment, -1.0))
-                take(update, rows, slopes, off, sd * sd + axis.sd**2, math.inf)
+                take(update, rows, slopes, off, sd * sd + axis.sd**2, AXIS_SIGMAS)
     settle(update)
 
 
@@ -199,10 +199,8 @@ def hold_axis(edges: Records, new: Ints, joint: Floats, shift: Floats, angle: fl
             joint[AXIS, AXIS] = joint[row, row] + axis.sd**2
             angle, shift[AXIS], begins = at, shift[row], False
             continue
-        off = wrapped(angle - at, 0.5 * math.pi)
-        if off * off < AXIS_SIGMAS**2 * (axis.sd**2 + joint[row, row] + joint[AXIS, AXIS] - 2.0 * joint[row, AXIS]):
-            rows[0], rows[1] = row, AXIS
-            observe(joint, shift, rows, slopes, off, axis.sd**2, math.inf)
+        rows[0], rows[1] = row, AXIS
+        observe(joint, shift, rows, slopes, wrapped(angle - at, 0.5 * math.pi), axis.sd**2, AXIS_SIGMAS)
     return angle
 
 
@@ -238,7 +236,7 @@ def _observe_wall(
     t, lever = along(w, p.x, p.y), w.uy * (p.y - pose[1]) + w.ux * (p.x - pose[0])
     worth = UNSURE_WORTH if _may_be_of_two_faces(p, w, t, noise) else 1.0
     off = -above(w, p.x, p.y)
-    deviations = _observe(
+    aside = _observe(
         update,
         p.moment,
         (-w.uy, w.ux, lever),
@@ -250,12 +248,12 @@ def _observe_wall(
     )
     turn = wrapped(math.atan2(w.uy, w.ux) - math.atan2(p.uy, p.ux))
     if worth == 1.0:
-        strain(w, row, update.joint, t, off, deviations)
+        strain(w, row, update.joint, t, aside)
         variance = noise**2 / p.spread + WALL_FLOOR**2
         by_pose, of_wall = (0.0, 0.0, 1.0), np.array((-1.0,))
-        deviations = _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
+        turned = _observe(update, p.moment, by_pose, np.array((row + 1,)), of_wall, turn, variance, math.inf)
         if not math.isfinite(axis.sd) or _is_nearer(p, w, axis.angle):
-            strain_direction(w, row, update.joint, off, turn, deviations)
+            strain_direction(w, row, update.joint, aside, turned)
     for side in range(2):
         if not tells_end(p, side) or w.strength[side] < MIN_VIEWS:
             continue
@@ -309,7 +307,7 @@ def _observe(
     off: float,
     variance: float,
     sigmas: float,
-) -> float:
+) -> Innovation:
     """Take in a number that depends on the pose at a moment of the revolution, by_pose, and on other rows (k,)."""
     all_rows, all_slopes = np.empty(6 + len(rows), np.int64), np.empty(6 + len(rows))
     _spread(all_rows, all_slopes, moment, by_pose)

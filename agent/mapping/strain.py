@@ -7,6 +7,7 @@ millimetres, would stay: each scan moves the robot instead. What is off by chanc
 from agent.geometry.lines import Record
 from agent.kernels import kernel
 from agent.mapping.edges import length
+from agent.mapping.kalman import Innovation
 from protocol.arrays import Floats
 
 SHARE = 0.1  # weight of the newest piece in the mean of its wall, which forgets
@@ -21,23 +22,23 @@ is in its place, and most hits are there. In two sets of 100 moved corners 9 and
 
 
 @kernel
-def strain(wall: Record, row: int, joint: Floats, t: float, off: float, deviations: float) -> None:
-    """Count a piece t metres along a wall and `off` metres beside it; where steadily so, widen what is known of it.
+def strain(wall: Record, row: int, joint: Floats, t: float, aside: Innovation) -> None:
+    """Count a piece t metres along a wall and beside it, m; where steadily so, widen what is known of it.
 
-    row: of the wall's line in the joint covariance. deviations: `off` in those of piece and wall together.
+    row: of the wall's line in the joint covariance.
     """
-    if _steady(wall, 0, deviations, STEADY_SIGMAS):
+    if _steady(wall, 0, aside.deviations, STEADY_SIGMAS):
         lever = max(0.5 * length(wall), abs(t))
-        joint[row, row] += off * off
-        joint[row + 1, row + 1] += (off / lever) ** 2
+        joint[row, row] += aside.off**2
+        joint[row + 1, row + 1] += (aside.off / lever) ** 2
 
 
 @kernel
-def strain_direction(wall: Record, row: int, joint: Floats, off: float, turn: float, deviations: float) -> None:
-    """The same of a piece that is turned against a wall by `turn`, rad. deviations: of the turn."""
-    if _steady(wall, 1, deviations, STEADY_TURN_SIGMAS):
-        joint[row, row] += off * off
-        joint[row + 1, row + 1] += turn * turn
+def strain_direction(wall: Record, row: int, joint: Floats, aside: Innovation, turn: Innovation) -> None:
+    """The same of a piece that is turned against a wall, rad."""
+    if _steady(wall, 1, turn.deviations, STEADY_TURN_SIGMAS):
+        joint[row, row] += aside.off**2
+        joint[row + 1, row + 1] += turn.off**2
 
 
 @kernel

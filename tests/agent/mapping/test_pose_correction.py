@@ -8,9 +8,11 @@ import pytest
 from agent.corner_scan import NOMINAL, OCCLUSION, PIECE
 from agent.mapping.association import OFFSET_GATE_M, Gates
 from agent.mapping.edges import EDGE, WALL
-from agent.mapping.joint import AXIS, end_at, know_walls, relate, row_of
+from agent.mapping.joint import AXIS, BEGIN, end_at, know_walls, relate, row_of
+from agent.mapping.kalman import Innovation
 from agent.mapping.pose_correction import Axis, axis_of, correct_pose, hold_axis
 from agent.mapping.strain import strain
+from protocol.arrays import Floats, Records
 
 POSE, NOISE = (0.0, 0.0, 0.0), 0.01
 NOT_TENTATIVE = np.zeros(2, np.bool_)
@@ -88,7 +90,7 @@ def test_a_wall_that_scans_steadily_place_elsewhere_lets_go(steady: bool) -> Non
     wall["ux"], wall["tip"] = 1.0, [(0.0, 0.0), (2.0, 0.0)]
     for scan in range(40):
         side = 1.0 if steady or scan % 2 else -1.0
-        strain(wall[0], row_of(0), joint, -0.5, 0.03 * side, 2.5 * side)
+        strain(wall[0], row_of(0), joint, -0.5, Innovation(0.03 * side, 2.5 * side))
     assert joint[row_of(0), row_of(0)] == pytest.approx(2 * 0.03**2 if steady else 0.0)
     assert joint[row_of(0) + 1, row_of(0) + 1] == pytest.approx(2 * 0.03**2 if steady else 0.0)
 
@@ -209,3 +211,50 @@ def test_the_face_of_a_post_turned_by_11_degrees_makes_rectilinear_walls_scatter
     axis = axis_of(edges, 6, NOISE)
     assert axis.sd < math.radians(0.15)
     assert axis.angle == pytest.approx(0.0, abs=math.radians(0.05))
+
+
+def two_walls_ahead() -> tuple[Records, Floats, Records]:
+    """Walls of one line 2 m to the left, known to a millimetre, the covariance of all, and what one sees of both."""
+    edges, joint, pieces = np.zeros(3, EDGE), np.zeros((row_of(3), row_of(3))), np.zeros(2, PIECE)
+    for e, x in enumerate((-2.0, 2.0)):
+        wall, row = edges[e], row_of(e)
+        wall["kind"], wall["hits"], wall["x"], wall["y"], wall["ux"], wall["xx"] = WALL, 2e3, x, 2.0, -1.0, 2e3
+        wall["seen"], wall["tip"], wall["link"] = 50.0, [(x + 1.0, 2.0), (x - 1.0, 2.0)], -1
+        joint[row, row], joint[row + 1, row + 1] = 0.001**2, math.radians(0.02) ** 2
+    joint[:3, :3] = np.diag((0.1**2, 0.1**2, math.radians(1.0) ** 2))
+    joint[BEGIN : BEGIN + 3, BEGIN : BEGIN + 3] = joint[:3, BEGIN : BEGIN + 3] = joint[:3, :3]
+    joint[BEGIN : BEGIN + 3, :3] = joint[:3, :3]
+    relate(edges, 2, joint, POSE)
+    pieces["hits"], pieces["x"], pieces["y"], pieces["ux"] = 100.0, (-2.0, 2.0), 2.0, -1.0
+    pieces["spread"], pieces["end"], pieces["label"], pieces["link"], pieces["moment"] = 30.0, (-0.9, 0.9), -1, -1, 1.0
+    return edges, joint, pieces
+
+
+@pytest.mark.parametrize("error_m", [0.0, 0.03, -0.03, 0.1])
+def test_a_wall_lets_go_by_what_the_scan_leaves_of_it_however_far_the_prediction_was_off(error_m: float) -> None:
+    edges, joint, pieces = two_walls_ahead()
+    edges[1]["strain"][0], pieces["y"] = -2.6, (2.0 - error_m, 1.98 - error_m)
+    shift, unbound = np.zeros(len(joint)), Axis(0.0, math.inf)
+    correct_pose(edges, 2, pieces, np.array([0, 1]), POSE, joint, shift, unbound, Gates(NOISE, OFFSET_GATE_M))
+    assert 0.015 < math.sqrt(joint[row_of(1), row_of(1)]) < 0.025
+
+
+def test_whether_a_new_face_lies_on_the_axis_is_asked_of_the_heading_as_this_scan_found_it() -> None:
+    """An oblique face seemed square to the heading that was predicted, and turned the robot back to it."""
+    found_deg = []
+    for is_there in (False, True):
+        edges, joint, pieces = two_walls_ahead()
+        joint[AXIS, AXIS] = math.radians(0.02) ** 2
+        turn = -math.radians(1.0)  # of all that is seen, as the robot is turned by 1 degree more than it thinks
+        c, s = math.cos(turn), math.sin(turn)
+        pieces["x"], pieces["y"], pieces["ux"], pieces["uy"] = -2.0 * s, 2.0 * c, -c, -s
+        if is_there:
+            pieces[1]["x"], pieces[1]["y"], pieces[1]["hits"] = 2.0, -1.0, 40.0
+            pieces[1]["ux"], pieces[1]["uy"] = 0.0, 1.0
+        else:
+            pieces = pieces[:1]
+        shift, axis, gates = np.zeros(len(joint)), Axis(0.0, math.radians(0.1)), Gates(NOISE, OFFSET_GATE_M)
+        correct_pose(edges, 2, pieces, np.array([0, -1]), POSE, joint, shift, axis, gates)
+        found_deg.append(math.degrees(shift[2]))
+    assert found_deg[0] == pytest.approx(1.0, abs=0.1)
+    assert found_deg[1] == pytest.approx(found_deg[0], abs=0.02)
