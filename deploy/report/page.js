@@ -41,7 +41,7 @@ function replay() {
     const parts = Object.fromEntries([...KINDS, "trail", "place"].map((kind) => [kind, group.querySelector("." + kind)]));
     return { name: group.dataset.robot, at, maps, label: name, said, parts, shown: null };
   });
-  const byName = Object.fromEntries(robots.map((robot) => [robot.name, robot]));
+  const byName = new Map(robots.map((robot) => [robot.name, robot]));  // a peer may be called toString
 
   const frame = (t) => {  // its number, and the share of the way to the next
     let k = Math.min(Math.floor(t / Math.max(times[1] - times[0] || 1, 1e-9)), end);
@@ -73,7 +73,7 @@ function replay() {
 
   const ticks = element("ticks");
   const marks = story.map(({ t, robot, event, glyph, text }) => {
-    const near = byName[robot] ? byName[robot].label.getAttribute("style") : "";
+    const near = byName.get(robot)?.label.getAttribute("style") ?? "";
     const mark = svg("text", { style: near, "data-robot": robot }, glyph);
     mark.append(svg("title", {}, `${t} s: ${text}`));
     mark.addEventListener("click", () => seek(t));
@@ -122,7 +122,7 @@ function replay() {
       robot.said.textContent = own ? ` ${own.glyph} ${own.peer || ""}` : "";
     }
     links.replaceChildren(...pairs.filter((pair) => pair.from <= now && now < pair.until).flatMap(({ robot, peer, trial }) => {
-      const [a, b] = [robot, peer].map((name) => byName[name] && place(byName[name], k, part));
+      const [a, b] = [robot, peer].map((name) => byName.has(name) && place(byName.get(name), k, part));
       return a && b ? [svg("path", { d: `M${a}L${b}`, class: trial ? "trial" : "heard-by" })] : [];
     }));
     slider.value = now;

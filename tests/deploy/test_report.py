@@ -96,6 +96,9 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
     return path
 
 
+needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="the page's script is tried with node")
+
+
 class Page(HTMLParser):
     """Tags, visible text and what would be fetched; checks that elements close in order."""
 
@@ -421,7 +424,7 @@ def test_numbers_read_well() -> None:
     assert (share(0.9876), share(None), share(math.nan)) == ("98.8 %", "—", "—")
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="the page's script is tried with node")
+@needs_node
 def test_the_replay_ends_with_the_last_maps_where_the_last_step_is_shorter() -> None:
     """A run of 298.4 s was shown to its end with the maps of 290 s."""
     script = (files("deploy.report") / "page.js").read_text(encoding="utf-8")
@@ -431,6 +434,24 @@ def test_the_replay_ends_with_the_last_maps_where_the_last_step_is_shorter() -> 
     told = subprocess.run(["node", "-e", asked % found[0]], capture_output=True, text=True, check=True, timeout=30)
     assert [k for k, _ in json.loads(told.stdout)] == [0, 1, 2, 3]
     assert [part for _, part in json.loads(told.stdout)] == pytest.approx([0.0, 0.5, 0.5, 0.0])
+
+
+def played(run: Run, folder: Path, *times: float) -> Any:
+    """What the page's replay says and draws at these times, as page_player.js tells it."""
+    (frames := folder / "frames.json").write_text(json.dumps(slider(run)))
+    script, player = str(files("deploy.report") / "page.js"), str(Path(__file__).with_name("page_player.js"))
+    words = ["node", player, script, str(frames), *map(str, times)]
+    return json.loads(subprocess.run(words, capture_output=True, text=True, check=True, timeout=30).stdout)
+
+
+@needs_node
+def test_a_peer_of_any_name_leaves_the_replay_whole(tmp_path: Path) -> None:
+    """Names that JavaScript's own objects have ended it."""
+    run = read_run(write_run(tmp_path / "run"))
+    strange = [{"t": 3.0, "robot": "r1", "event": "contact", "peer": peer} for peer in ("constructor", "__proto__")]
+    run.events = [*strange, *run.events]
+    (then,) = played(run, tmp_path, 5.0)
+    assert then["said"] == "5 s" and [kind for kind, _ in then["links"]] == ["heard-by"]
 
 
 def test_a_robot_that_says_much_hides_no_others_and_what_is_not_told_is_counted() -> None:
