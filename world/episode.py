@@ -21,7 +21,7 @@ from world.odometry import Odometry
 from world.people import People
 from world.physics import Physics
 from world.radio.gate import Radio
-from world.recorder import seconds
+from world.recorder import REPLACED, seconds
 from world.tick import Inputs, Outputs, checked_map
 from world.way import interpolated
 from world.worldfile import World, load
@@ -356,7 +356,7 @@ class Episode:
     def came_back(self, robot: str) -> None:
         """Log that a robot's process ended, and that another took its place at this tick."""
         self.happened(robot, "left", "its process ended")
-        self.happened(robot, "rejoined", "another process took its place")
+        self.happened(robot, "rejoined", REPLACED)
 
     def happened(self, robot: str, event: str, reason: str) -> None:
         """Log what happened to a robot's process at this tick: it left, joined or came back."""

@@ -23,6 +23,8 @@ from world.worldfile import World, to_yaml
 
 TEAM = "team"
 """The name of the union of all robots in metrics.csv."""
+REPLACED = "another process took its place"
+"""The reason of a `rejoined` after which a robot holds nothing more of others: its mind meets them anew."""
 PLACE_DIGITS = 6
 """Decimals of places in maps: micrometres, as wireframes travel as float32."""
 

@@ -25,7 +25,7 @@ const SAID_S = 8;  // how long an event stays on the map
 const WHOLE_S = 40;  // seconds in which a run is played, but at least at real time
 
 function replay() {
-  const { times, coverage, story } = run, end = times.length - 1, last = times[end];
+  const { times, coverage, story, bonds } = run, end = times.length - 1, last = times[end];
   const slider = element("slider"), play = element("play"), names = element("names"), links = element("links");
   const unit = parseFloat(getComputedStyle(plan).getPropertyValue("--unit"));
   const rate = Math.max(1, last / WHOLE_S);
@@ -55,21 +55,6 @@ function replay() {
     const n = Math.min(k + 1, at.length / 2 - 1);
     return [0, 1].map((c) => (at[2 * k + c] * (1 - part) + at[2 * n + c] * part) / 100);
   };
-
-  // Pairs that hear each other, and proposals on trial, with the times from and until which they do.
-  const pairs = [], open = new Map();
-  for (const { t, robot, peer, event } of run.bonds) {
-    const trial = event === "proposed" || event === "accepted" || event === "rejected";
-    const key = (trial ? "trial " : "") + robot + " " + peer;
-    if (event === "contact" || event === "proposed") {
-      if (open.has(key)) open.get(key).until = t;
-      open.set(key, { robot, peer, trial, from: t, until: Infinity });
-      pairs.push(open.get(key));
-    } else if (open.has(key)) {
-      open.get(key).until = t;
-      open.delete(key);
-    }
-  }
 
   const ticks = element("ticks");
   const marks = story.map(({ t, robot, event, glyph, text }) => {
@@ -121,7 +106,8 @@ function replay() {
       const own = recent.filter((event) => event.robot === robot.name).pop();
       robot.said.textContent = own ? ` ${own.glyph} ${own.peer || ""}` : "";
     }
-    links.replaceChildren(...pairs.filter((pair) => pair.from <= now && now < pair.until).flatMap(({ robot, peer, trial }) => {
+    const lasting = bonds.filter(({ since, until }) => since <= now && now < (until ?? Infinity));
+    links.replaceChildren(...lasting.flatMap(({ robot, peer, trial }) => {
       const [a, b] = [robot, peer].map((name) => byName.has(name) && place(byName.get(name), k, part));
       return a && b ? [svg("path", { d: `M${a}L${b}`, class: trial ? "trial" : "heard-by" })] : [];
     }));

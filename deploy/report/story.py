@@ -1,13 +1,17 @@
 """The story of trust in a run: who heard whom, proposed, merged, refused and undid, in sentences."""
 
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 from deploy.report.rundir import Run, mapping
 from deploy.report.words import number
+from world.recorder import REPLACED
 
-MAX_BONDS = 5000  # events that begin or end something between two robots
+MAX_BONDS = 5000  # times in which a robot hears another, or has its map on trial
 MAX_TOLD = 600  # events on slider and list
+HEARING, TRIAL = ("contact", "lost"), ("proposed", "accepted", "rejected")
+"""Events of which the first begins something between two robots, and the others end it."""
 GLYPHS = {
     "contact": "◌",
     "proposed": "?",
@@ -73,12 +77,30 @@ def _shared(events: list[dict[str, Any]], most: int) -> list[dict[str, Any]]:
     return kept[:most]
 
 
+def forgets(event: Mapping[str, Any]) -> bool:
+    """Whether a robot's mind begins anew with what it knows of others: their maps are no part of its own any more."""
+    return event.get("event") == "rejoined" and event.get("reason") == REPLACED
+
+
 def bonds(run: Run) -> list[dict[str, Any]]:
-    """Between which times pairs hear each other and proposals are on trial: t, robot, peer, event."""
-    kinds = ("contact", "lost", "proposed", "accepted", "rejected")
-    events = [event for event in run.events if event["event"] in kinds and isinstance(event.get("peer"), str)]
-    shared = _shared(events, MAX_BONDS)
-    return [{"t": round(e["t"], 1), **{key: e[key] for key in ("robot", "peer", "event")}} for e in shared]
+    """When a robot hears a peer, or has its map on `trial`: robot, peer, trial, `since` and `until`.
+
+    Both are simulated seconds; `until` is None for what lasts to the end of the run.
+    """
+    made: list[dict[str, Any]] = []
+    lasting: defaultdict[str, dict[tuple[str, bool], dict[str, Any]]] = defaultdict(dict)
+    for event in run.events:
+        t, robot, peer, what = round(event["t"], 1), event["robot"], event.get("peer"), event["event"]
+        if what == "dead" or forgets(event):
+            for bond in lasting.pop(robot, {}).values():
+                bond["until"] = t
+        elif isinstance(peer, str) and what in (*HEARING, *TRIAL):
+            trial, own = what in TRIAL, lasting[robot]
+            own.pop((peer, trial), {})["until"] = t
+            if what in (HEARING[0], TRIAL[0]):
+                own[peer, trial] = {"robot": robot, "peer": peer, "trial": trial, "since": t, "until": None}
+                made.append(own[peer, trial])
+    return _shared(made, MAX_BONDS)
 
 
 def sentence(event: dict[str, Any]) -> str:

@@ -1,11 +1,13 @@
 """What became of each pair of robots, from the events of a run directory."""
 
 import json
+from collections import defaultdict
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deploy.report.story import forgets
 from protocol.document import MAX_RESULT_BYTES, read_text
 
 
@@ -20,7 +22,7 @@ class PairFate:
     proposed: int = 0
     merged_at: float | None = None  # simulated seconds of the acceptance that holds at the end; None without one
     transform: list[float] | None = None  # the peer's frame in the robot's own, of that acceptance
-    last: str = "contact"  # the last event, and its reason
+    last: str = "contact"  # the last event that changed something, and its reason
 
 
 def fates(out: Path) -> list[PairFate]:
@@ -29,6 +31,7 @@ def fates(out: Path) -> list[PairFate]:
     A line whose fields are not as docs/formats.md says is left out: a robot may write anything.
     """
     pairs: dict[tuple[str, str], PairFate] = {}
+    holding: defaultdict[str, list[PairFate]] = defaultdict(list)
     for line in read_text(out / "events.jsonl", MAX_RESULT_BYTES).splitlines():
         event: Any = None
         with suppress(ValueError, RecursionError):
@@ -43,6 +46,11 @@ def fates(out: Path) -> list[PairFate]:
                 "reason": str(reason),
             }:
                 pass
+            case {"robot": str(robot)} if forgets(event):
+                for fate in holding.pop(robot, ()):
+                    if fate.merged_at is not None:
+                        fate.merged_at, fate.transform, fate.last = None, None, f"rejoined: {event['reason']}"
+                continue
             case _:
                 continue
         fate = pairs.setdefault((robot, peer), PairFate(robot, peer))
@@ -53,6 +61,7 @@ def fates(out: Path) -> list[PairFate]:
             fate.last = f"{what}: {reason}"
         if what in ("accepted", "unmerged"):
             fate.merged_at, fate.transform = _merged(event) if what == "accepted" else (None, None)
+            holding[robot].append(fate)
     return [pairs[pair] for pair in sorted(pairs)]
 
 

@@ -22,7 +22,7 @@ from shapely.geometry.base import BaseGeometry
 
 from deploy.report import style
 from deploy.report.rundir import MAX_M, Map
-from deploy.report.story import GLYPHS, SEVERITY, sentence
+from deploy.report.story import GLYPHS, SEVERITY, forgets, sentence
 from protocol.arrays import Floats, Ints
 from protocol.geometry import compose, pose_of
 from protocol.messages import LidarSpec
@@ -47,6 +47,7 @@ LEVELS = {"warning": "WARN", "error": "ERROR"}
 """Of the log, by severity; what is no part of the story of trust is DEBUG."""
 BONDS = ("proposed", "accepted", "rejected", "unmerged")
 """Events that change what a robot holds of another."""
+NO_WALLS = np.zeros((0, 2, 2))
 SHOWN = ["ERROR", "WARN", "INFO"]
 
 Ticks = Sequence[int] | Ints
@@ -167,22 +168,32 @@ class ViewRecording:
     def trust(self, tick: int, event: Mapping[str, Any], tried: Map | None) -> None:
         """Show what an event changes between two robots: `tried` is the peer's map in its own frame, if it is known."""
         robot, peer, what = event["robot"], event.get("peer"), event["event"]
-        if what not in BONDS or robot not in self._robots or peer not in self._robots:
+        if robot not in self._robots:
             return
-        path = f"world/trials/{robot}/{peer}"
-        if what == "proposed":
+        if what == "dead" or forgets(event):
+            for one in sorted(self._trials.pop(robot, ())):
+                self._trial(tick, robot, one)
+            if what != "dead":  # the last map of a dead robot holds what it had merged
+                self._merged.pop(robot, None)
+        elif what not in BONDS or peer not in self._robots:
+            return
+        elif what == "proposed":
             self._trials[robot].add(peer)
             if tried is not None and _is_pose(event.get("transform")):
                 frame = compose(pose_of(self._frames[robot]), tuple(event["transform"]))
                 placed = tried.moved(np.array(frame))
                 said = f"{robot} tries {peer}: {event.get('inliers', 'some')} corners fit"
-                walls = placed.vertices[placed.edges]
-                self._lines(path, [tick], [walls], TRIED, TRIAL_M, HIGH_M + 3 * ABOVE_M, said)
+                self._trial(tick, robot, peer, placed.vertices[placed.edges], said)
         else:
             self._trials[robot].discard(peer)
             (self._merged[robot].add if what == "accepted" else self._merged[robot].discard)(peer)
-            self._lines(path, [tick], [np.zeros((0, 2, 2))], TRIED, TRIAL_M)
+            self._trial(tick, robot, peer)
         self._name([tick], robot)
+
+    def _trial(self, tick: int, robot: str, peer: str, walls: Floats = NO_WALLS, said: str | None = None) -> None:
+        """Draw the map of a peer that is on trial, its walls (n, 2, 2); none where the trial has ended."""
+        path = f"world/trials/{robot}/{peer}"
+        self._lines(path, [tick], [walls], TRIED, TRIAL_M, HIGH_M + 3 * ABOVE_M, said)
 
     def _name(self, ticks: Ticks, robot: str) -> None:
         """A robot's name, with whose maps it has merged and tries."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from pathlib import Path
 
@@ -70,14 +71,15 @@ def _beams(recording: ViewRecording, run: Run, robot: str) -> None:
 
 
 def _radio(recording: ViewRecording, run: Run, robots: list[str], period_s: float) -> None:
-    """Lines between robots that hear each other, by events `contact` and `lost`."""
+    """Lines between robots that hear each other."""
     ticks = _ticks(run.poses[robots[0]][:, 0], period_s)
     hearing: dict[tuple[int, int], Bools] = {}
     for bond in bonds(run):
-        if bond["event"] in ("contact", "lost") and {bond["robot"], bond["peer"]} <= set(robots):
+        if not bond["trial"] and {bond["robot"], bond["peer"]} <= set(robots):
             pair = robots.index(bond["robot"]), robots.index(bond["peer"])
             heard = hearing.setdefault(pair, np.zeros(len(ticks), np.bool_))
-            heard[np.searchsorted(ticks * period_s, bond["t"] - period_s / 2) :] = bond["event"] == "contact"
+            times = [bond["since"], math.inf if bond["until"] is None else bond["until"]]
+            heard[slice(*np.searchsorted(ticks * period_s, np.array(times) - period_s / 2))] = True
     if not hearing:
         return
     mask = np.array(list(hearing.values())).T  # (ticks, pairs)

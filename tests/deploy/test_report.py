@@ -22,9 +22,9 @@ from deploy.report.page import write_page
 from deploy.report.picture import NAMED, draw_coverage
 from deploy.report.plan import overview, slider
 from deploy.report.rundir import Map, NoDirectoryError, Run, Series, read_run
-from deploy.report.story import GLYPHS, MAX_TOLD, MEANINGS, bonds, left_out, told
+from deploy.report.story import GLYPHS, MAX_BONDS, MAX_TOLD, MEANINGS, bonds, left_out, told
 from deploy.report.words import share, size
-from world.recorder import TEAM
+from world.recorder import REPLACED, TEAM
 
 WORLD = """
 name: {name}
@@ -264,7 +264,11 @@ def test_the_story_tells_who_merged_whom_when_and_why(tmp_path: Path) -> None:
         "r1 refuses r2's map: unreachable, evidence 5.0 nats (ground 1.5, discs 3.5)",
     ]
     assert all(one["text"] in page.text for one in story)
-    assert [bond["event"] for bond in bonds] == ["contact", "proposed", "accepted", "rejected", "lost"]
+    r1_r2 = {"robot": "r1", "peer": "r2"}
+    assert bonds == [
+        {**r1_r2, "trial": False, "since": 5.0, "until": 10.0},
+        {**r1_r2, "trial": True, "since": 6.0, "until": 7.0},
+    ]
     assert "".join(one["glyph"] for one in story) == "◌?✓↶✗✓"
     assert all(f"{glyph} {MEANINGS[event]}" in page.text for event, glyph in GLYPHS.items())
 
@@ -454,10 +458,23 @@ def test_a_peer_of_any_name_leaves_the_replay_whole(tmp_path: Path) -> None:
     assert then["said"] == "5 s" and [kind for kind, _ in then["links"]] == ["heard-by"]
 
 
+@needs_node
+@pytest.mark.parametrize("end", [{"event": "dead"}, {"event": "rejoined", "reason": REPLACED}])
+def test_a_robot_that_died_or_begins_anew_hears_nobody_and_tries_nothing(tmp_path: Path, end: dict[str, str]) -> None:
+    run = read_run(write_run(tmp_path / "run"))
+    link = {"t": 8.0, "event": "rejoined", "reason": "its process is ready"}  # the mind is the same
+    begins = [{"t": t, "event": event, "peer": "r2"} for t, event in ((5.0, "contact"), (6.0, "proposed"))]
+    run.events = [{"robot": "r1", **event} for event in (*begins, link, {"t": 10.0, **end})]
+    before, after = played(run, tmp_path, 9.0, 11.0)
+    assert [kind for kind, _ in before["links"]] == ["heard-by", "trial"] and after["links"] == []
+
+
 def test_a_robot_that_says_much_hides_no_others_and_what_is_not_told_is_counted() -> None:
     said = [("r3", "contact", 0.0)] * 700 + [(robot, "accepted", 50.0 + k) for k in range(20) for robot in ("r1", "r2")]
     events = [{"t": t, "robot": robot, "event": event, "peer": "r3"} for robot, event, t in said]
     run = Run(Path("some"), events=events)
     assert Counter(event["robot"] for event in told(run)) == {"r1": 20, "r2": 20, "r3": MAX_TOLD - 40}
     assert left_out(run) == 700 + 40 - MAX_TOLD
-    assert {event["robot"] for event in bonds(run)} == {"r1", "r2", "r3"}
+    run.events = [{"t": t, "robot": robot, "event": "contact", "peer": "r3"} for robot, _, t in said * 10]
+    shown = Counter(bond["robot"] for bond in bonds(run))
+    assert shown == {"r1": 200, "r2": 200, "r3": MAX_BONDS - 400}

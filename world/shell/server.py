@@ -19,6 +19,7 @@ from protocol.messages import Clock, End, Progress, Refused
 from protocol.session import at_once, open_client, open_router, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
+from world.recorder import REPLACED
 from world.shell.answers import LockstepAnswers, RealTimeAnswers
 from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
 from world.shell.participants import Awaited, Participants
@@ -227,7 +228,8 @@ class Shell:
                 self.episode.happened(robot, "left", LOST)
             self._newcomers |= {robot: "rejoined" for robot in ready if robot in self._here}
         for robot in ready:
-            self._arrive(robot)
+            if robot not in self._newcomers:
+                self._arrive(robot)
 
     def _take_awaited(self, deadline: float, first: int) -> bool:
         """As `_take`, and tell who is there of the robots with which the run begins, `first` of them."""
@@ -255,9 +257,11 @@ class Shell:
         """Robots that have joined the run, live, and are not ready now."""
         return [robot for robot in self._participants.missing if robot in self._here and robot in self.episode.live]
 
-    def _arrive(self, robot: str) -> None:
-        if self.episode.processes.get(robot) != self._participants.processes[robot]:
+    def _arrive(self, robot: str) -> bool:
+        """Keep in mind which process is the robot's; whether it is another than before."""
+        if new := self.episode.processes.get(robot) != self._participants.processes[robot]:
             self.episode.arrive(robot, self._participants.processes[robot])
+        return new
 
     def run(self) -> None:
         """Tick by tick, as fast as the robots answer or by the clock, until the episode ends."""
@@ -355,12 +359,13 @@ class Shell:
         """Log who came in this tick. In lockstep a process that was away and is the same one has missed nothing."""
         for robot in self.episode.live:
             event = self._newcomers.get(robot)
-            if event is not None:
-                self._arrive(robot)
+            if event is None:
+                continue
+            replaced = self._arrive(robot)  # one that joined has arrived
             if event == "rejoined" and self._lockstep:
                 self.episode.came_back(robot)
-            elif event is not None:
-                self.episode.happened(robot, event, "its process is ready")
+            else:
+                self.episode.happened(robot, event, REPLACED if replaced else "its process is ready")
         self._newcomers.clear()
 
     def _give_up_silent(self) -> None:

@@ -8,6 +8,7 @@ import pytest
 from deploy.recorded.words import print_mapped
 from deploy.terminal.live import print_summary
 from deploy.terminal.pairs import fates
+from world.recorder import REPLACED
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -31,6 +32,18 @@ def test_the_fate_of_each_pair_is_its_last_word(tmp_path: Path) -> None:
     assert first.last == "accepted: the evidence decides"
     assert second.last == "contact" and second.merged_at is None
     assert third.merged_at is None and third.transform is None and third.last.startswith("unmerged")
+
+
+def test_a_merge_is_gone_with_the_process_that_made_it(tmp_path: Path) -> None:
+    """It stood in the table to the end, though the robot's map was its own alone."""
+    done = {"event": "accepted", "peer": "r1", "reason": "evidence", "transform": [1, 2, 0.5]}
+    came = {"event": "rejoined", "reason": REPLACED}
+    said = [("r2", done), ("r3", done), ("r2", {**came, "reason": "its process is ready"}), ("r3", came)]
+    lines = [json.dumps({"t": 10.0 + k, "tick": 0, "robot": robot, **event}) for k, (robot, event) in enumerate(said)]
+    (tmp_path / "events.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    kept, gone = fates(tmp_path)
+    assert (kept.merged_at, kept.last) == (10.0, "accepted: evidence")
+    assert (gone.merged_at, gone.transform, gone.last) == (None, None, f"rejoined: {REPLACED}")
 
 
 def write(run: Path, robots: int) -> None:

@@ -13,6 +13,7 @@ from deploy.view.replay import record
 from protocol.errors import InputError
 from tests.deploy.test_report import STARTS, write_run
 from tests.deploy.view.read_back import Rows, read_back, strict
+from world.recorder import REPLACED
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,25 @@ def test_a_line_joins_robots_while_they_hear_each_other(found: dict[str, Rows]) 
     assert [len(links[tick][0]) for tick in (14, 15, 199, 200)] == [0, 1, 1, 0]
     ends = [found[f"world/{robot}"]["Transform3D:translation"][15][0][0][:2] for robot in STARTS]
     assert np.array(links[15][0][0])[:, :2] == pytest.approx(np.array(ends))
+
+
+def test_a_robot_whose_process_is_another_hears_has_merged_and_tries_nobody(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "run")
+    told = [
+        (10.0, {"event": "contact", "peer": "r1"}),
+        (12.0, {"event": "accepted", "peer": "r1"}),
+        (20.0, {"event": "proposed", "peer": "r1", "transform": [0, 0, 0]}),
+        (30.0, {"event": "rejoined", "reason": REPLACED}),
+    ]
+    (path / "events.jsonl").write_text("".join(json.dumps({"t": t, "robot": "r2"} | one) + "\n" for t, one in told))
+    record(path, tmp_path / "run.rrd")
+    found = read_back(tmp_path / "run.rrd")
+    links = found["world/radio"]["LineStrips3D:strips"]
+    assert [len(links[tick][0]) for tick in (49, 50, 149, 150)] == [0, 1, 1, 0]
+    trial, names = (found[path] for path in ("world/trials/r2/r1", "world/r2/name"))
+    assert trial["LineStrips3D:strips"][100] != [[]] == trial["LineStrips3D:strips"][150]
+    told_of = {0: "r2", 60: "r2: merged r1", 100: "r2: merged r1; tries r1", 150: "r2"}
+    assert names["Points3D:labels"] == {tick: [[name]] for tick, name in told_of.items()}
 
 
 def test_beams_that_met_something_are_drawn_once_a_second(found: dict[str, Rows]) -> None:

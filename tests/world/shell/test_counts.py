@@ -13,6 +13,7 @@ from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
 from world.episode import CHECKPOINT_S, Episode
+from world.recorder import REPLACED
 from world.tick import Outputs
 
 
@@ -45,7 +46,8 @@ def test_in_real_time_robots_leave_with_a_killed_world_and_rejoin(tmp_path: Path
     killed.arrive("r1", "its process")
     del killed  # it holds the directory
     summary_of(config, tmp_path / "out", ("r1",), resume=True)
-    assert [event["event"] for event in events(tmp_path / "out")] == ["left", "rejoined"]
+    left, rejoined = events(tmp_path / "out")
+    assert (left["event"], rejoined["event"], rejoined["reason"]) == ("left", "rejoined", REPLACED)
 
 
 def test_a_robot_that_has_not_come_is_not_late(tmp_path: Path) -> None:
