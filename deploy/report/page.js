@@ -25,7 +25,7 @@ const SAID_S = 8;  // how long an event stays on the map
 const WHOLE_S = 40;  // seconds in which a run is played, but at least at real time
 
 function replay() {
-  const { times, coverage, story, bonds } = run, end = times.length - 1, last = times[end];
+  const { times, scans, coverage, story, bonds } = run, end = times.length - 1, last = times[end];
   const slider = element("slider"), play = element("play"), names = element("names"), links = element("links");
   const unit = parseFloat(getComputedStyle(plan).getPropertyValue("--unit"));
   const rate = Math.max(1, last / WHOLE_S);
@@ -112,8 +112,8 @@ function replay() {
       return a && b ? [svg("path", { d: `M${a}L${b}`, class: trial ? "trial" : "heard-by" })] : [];
     }));
     slider.value = now;
-    slider.setAttribute("aria-valuetext", `${now.toFixed(0)} s`);
-    element("time").value = `${now.toFixed(0)} s`;
+    element("time").value = scans ? `scan ${now.toFixed(0)}` : `${now.toFixed(0)} s`;
+    slider.setAttribute("aria-valuetext", element("time").value);
     element("caption").textContent = Object.entries(coverage)
       .filter(([, values]) => values[k] !== null)
       .map(([name, values]) => `${name} ${(values[k] / 10).toFixed(1)} %`).join(", ");

@@ -75,6 +75,8 @@ def _notes(run: Run) -> str:
 
 
 def _switches(run: Run) -> str:
+    if not run.has_plan:
+        return ""
     box = '<input type="checkbox" checked'
     robots = [
         f'<label style="--robot:{style.colour(k)}">{box} data-robot="{escape(robot)}">'

@@ -56,7 +56,7 @@ def write_picture(run: Run, file: Path) -> None:
     single = run.robots[:MAX_SINGLE]
     columns = min(4, max(len(single), 3))
     rows = math.ceil(len(single) / columns)
-    heights = [7.2, 3.6 * rows] if rows else [7.2]
+    heights = [height for height in (7.2 * run.has_plan, 3.6 * rows) if height] or [1.0]
     height = TITLE_IN + sum(heights)
     with matplotlib.rc_context(SETTINGS):
         layout = ConstrainedLayoutEngine(rect=(0, 0, 1, 1 - TITLE_IN / height), wspace=0.03)
@@ -65,9 +65,9 @@ def write_picture(run: Run, file: Path) -> None:
         figure.text(0.01, 1 - 0.30 / height, headline(run), size=17, weight="bold", va="center")
         figure.text(0.01, 1 - 0.58 / height, subtitle(run), size=10, color=style.FAINT, va="center")
         parts = figure.add_gridspec(len(heights), 1, height_ratios=heights)
-        if run.of_logs:
+        if run.of_logs and run.has_plan:
             draw_overview(figure.add_subplot(parts[0]), run)
-        else:
+        elif run.has_plan:
             whole = parts[0].subgridspec(2, 2, width_ratios=[7, 5.4])
             draw_overview(figure.add_subplot(whole[:, 0]), run)
             draw_coverage(figure.add_subplot(whole[0, 1]), run)

@@ -27,7 +27,9 @@ MARKS = ("walls", "heard", "nominal", "occlusion", "frontier")  # the paths that
 
 
 def overview(run: Run) -> str:
-    """All final maps over the true world, drawn side by side where they agree."""
+    """All final maps over the true world, drawn side by side where they agree; "" where there is no common frame."""
+    if not run.has_plan:
+        return ""
     unit, stroke = _unit(run), style.stroke(len(run.placed))
     flipped, upright = _world(run), ""
     for k, robot in enumerate(run.placed):
@@ -41,23 +43,25 @@ def overview(run: Run) -> str:
 
 def single(run: Run, robot: str) -> str:
     """One robot's final map: over the true world where its frame is known, else in its own frame."""
-    frame, unit, label = run.frames.get(robot), _unit(run) * SMALLER, f"Map of {robot}"
-    drawn = _strings(run.maps.get(robot), frame, unit)
+    frame, wireframe, label = run.frames.get(robot), run.maps.get(robot), f"Map of {robot}"
+    alone = wireframe if frame is None else None
+    unit = _unit(run, alone) * SMALLER
+    drawn = _strings(wireframe, frame, unit)
     if frame is None:
-        return _svg(run, _layer(run, robot, drawn, "", 2.0), "", "single", label, run.maps.get(robot))
+        return _svg(run, _layer(run, robot, drawn, "", 2.0), "", "single", label, alone)
     layer = _layer(run, robot, drawn, _trail(run.paths.get(robot)), 2.0)
     return _svg(run, _world(run) + layer, _start(run, robot, unit), "single", label)
 
 
 def slider(run: Run) -> dict[str, Any]:
-    """What the slider shows: `times`, `coverage`, `story` and `bonds`, and per robot `at` and `maps`.
+    """What the slider shows: `times`, `scans`, `coverage`, `story` and `bonds`, and per robot `at` and `maps`.
 
-    times: seconds of the frames, one a simulated second where the run is not long. at: the robot's places at these
-    times, centimetres, x and y in turn. maps: [number of the frame that shows it first, path strings as in MARKS].
-    coverage: per robot and for the team, thousandths at these times. Maps are thinned out where the page would grow too
-    large.
+    times: seconds of the frames, one a simulated second where the run is not long; of a log, which `scans` tells,
+    numbers of its scans. at: the robot's places at these times, centimetres, x and y in turn. maps: [number of the
+    frame that shows it first, path strings as in MARKS]. coverage: per robot and for the team, thousandths at these
+    times. Maps are thinned out where the page would grow too large.
     """
-    if not run.paths and not run.snapshots:
+    if not run.has_plan or not (run.paths or run.snapshots):
         return {}
     step = max(1, math.ceil(run.duration / MAX_FRAMES))
     times = [float(t) for t in range(0, math.ceil(run.duration), step)]
@@ -75,7 +79,8 @@ def slider(run: Run) -> dict[str, Any]:
         every *= 2
     shown = {robot: {"at": _places(run, robot, times), "maps": maps[robot]} for robot in run.placed}
     covered = {name: _coverage(run, name, times) for name in (*run.robots, TEAM) if name in run.metrics}
-    return {"times": times, "coverage": covered, "story": told(run), "bonds": bonds(run), "robots": shown}
+    about = {"times": times, "scans": run.of_logs, "coverage": covered}
+    return about | {"story": told(run), "bonds": bonds(run), "robots": shown}
 
 
 def _maps_at(
@@ -175,7 +180,7 @@ def _start(run: Run, robot: str, unit: float) -> str:
 
 def _svg(run: Run, flipped: str, upright: str, kind: str, label: str, around: Map | None = None) -> str:
     x0, y0, x1, y1 = _bounds(run, around)
-    unit = _unit(run) * (1.0 if kind == "plan" else SMALLER)
+    unit = _unit(run, around) * (1.0 if kind == "plan" else SMALLER)
     return (
         f'<svg class="{kind}" role="img" aria-label="{escape(label)}" style="--unit:{unit:.5f}px" '
         f'viewBox="{x0:.3f} {-y1:.3f} {x1 - x0:.3f} {y1 - y0:.3f}" xmlns="http://www.w3.org/2000/svg">'
@@ -197,7 +202,7 @@ def _bounds(run: Run, around: Map | None = None) -> tuple[float, float, float, f
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _unit(run: Run) -> float:
-    """Metres per pixel where the overview is 900 pixels wide or high."""
-    x0, y0, x1, y1 = _bounds(run)
+def _unit(run: Run, around: Map | None = None) -> float:
+    """Metres per pixel where the overview, or the drawing of the given map, is 900 pixels wide or high."""
+    x0, y0, x1, y1 = _bounds(run, around)
     return max(x1 - x0, y1 - y0) / 900

@@ -153,8 +153,13 @@ class Run:
         return [robot for robot in self.robots if robot in self.frames]
 
     @property
+    def has_plan(self) -> bool:
+        """Whether all can be drawn in one frame; of several logs nobody knows how their frames lie to each other."""
+        return bool(self.frames) or not self.of_logs
+
+    @property
     def duration(self) -> float:
-        """Simulated seconds: the last time that any file gives."""
+        """Simulated seconds, of logs the number of the last scan: the last time that any file gives."""
         times = [series.t[-1] for series in self.metrics.values()]
         times += [poses[-1, 0] for poses in self.poses.values()]
         times += [frames[-1][0] for frames in self.snapshots.values()]

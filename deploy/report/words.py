@@ -22,21 +22,22 @@ def subtitle(run: Run) -> str:
     pieces = [f"seed {run.manifest['seed']}"] if "seed" in run.manifest else []
     if isinstance(run.manifest.get("ended"), str):
         pieces.append(f"ended: {run.manifest['ended']}")
-    pieces.append(f"{run.duration:.0f} " + ("scans" if run.of_logs else "simulated seconds"))
+    scans = sum(map(len, run.poses.values()))
+    pieces.append(f"{scans} scans" if run.of_logs else f"{run.duration:.0f} simulated seconds")
     if "coverage" in team:
         pieces.append(f"team coverage {share(team['coverage'])}")
     reached = [percent for percent in (90, 99) if team.get(f"t_{percent}") is not None]
     pieces += [f"{percent} % after {seconds(team[f't_{percent}'])}" for percent in reached]
     if "real_time_factor" in run.summary:
-        pieces.append(f"{number(run.summary['real_time_factor'], 0)} times real time")
+        pieces.append(f"{number(run.summary['real_time_factor'], digits=3, form='g')} times real time")
     return "  ·  ".join(pieces)
 
 
-def number(value: Any, digits: int = 1, unit: str = "") -> str:
-    """A number with so many decimals and its unit; NONE for anything else."""
+def number(value: Any, digits: int = 1, unit: str = "", form: str = "f") -> str:
+    """A number with so many decimals and its unit; NONE for anything else. form: `g` for so many digits in all."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_SHOWN:
         return NONE
-    return f"{value:,.{digits}f} {unit}".rstrip()
+    return f"{value:,.{digits}{form}} {unit}".rstrip()
 
 
 def share(value: Any) -> str:

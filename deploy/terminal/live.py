@@ -67,7 +67,7 @@ class Display:
         alive = sum(status != "dead" for status in clock.status.values())
         title = (
             f"{self._world}: {alive} of {len(clock.status)} robots, tick {clock.tick}, {clock.t:.1f} s simulated, "
-            f"{speed:.0f} x real time{_late(progress.late_ticks)}"
+            f"{speed:.3g} x real time{_late(progress.late_ticks)}"
         )
         if self._live:
             self._live.update(Group(Text(title), _bars(progress)))
@@ -104,9 +104,11 @@ def print_summary(out: Path, pairs: bool = False) -> None:
     table = _table(["robot", "ended"], ["coverage", "t_90 s", "t_99 s", "path m", "touched", "sent B"])
     for robot, row in ((robot, mapping(row)) for robot, row in robots.items()):
         path = _number(row.get("path_m"), ".1f")
-        touched = _number(sum(count for key in TOUCHED if isinstance(count := row.get(key), int)))
+        counts = [count for key in TOUCHED if isinstance(count := row.get(key), int)]
+        touched = _number(sum(counts) if counts else None)
         add_row(table, robot, str(row.get("ended")), *_times(row), path, touched, _number(row.get("bytes_sent")))
-    add_row(table, "team", "", *_times(mapping(summary.get("team"))))
+    if team := mapping(summary.get("team")):
+        add_row(table, "team", "", *_times(team))
     console.print(table)
     print_pairs(out, console, robots, pairs or len(robots) <= MAX_ROBOTS)
 
@@ -116,7 +118,9 @@ def _result(summary: dict[str, Any]) -> str:
     endings = Counter(str(mapping(row).get("ended")) for row in mapping(summary.get("robots")).values())
     ended = ", ".join(f"{count} {how}" for how, count in endings.most_common())
     team = mapping(summary.get("team"))
-    pieces = [ended or "no robot", f"{_number(team.get('coverage'), '.1%')} of the wall seen"]
+    pieces = [ended or "no robot"]
+    if "coverage" in team:
+        pieces.append(f"{_number(team['coverage'], '.1%')} of the wall seen")
     if isinstance(team.get("t_99"), int | float):
         pieces.append(f"99 % after {_number(team['t_99'], '.0f')} s")
     if (factor := summary.get("real_time_factor")) is not None:
@@ -133,8 +137,9 @@ def print_pairs(out: Path, console: Console, robots: Container[str], listed: boo
     if not pairs:
         return
     if not listed:
-        merged = sum(pair.merged_at is not None for pair in pairs)
-        line = f"{len(pairs)} pairs met, {merged} are merged: wireswarm report {out} --pairs"
+        met = {frozenset((pair.robot, pair.peer)) for pair in pairs}  # each robot tells of it, and one may have merged
+        merged = {frozenset((pair.robot, pair.peer)) for pair in pairs if pair.merged_at is not None}
+        line = f"{len(met)} pairs met, {len(merged)} are merged: wireswarm report {out} --pairs"
         console.print(Text(printable(line)), soft_wrap=True)
         return
     table = _table(["robot", "peer"], ["met", "failed", "proposed", "merged s"])

@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from deploy.report import write_report
 from deploy.report.page import write_page
 from deploy.report.picture import NAMED, draw_coverage
-from deploy.report.plan import overview, slider
+from deploy.report.plan import SMALLER, overview, slider
 from deploy.report.rundir import Map, NoDirectoryError, Run, Series, read_run
 from deploy.report.story import GLYPHS, MAX_BONDS, MAX_TOLD, MEANINGS, bonds, left_out, told
-from deploy.report.words import share, size
+from deploy.report.words import number, share, size, subtitle
 from world.recorder import REPLACED, TEAM
 
 WORLD = """
@@ -69,7 +69,7 @@ def write_run(path: Path, name: str = "two-rooms") -> Path:
         for r in STARTS
     }
     team = {"coverage": 1.0, "t_90": 31.0, "t_99": 47.0, "overlap": 0.8}
-    (path / "summary.json").write_text(json.dumps({"robots": robots, "team": team, "real_time_factor": 61.5}))
+    (path / "summary.json").write_text(json.dumps({"robots": robots, "team": team, "real_time_factor": 0.5}))
     tally = {"messages": 60, "bytes": 5300}
     books = {"offered": {"map": tally}, "delivered": {"map": tally}, "dropped": {"map": {"range": tally}}}
     (path / "bandwidth.json").write_text(json.dumps({"robots": dict.fromkeys(STARTS, books)}))
@@ -152,7 +152,15 @@ def test_the_page_is_whole_and_fetches_nothing(whole: Path) -> None:
     assert "url(" not in page.source.replace("url(#", "") and "@import" not in page.source
     assert page.open == []
     assert "missing or broken" not in page.text
-    for words in ("two-rooms: 2 robots", "seed 7", "100.0 %", "5.3 kB", "transform [1, 2, 0.25]", "1 accepted"):
+    for words in (
+        "two-rooms: 2 robots",
+        "seed 7",
+        "100.0 %",
+        "5.3 kB",
+        "0.5 times real",
+        "transform [1, 2, 0.25]",
+        "1 accepted",
+    ):
         assert words in page.text
 
 
@@ -425,6 +433,7 @@ def test_text_from_files_is_escaped(tmp_path: Path) -> None:
 
 def test_numbers_read_well() -> None:
     assert (size(999), size(5300), size(2_500_000), size(None)) == ("999 B", "5.3 kB", "2.5 MB", "—")
+    assert [number(value, 3, form="g") for value in (0.5, 1.49, 61.53)] == ["0.5", "1.49", "61.5"]
     assert (share(0.9876), share(None), share(math.nan)) == ("98.8 %", "—", "—")
 
 
@@ -467,6 +476,37 @@ def test_a_robot_that_died_or_begins_anew_hears_nobody_and_tries_nothing(tmp_pat
     run.events = [{"robot": "r1", **event} for event in (*begins, link, {"t": 10.0, **end})]
     before, after = played(run, tmp_path, 9.0, 11.0)
     assert [kind for kind, _ in before["links"]] == ["heard-by", "trial"] and after["links"] == []
+
+
+def write_logs(path: Path, robots: int) -> Path:
+    """A directory of `wireswarm map`, of ten scans a robot; the log's first one was skipped."""
+    for folder in ("maps", "estimate"):
+        (path / folder).mkdir(parents=True)
+    names = [f"r{k + 1}" for k in range(robots)]
+    (path / "manifest.json").write_text(json.dumps({"logs": ["a.log"], "ended": "complete"}))
+    (path / "summary.json").write_text(json.dumps({"robots": {r: {"ended": "complete", "path_m": 0.9} for r in names}}))
+    for r in names:
+        (path / f"maps/{r}.json").write_text(json.dumps({"robot": r, **seen(len(RING), STARTS["r1"])}))
+        (path / f"estimate/{r}.tum").write_text("".join(f"{k} {k / 10} 0 0 0 0 0 1\n" for k in range(1, 11)))
+    return path
+
+
+@needs_node
+def test_the_page_of_a_log_counts_scans(tmp_path: Path) -> None:
+    run = read_run(write_logs(tmp_path / "run", 1))
+    assert subtitle(run) == "ended: complete  ·  10 scans"
+    assert [then["said"] for then in played(run, tmp_path, 4.0, 10.0)] == ["scan 4", "scan 10"]
+
+
+def test_logs_without_a_common_frame_have_no_plan_and_nothing_to_play(tmp_path: Path) -> None:
+    page = Page(write_report(write_logs(tmp_path / "run", 2)))
+    assert embedded(page) == {} and 'class="plan"' not in page.source
+    assert page.tags.count("input") == 1  # the hidden slider
+    assert page.text.count("in its own frame") == 2 and "20 scans" in page.text
+    (size,) = set(re.findall(r'class="single".*?--unit:([\d.]+)px', page.source))
+    assert 900 * float(size) / SMALLER == pytest.approx(6.0, rel=0.5)  # the map's size, and not that of nothing
+    height, width = matplotlib.image.imread(tmp_path / "run" / "report.png").shape[:2]
+    assert height < width / 2  # maps alone
 
 
 def test_a_robot_that_says_much_hides_no_others_and_what_is_not_told_is_counted() -> None:

@@ -1,6 +1,7 @@
 """The table of pairs at the end of a run tells what the events say."""
 
 import json
+from itertools import permutations
 from pathlib import Path
 
 import pytest
@@ -83,6 +84,23 @@ def test_pairs_of_many_robots_are_listed_when_asked_for(tmp_path: Path, capsys: 
     assert capsys.readouterr().out.splitlines()[-1].startswith("6 pairs met, 6 are merged: wireswarm report")
     print_summary(tmp_path, pairs=True)
     assert capsys.readouterr().out.splitlines()[-1].startswith("r7     r6")
+
+
+def test_a_pair_that_met_is_one_whoever_tells_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write(tmp_path, 7)
+    names = [f"r{k + 1}" for k in range(7)]
+    events = [{"t": 1.0, "robot": one, "event": "contact", "peer": peer} for one, peer in permutations(names, 2)]
+    with (tmp_path / "events.jsonl").open("a") as file:
+        file.writelines(json.dumps(event) + "\n" for event in events)
+    print_summary(tmp_path)
+    assert capsys.readouterr().out.splitlines()[-1].startswith("21 pairs met, 6 are merged: wireswarm report")
+
+
+def test_a_figure_that_a_mapped_log_lacks_is_a_dash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "summary.json").write_text(json.dumps({"robots": {"r1": {"ended": "complete", "path_m": 0.9}}}))
+    print_summary(tmp_path)
+    result, _, row = capsys.readouterr().out.splitlines()
+    assert result == "1 complete" and row.split() == ["r1", "complete", *"---", "0.9", *"--"]
 
 
 def test_pairs_of_many_logs_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
