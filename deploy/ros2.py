@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import zenoh
@@ -117,7 +116,8 @@ class SimulatedRobot:
         """period_s: of a tick, by the clock."""
         self._robot, self._spec, self._period_s = robot, spec, period_s
         self._first: int | None = None  # tick of the clock, as agents count them, at the world's tick 0
-        self._before: Pose = (0.0, 0.0, 0.0)
+        self._before: tuple[Pose, float] | None = None
+        """The pose that was told last, and its stamp."""
         self._complete, self._merged = False, dict[str, int]()
         self._driver = driver = DriverInbox()
         self._stack = ExitStack()
@@ -148,11 +148,14 @@ class SimulatedRobot:
             self._first = now - observation.tick
             self._tf_static.put(showing.transforms_of([(BASE, LIDAR, lidar.mount)], time.time()))
         stamp_s, step_s = EPOCH_S + (self._first + observation.tick) / lidar.rate_hz, 1 / lidar.rate_hz / len(poses)
-        for number, (before, pose) in enumerate(pairwise([self._before, *poses])):
+        for number, pose in enumerate(poses):
             then_s = stamp_s - step_s * (len(poses) - 1 - number)
-            told = showing.odometry_of(pose, relative(before, pose), step_s, then_s, (ODOM, BASE))
-            self._odometry.put(told)
-        self._before = poses[-1]
+            # ticks that came late are left out, and how the robot came to its first pose is not known
+            before, before_s = self._before or (pose, then_s - step_s)
+            self._odometry.put(
+                showing.odometry_of(pose, relative(before, pose), then_s - before_s, then_s, (ODOM, BASE))
+            )
+            self._before = pose, then_s
         self._tf.put(showing.transforms_of([(ODOM, BASE, poses[-1])], stamp_s))
         self._scan.put(showing.scan_of(lidar, observation.scan(), stamp_s, LIDAR))
 

@@ -82,6 +82,18 @@ def test_scan_odometry_and_tf_lie_under_the_robots_namespace(endpoint: str) -> N
     assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_footprint")
 
 
+def test_its_speed_is_that_of_its_way_where_it_came_late_and_missed_ticks(endpoint: str) -> None:
+    with heard(endpoint, "/r1/odom", wire.ODOMETRY) as odometry:
+        run = Run(endpoint)
+        for tick in (40, 60):  # it said 5 and 0.8 m/s
+            run.tick, already = tick, len(odometry)
+            run.until(lambda step, already=already: len(odometry) > already + 4)
+    stamps = [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in odometry]
+    assert np.diff(stamps).max() > 5 * PERIOD_S
+    speeds = {round(math.hypot(one.twist.twist.linear.x, one.twist.twist.linear.y), 3) for one in odometry}
+    assert 0.2 in speeds <= {0.0, 0.2}
+
+
 @pytest.mark.parametrize("stamped", [False, True])
 def test_a_twist_drives_it_for_half_a_second(endpoint: str, stamped: bool) -> None:
     kind = wire.TWIST_STAMPED if stamped else wire.TWIST
