@@ -153,7 +153,7 @@ def _robots(run: Run) -> str:
 
 
 def _radio(run: Run) -> str:
-    """Messages per robot and kind, from bandwidth.json: sent, heard, and meant for the robot but dropped."""
+    """Messages per robot and kind, from bandwidth.json: offered, heard, and meant for the robot but dropped."""
     rows = []
     for robot, books in mapping(run.bandwidth.get("robots")).items():
         parts = [mapping(mapping(books).get(part)) for part in ("offered", "delivered", "dropped")]
@@ -162,8 +162,9 @@ def _radio(run: Run) -> str:
             sizes = [text for tally in tallies for text in (number(tally.get("messages"), 0), size(tally.get("bytes")))]
             lost = [f"{number(mapping(tally).get('messages'), 0)} {why}" for why, tally in reasons.items()]
             rows.append([robot, kind, *sizes, ", ".join(lost) or NONE])
-    head = ["robot", "kind", "messages sent", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
-    return f"<h2>Radio</h2>\n{table(head, rows, words=2)}" if rows else ""
+    head = ["robot", "kind", "messages offered", "bytes", "messages heard", "bytes", "meant for it, but dropped"]
+    about = "Offered is what a robot handed to its radio, also where that held it back for its MTU or capacity."
+    return f"<h2>Radio</h2>\n<p>{about}</p>\n{table(head, rows, words=2)}" if rows else ""
 
 
 def _events(run: Run) -> str:

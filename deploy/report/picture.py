@@ -200,7 +200,7 @@ def draw_coverage(axes: Axes, run: Run) -> None:
 
 
 def draw_bytes(axes: Axes, run: Run) -> None:
-    """Bytes that each robot handed to its radio, against simulated time."""
+    """Bytes that each robot put on the air, against simulated time."""
     _curves(axes, run, "bytes_sent")
     axes.set(ylabel="bytes sent, in all")
     axes.set_ylim(bottom=0)

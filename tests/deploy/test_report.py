@@ -158,6 +158,7 @@ def test_the_page_is_whole_and_fetches_nothing(whole: Path) -> None:
         "100.0 %",
         "5.3 kB",
         "0.5 times real",
+        "messages offered",
         "transform [1, 2, 0.25]",
         "1 accepted",
     ):
