@@ -34,7 +34,7 @@ def curves(run: Run) -> list[str]:
 
 def _plot(run: Run, column: str, title: str, top: float | None, words: Callable[[float], str], *, team: bool) -> str:
     shown = {name: one for name in (*run.robots, *([TEAM] if team else [])) if (one := _column(run, name, column))}
-    most = top or max((float(np.nanmax(v)) for _, v in shown.values() if np.isfinite(v).any()), default=1.0) or 1.0
+    most = top or max([1.0, *(float(np.nanmax(v)) for _, v in shown.values() if np.isfinite(v).any())])
     end = max(run.duration, 1.0)
     wide, high = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
 

@@ -165,6 +165,10 @@ class Run:
         times += [frames[-1][0] for frames in self.snapshots.values()]
         return float(max(times, default=0.0))
 
+    def note(self, text: str) -> None:
+        """Tell of a file that is missing or broken; its name may be anything."""
+        self.notes.append(printable(text))
+
     def map(self, robot: str, frame: Literal["own", "world"] = "own") -> Map:
         """The final map of a robot in its own frame or in the world's.
 
@@ -215,15 +219,15 @@ def read_run(directory: str | Path) -> Run:
         try:
             if (file := path / name).exists():
                 return read(file)
-            run.notes.append(f"{name} is missing")
+            run.note(f"{name} is missing")
         except BROKEN as error:
-            run.notes.append(f"{name} cannot be read: {(str(error) or repr(error)).splitlines()[0]}")
+            run.note(f"{name} cannot be read: {(str(error) or repr(error)).splitlines()[0]}")
         return otherwise
 
     def each(folder: str, suffix: str, read: Callable[[Path], T | None]) -> dict[str, T]:
         files = [file for file in sorted((path / folder).glob(f"*{suffix}")) if file.name.count(".") == 1]
         if not files:
-            run.notes.append(f"{folder}/ is missing or empty")
+            run.note(f"{folder}/ is missing or empty")
         made = {printable(file.name.removesuffix(suffix)): part(f"{folder}/{file.name}", read, None) for file in files}
         return {robot: item for robot, item in made.items() if item is not None}
 
@@ -245,7 +249,6 @@ def read_run(directory: str | Path) -> Run:
     run.poses = each("trajectories", ".tum", read_trajectory)
     run.metrics = part("metrics.csv", read_metrics, {})
     run.events = part("events.jsonl", lambda file: _events(_lines(file, run), run), [])
-    run.notes = [printable(note) for note in run.notes]
     return run
 
 
@@ -285,7 +288,7 @@ def _lines(file: Path, run: Run) -> list[dict[str, Any]]:
         with suppress(ValueError, RecursionError):
             objects.append(_as_object(line))
     if bad := len(lines) - len(objects):
-        run.notes.append(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
+        run.note(f"{file.relative_to(run.path)}: {bad} of {len(lines)} lines are no JSON objects")
     return objects
 
 
@@ -293,7 +296,10 @@ def read_truth(file: Path) -> tuple[dict[str, Floats], float]:
     """By robot (3,) the pose of its own frame in the world, and the radius of all. Raises one of BROKEN."""
     truth = _object(file)
     frames = {robot: _array(pose, (3,)) for robot, pose in dict(truth["frames"]).items()}
-    return frames, float(truth.get("robot_radius", 0.105))
+    radius = float(_array(truth.get("robot_radius", 0.105), ()))
+    if radius <= 0:
+        raise ValueError("the robots' radius is not positive")
+    return frames, radius
 
 
 def as_map(value: Mapping[str, Any]) -> Map:
@@ -330,7 +336,7 @@ def _events(lines: list[dict[str, Any]], run: Run) -> list[dict[str, Any]]:
     """Those that have a time and a name; whatever else is in them."""
     events = [line for line in lines if isinstance(line.get("event"), str) and _is_time(line.get("t"))]
     if bad := len(lines) - len(events):
-        run.notes.append(f"events.jsonl: {bad} of {len(lines)} events have no time or no name")
+        run.note(f"events.jsonl: {bad} of {len(lines)} events have no time or no name")
     return [{**event, "t": float(event["t"]), "robot": str(event.get("robot", ""))} for event in events]
 
 
@@ -364,8 +370,8 @@ def read_metrics(file: Path) -> dict[str, Series]:
 def _column(texts: list[str]) -> Floats:
     """Numbers of a table; NaN where a field is empty."""
     numbers = np.array([float(text or math.nan) for text in texts])
-    if np.isinf(numbers).any():
-        raise ValueError("a number in it is not finite")
+    if np.isinf(numbers).any() or (numbers < 0).any():
+        raise ValueError("a number in it is negative or not finite")
     return numbers
 
 

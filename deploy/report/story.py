@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from deploy.report.rundir import Run, mapping
-from deploy.report.words import number
+from deploy.report.words import NONE, number
 from world.recorder import REPLACED
 
 MAX_BONDS = 5000  # times in which a robot hears another, or has its map on trial
@@ -133,4 +133,4 @@ def _evidence(event: dict[str, Any]) -> str:
 
 
 def _counts(value: Any) -> bool:
-    return isinstance(value, int | float) and value != 0
+    return number(value) != NONE and value != 0

@@ -365,6 +365,8 @@ BROKEN = [
     ("world.yaml", "boxes: [[0, 0, 0]]"),
     ("truth.json", '{"frames": {"r1": [0, NaN, 0]}}'),
     ("truth.json", '{"frames": [1]}'),
+    ("truth.json", '{"frames": {}, "robot_radius": NaN}'),
+    ("truth.json", '{"frames": {}, "robot_radius": 0}'),
     ("maps/r1.json", '{"vertices": [[0, 0], [1e999, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
     ("maps/r1.json", '{"vertices": [[0, 0], [1e300, 1]], "labels": ["nominal", "nominal"], "edges": []}'),
     ("maps/r1.json", '{"vertices": [[0, 0]], "labels": ["nominal"], "edges": [[0, 7]]}'),
@@ -378,6 +380,7 @@ BROKEN = [
     ("trajectories/r1.tum", "-1 0 0 0 0 0 0 1\n"),
     ("metrics.csv", "t,robot,coverage\n-1,r1,0.5\n"),
     ("metrics.csv", "t,robot,coverage\n1,r1\nx,r1,0.5\n"),
+    ("metrics.csv", "t,robot,bytes_sent\n1,r1,-5\n"),
     ("events.jsonl", '{"t": "soon", "event": "contact"}\n'),
     ("events.jsonl", '{"t": 1, "event": "contact", "robot": "r1"}\n{"t": 2, "ev'),
     ("bandwidth.json", "\x00\xff"),
@@ -396,14 +399,21 @@ def test_a_broken_file_is_said(tmp_path: Path, name: str, text: str) -> None:
 
 
 ODD_ROBOTS = '{"r1": 5, "r9": {"coverage": "x", "t_90": NaN, "path_m": 1e999}}'
-ODD = ("summary.json", f'{{"robots": {ODD_ROBOTS}, "team": {{"t_90": "<b>", "coverage": []}}}}')
+ODD = [
+    ("summary.json", f'{{"robots": {ODD_ROBOTS}, "team": {{"t_90": "<b>", "coverage": []}}}}'),
+    ("metrics.csv", "t,robot,coverage,bytes_sent\n1,r1,0.5,5e-324\n"),
+    (
+        "events.jsonl",
+        f'{{"t": 1, "event": "accepted", "evidence": {{"ground": {10**400}, "discs": 2, "heard": NaN}}}}\n',
+    ),
+]
 
 
 @pytest.mark.parametrize("turn", range(6))
 def test_broken_files_never_stop_the_report(tmp_path: Path, turn: int) -> None:
     """All at once. Each turn has others, as a picture takes half a second."""
     run, texts = write_run(tmp_path / "run"), defaultdict[str, list[str]](list)
-    for name, text in [*BROKEN, ODD]:
+    for name, text in [*BROKEN, *ODD]:
         texts[name].append(text)
     assert max(map(len, texts.values())) == 6
     for name, some in texts.items():
@@ -411,6 +421,12 @@ def test_broken_files_never_stop_the_report(tmp_path: Path, turn: int) -> None:
     page = Page(write_report(run))
     assert page.open == []
     assert ("r9" in page.text) == (turn % 2 == 1)
+
+
+def test_a_name_of_a_mapped_log_moves_no_terminal(tmp_path: Path) -> None:
+    (write_logs(tmp_path / "run", 1) / "maps" / "r\x1b[31m2.json").write_text("[]")
+    (note,) = read_run(tmp_path / "run").notes
+    assert note.startswith("maps/r") and "\x1b" not in note
 
 
 def test_text_from_files_is_escaped(tmp_path: Path) -> None:
