@@ -1,4 +1,7 @@
-"""A run that is under way, as a recording that grows: the newest of each thing ten times a second, and every event."""
+"""A run that is under way, as a recording that grows: the newest of each thing ten times a second, and robots' events.
+
+Of what the world itself logs it publishes only who is dead.
+"""
 
 from __future__ import annotations
 
@@ -78,6 +81,8 @@ class _Live:
         self._maps: dict[str, Map] = {}
         self._links: list[LinkReport] = []
         self._dead: set[str] = set()
+        self._answered: dict[str, int] = {}
+        """The last tick that each robot has answered: where the world says a tick again, so does a robot its answer."""
         self._newest: dict[tuple[str, str], bytes] = {}
         """By what it is and whose, what came and is not drawn yet."""
         self._looks = 0
@@ -105,6 +110,9 @@ class _Live:
         self.recording.flush()
 
     def _act(self, robot: str, action: Action) -> None:
+        if action.tick <= self._answered.get(robot, -1):
+            return
+        self._answered[robot] = action.tick
         for event in action.events:
             self._happened(action.tick, robot, event.event, event.data)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
@@ -22,8 +23,11 @@ from deploy.launch.launcher import launch
 from deploy.view import command, invitation, live
 from deploy.view.command import newest
 from deploy.view.serving import Tape
+from protocol import keys
+from protocol.codec import encode
 from protocol.errors import InputError, LinkError
-from protocol.inbox import Inbox
+from protocol.inbox import Arrival, Inbox
+from protocol.messages import Action, Event, RobotSpec, Site
 from protocol.secrets import Secrets
 from protocol.status import Status
 from tests.deploy.view.read_back import Rows, read_back
@@ -90,6 +94,18 @@ def test_a_viewer_sees_maps_coverage_and_all_events(viewed: tuple[Path, Path], f
     (at_the_end,) = shown_coverage[max(shown_coverage)]
     told = json.loads((viewed[0] / "summary.json").read_text())["team"]["coverage"]
     assert at_the_end[0] == pytest.approx(told, abs=1e-6)  # of what came before, a quick run shows nothing
+
+
+def test_an_answer_that_is_said_again_tells_nothing_twice(tmp_path: Path) -> None:
+    """A robot says its answer again where the world says the tick again, as after a lost link."""
+    room = shapely.to_wkb(shapely.box(0, 0, 1, 1))
+    view = live._Live(Site(world="room", solid=room, spec=RobotSpec(), frames={"r1": (0, 0, 0)}), tmp_path / "run.rrd")
+    for tick in (7, 7, 8):
+        action = Action(tick=tick, speed_mps=0, turn_rps=0, events=[Event(event="complete")])
+        view.take([Arrival(keys.ACT, "r1", encode(action))])
+    view.recording.close()
+    told = read_back(tmp_path / "run.rrd")["events"]["TextLog:text"]
+    assert told == {tick: [["r1 is complete"]] for tick in (7, 8)}
 
 
 def test_a_run_that_is_not_there_any_more_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
