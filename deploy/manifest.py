@@ -59,7 +59,9 @@ def ended(out: Path) -> str | None:
 
 def interrupt(out: Path, why: str) -> None:
     """Say that somebody stopped the command, after the run or before its end. Raises as `finish` and `read` do."""
-    finish(out, ended=read(out).get("ended") or "interrupted", exit_status=Status.INTERRUPTED, errors=[why])
+    told = read(out)
+    errors = [*told.get("errors", []), why]
+    finish(out, ended=told.get("ended") or "interrupted", exit_status=Status.INTERRUPTED, errors=errors)
 
 
 def withdraw(out: Path) -> None:

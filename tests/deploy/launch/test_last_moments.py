@@ -126,3 +126,11 @@ def test_robots_that_come_back_to_a_run_that_had_ended_are_told_so(tmp_path: Pat
     with again as (endpoint, ended), ThreadPoolExecutor() as pool:
         assert pool.submit(run_agent, "r1", endpoint, AgentConfig(), make_mind=Wanderer).result(20) == "time"
         assert ended.result(10) == "time"
+
+
+def test_what_a_run_had_to_say_stays_where_its_report_is_broken_off(tmp_path: Path) -> None:
+    manifest.begin(tmp_path, {"seed": 0})
+    manifest.finish(tmp_path, ended="complete", exit_status=3, errors=[DIED])
+    manifest.interrupt(tmp_path, "interrupted before the report was written")
+    told = manifest.read(tmp_path)
+    assert (told["ended"], told["errors"]) == ("complete", [DIED, "interrupted before the report was written"])
