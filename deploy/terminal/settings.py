@@ -108,13 +108,15 @@ def to_yaml(of: str = "") -> str:
     for one in listed(of):
         path, element, below = one.key.partition("[")
         *groups, name = path.split(".")
-        for depth, group in enumerate(groups):
-            if above[: depth + 1] != groups[: depth + 1]:
-                lines.append(f"{'  ' * depth}{group}:")
-        above, indent = groups, "  " * len(groups)
         about = f"[{one.unit}] {one.about}" if one.unit else one.about
         if element:
-            about = f"{name}[{below} = {one.value}: {about}"
+            about = f"{path}[{below} = {one.value}: {about}"
+        else:
+            for depth, group in enumerate(groups):
+                if above[: depth + 1] != groups[: depth + 1]:
+                    lines.append(f"{'  ' * depth}{group}:")
+            above = groups
+        indent = "  " * len(groups)
         lines += textwrap.wrap(about, 110, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   ")
         if not element:
             lines.append(f"{indent}{name}: {one.value}")

@@ -76,3 +76,10 @@ def test_the_settings_of_a_group_alone_are_listed() -> None:
     assert to_yaml("radio").splitlines()[1] == "radio:"
     with pytest.raises(InputError, match=r"^radi: no such setting nor group"):
         listed("radi")
+
+
+@pytest.mark.parametrize("of", ["radio.models[bernoulli]", "radio.range_m", "radio.models", "agent.filter"])
+def test_what_is_listed_of_a_group_is_a_file_that_can_be_loaded(tmp_path: Path, of: str) -> None:
+    (file := tmp_path / "run.yaml").write_text(text := to_yaml(of))
+    assert load(file) == RunConfig()
+    assert ("radio.models[bernoulli].loss = " in text) == of.startswith("radio.models")
