@@ -74,8 +74,9 @@ def issue(folder: Path, robots: Sequence[str], hosts: Sequence[str]) -> list[str
     """Make identities of these robots, and the authority, the world's and a viewer's where there are none.
 
     hosts: further addresses of the world, or of the router before it. Returns the names of the identities.
-    A folder that was empty gets a .gitignore, so that no key comes into a repository.
-    Raises InputError where one is there already.
+    A folder that was empty gets a .gitignore, so that no key comes into a repository. Files of who is not on the
+    roster, as a command that was broken off leaves them, count for nobody and are written over.
+    Raises InputError where one is on the roster already, or none is asked for.
     """
     addresses = _addresses(hosts)
     if folder.is_symlink():  # somebody else may have laid it, to a folder of theirs
@@ -86,11 +87,13 @@ def issue(folder: Path, robots: Sequence[str], hosts: Sequence[str]) -> list[str
             raise InputError(f"--robots {robot:.60}: no name for a robot; write a number, or names such as r1,r2")
     names = [*(name for name in (WORLD, VIEWER) if name not in roster), *dict.fromkeys(robots)]
     for name in names:
-        if name in roster or any((folder / f"{name}.{kind}").exists() for kind in ("pem", "key")):
+        if name in roster:
             raise InputError(f"{folder} has an identity of {name} already: end it by `--revoke {name}` first")
     if hosts and WORLD not in names:
         raise InputError(f"--host: {folder} has the world's certificate already: end it by `--revoke world` first")
-    if any((folder / f"{AUTHORITY}.{kind}").exists() for kind in ("pem", "key")):
+    if not names:
+        raise InputError(f"{folder} has identities of {', '.join(roster)}: name further robots by --robots")
+    if (folder / f"{AUTHORITY}.pem").exists():  # written last: a key alone has signed nothing
         authority = Signed.read(folder, AUTHORITY)
     elif roster:
         raise InputError(f"{folder} has no {AUTHORITY}.pem and {AUTHORITY}.key: run this where they were made")

@@ -9,6 +9,7 @@ import stat
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -20,6 +21,7 @@ from protocol.access import VIEWER
 from protocol.certificates import ROSTER, Certificates, fingerprint, read_roster
 from protocol.credentials import of_all, of_robot
 from protocol.errors import InputError, LinkError, RefusedError
+from protocol.files import write_whole
 from protocol.session import MAX_FILES, open_client, open_router
 from tests.agent.shell.test_process import JOIN_S, World, events
 from tests.protocol.test_access import Ear, wait_for
@@ -52,6 +54,8 @@ def test_identities_are_their_owners_alone_and_none_is_overwritten(certs: Path) 
         issue(certs, ["r3", "r2"], [])
     with pytest.raises(InputError, match="has the world's certificate already"):
         issue(certs, [], ["10.0.0.1"])
+    with pytest.raises(InputError, match=r"has identities of world, viewer, r1, r2: name further robots by --robots"):
+        issue(certs, [], [])
     for robot in ("ca", "world", "R1", "../r1", ""):
         with pytest.raises(InputError, match="no name for a robot"):
             issue(certs, [robot], [])
@@ -89,6 +93,25 @@ def test_a_name_that_was_revoked_may_be_given_anew(certs: Path) -> None:
     issue(certs, ["r2"], [])
     after = read_roster(certs)["r2"]
     assert after.common_name != before["r2"].common_name and after.sha256 != before["r2"].sha256
+
+
+@pytest.mark.parametrize("written", range(10))  # .gitignore, ca.key, ca.pem, world.key, ..., r1.pem, and not the roster
+def test_what_was_broken_off_is_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, written: int) -> None:
+    """`issue` asked for `revoke`, and that for `issue`."""
+    folder, left = tmp_path / "certs", iter(range(written))
+
+    def break_off(*arguments: Any, **how: bool) -> None:
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        write_whole(*arguments, **how)
+
+    with monkeypatch.context() as broken, pytest.raises(KeyboardInterrupt):
+        broken.setattr("deploy.certs.write_whole", break_off)
+        issue(folder, ["r1"], [])
+    assert issue(folder, ["r1"], []) == ["world", VIEWER, "r1"]
+    for name, identity in read_roster(folder).items():
+        assert identity.sha256 == fingerprint((folder / f"{name}.pem").read_text())
+        Certificates(folder, [name]).connecting(name)
 
 
 def test_the_worlds_certificate_is_for_its_addresses(certs: Path) -> None:
