@@ -18,7 +18,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from rich.console import Console
 from rich.progress import track
 
 from agent.communication.config import TalkConfig
@@ -27,6 +26,7 @@ from deploy.bandwidth.replay import Seen, config_of, seen_again
 from deploy.config import RunConfig
 from deploy.occupancy_grid import OccupancyGrid, States, two_bits
 from deploy.report.rundir import BROKEN, MAX_TIME_S, as_map
+from deploy.terminal.console import Terminal
 from protocol.document import MAX_RESULT_BYTES, read_text
 from protocol.errors import InputError
 from protocol.files import write_whole
@@ -153,7 +153,7 @@ def write(run: Path, measurement: Measurement) -> None:
 
 def _watched(done: Iterable[Charged], total: int) -> Iterable[Charged]:
     """The same, with a bar on a terminal."""
-    console = Console(stderr=True)
+    console = Terminal()
     return track(done, "bandwidth", total, console=console, transient=True, disable=not console.is_terminal)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.progress import Progress
 
 from agent.config import AgentConfig
@@ -15,6 +14,7 @@ from agent.passenger import carried
 from deploy import manifest
 from deploy.recorded.lidar_log import LidarLog
 from deploy.recorded.team import Player, play
+from deploy.terminal.console import Terminal
 from protocol.arrays import Floats
 from protocol.errors import ProtocolError
 from protocol.files import write_whole
@@ -44,7 +44,7 @@ def map_logs(
     """
     config = carried(config)
     manifest.begin(out, manifest.of_logs(config, [log.source for log in logs]))
-    with Progress(console=Console(stderr=True), disable=quiet, transient=True) as bars:
+    with Progress(console=Terminal(), disable=quiet, transient=True) as bars:
         named = {f"r{k + 1}": log for k, log in enumerate(logs)}
         tasks = {
             robot: bars.add_task(printable(f"{robot}: {Path(log.source).name}"), total=len(log.scans))

@@ -1,6 +1,6 @@
 """Headline and subtitle of a run, and numbers as texts."""
 
-from typing import Any
+from typing import Any, TypeGuard
 
 from deploy.report.rundir import Run, mapping
 from protocol.text import printable
@@ -35,14 +35,17 @@ def subtitle(run: Run) -> str:
 
 def number(value: Any, digits: int = 1, unit: str = "", form: str = "f") -> str:
     """A number with so many decimals and its unit; NONE for anything else. form: `g` for so many digits in all."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < MAX_SHOWN:
-        return NONE
-    return f"{value:,.{digits}{form}} {unit}".rstrip()
+    return f"{value:,.{digits}{form}} {unit}".rstrip() if is_figure(value) else NONE
+
+
+def is_figure(value: Any) -> TypeGuard[int | float]:
+    """Whether a value of a file is a number that can be shown: robots and killed worlds leave others."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_SHOWN
 
 
 def share(value: Any) -> str:
     """0.987 as 98.7 %."""
-    return NONE if number(value) == NONE else f"{100 * value:.1f} %"
+    return f"{100 * value:.1f} %" if is_figure(value) else NONE
 
 
 def seconds(value: Any) -> str:
@@ -53,6 +56,6 @@ def seconds(value: Any) -> str:
 def size(value: Any) -> str:
     """Bytes as B, kB or MB (powers of ten)."""
     for unit, scale in (("MB", 1e6), ("kB", 1e3)):
-        if number(value) != NONE and value >= scale:
+        if is_figure(value) and value >= scale:
             return number(value / scale, 1, unit)
     return number(value, 0, "B")

@@ -4,11 +4,11 @@ import time
 from datetime import timedelta
 from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.text import Text
 
 from deploy.sweep.work import OK, Row
+from deploy.terminal.console import Terminal
 from deploy.terminal.live import LINE_S
 from protocol.text import printable
 
@@ -20,7 +20,7 @@ class SweepProgress:
         """total: runs that are to be made."""
         self._total, self._done, self._quiet = total, 0, quiet
         self._began = self._line = time.monotonic()
-        self._console = Console(stderr=True, quiet=quiet)
+        self._console = Terminal(quiet)
         columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
         self._bar = Progress(*columns, console=self._console, disable=not self._console.is_terminal)
         self._task = self._bar.add_task("", total=total)

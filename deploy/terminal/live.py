@@ -1,7 +1,6 @@
 """Progress of a run on the terminal, and the tables at its end."""
 
 import json
-import os
 import time
 from collections import Counter
 from collections.abc import Container
@@ -15,7 +14,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from deploy.report.rundir import mapping
-from deploy.report.words import MAX_SHOWN
+from deploy.report.words import is_figure
+from deploy.terminal.console import Terminal
 from deploy.terminal.pairs import fates
 from deploy.terminal.tables import add_row
 from protocol.document import read_text
@@ -27,21 +27,13 @@ MAX_ROBOTS = 6  # of a run whose pairs are listed unasked
 TOUCHED = ("wall_contacts", "robot_contacts")
 
 
-class _Terminal(Console):
-    """Stderr. Where nobody reads it any more (`2>&1 | head`), the run goes on."""
-
-    def on_broken_pipe(self) -> None:
-        """Write to nowhere from now on; what is raised otherwise would end the run."""
-        self.file = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  (open to the end)
-
-
 class Display:
     """Progress on stderr: a live table on a terminal, else a line now and then, or nothing."""
 
     def __init__(self, world: str, radio: str, quiet: bool) -> None:
         """radio: its settings in words, printed when the run begins."""
         self._world, self._radio, self._quiet = printable(world), radio, quiet
-        self._console = _Terminal(stderr=True)
+        self._console = Terminal()
         self._began: float | None = None
         self._line = 0.0
         self._live: Live | None = None
@@ -166,5 +158,5 @@ def _times(row: dict[str, Any]) -> tuple[str, str, str]:
 
 
 def _number(value: Any, form: str = "") -> str:
-    """A number as text; a dash for anything else, as robots and killed worlds leave it."""
-    return format(value, form) if isinstance(value, int | float) and abs(value) < MAX_SHOWN else "-"
+    """A number as text; a dash for anything else."""
+    return format(value, form) if is_figure(value) else "-"
