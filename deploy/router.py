@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from protocol.command import tell
 from protocol.credentials import of_router
 from protocol.files import write_whole
 from protocol.inbox import Inbox
@@ -24,6 +25,6 @@ def route(listen: str | None, secrets: Path | None, certs: Path | None, inbox: I
     """Be a router until the inbox is stopped. Raises InputError."""
     credentials, _ = of_router(secrets, certs)
     with open_router(listen, credentials, insecure=insecure) as (_, endpoint):
-        print(f"listening on {endpoint}", flush=True)
+        tell(f"listening on {endpoint}")
         while not inbox.stopped:
             inbox.next()

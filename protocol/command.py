@@ -16,6 +16,8 @@ from protocol.text import in_own_words, printable
 if TYPE_CHECKING:
     from protocol.inbox import Inbox
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+"""Ctrl-C and the end that a system asks for, which mean the same to every command."""
 MAX_SENTENCE = 600  # characters of an error: longer ones quote what was given
 
 for _library in ("OPENBLAS", "OMP", "MKL", "NUMBA"):
@@ -28,6 +30,15 @@ def say(sentence: str) -> None:
         print(f"wireswarm: {printable(sentence):.{MAX_SENTENCE}}", file=sys.stderr, flush=True)
 
 
+def tell(words: str) -> None:
+    """Print on stdout. Where nobody reads it any more (`| head`), what goes on says the rest to nobody."""
+    try:
+        print(words, flush=True)
+    except OSError:
+        with Path(os.devnull).open("wb") as nowhere:  # else the end of Python would raise it again
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
 def stop_on_signals(inbox: "Inbox") -> None:
     """End at the next tick on Ctrl-C or SIGTERM; at once on a second."""
 
@@ -35,7 +46,7 @@ def stop_on_signals(inbox: "Inbox") -> None:
         inbox.stop()
         signal.signal(number, signal.SIG_DFL)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, handler)
 
 

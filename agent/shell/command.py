@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Never
 
 from typer import Exit, Option
 
+from protocol.command import SIGNALS, tell
 from protocol.status import ENDINGS, Status
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def agent(
         checkpoints=checkpoints,
         by_hand=True,
     )
-    print(f"{inbox.robot}: {ended}")
+    tell(f"{inbox.robot}: {ended}")
     raise Exit(ENDINGS.get(ended, Status.FAILURE))
 
 
@@ -115,7 +116,7 @@ def _live_on_ros2(
         raise InputError(f"--ros2 {namespace:.100}: name the robot, such as --id r1, as its namespace names none")
     _heed_signals(inbox := RosInbox())
     ended = run_ros2(robot, namespace, settings, connect=connect, make_mind=minds_of(settings.mind), inbox=inbox)
-    print(f"{robot}: {ended}")
+    tell(f"{robot}: {ended}")
     raise Exit(ENDINGS.get(ended, Status.FAILURE))
 
 
@@ -127,7 +128,7 @@ def _heed_signals(inbox: AgentInbox) -> None:
     heard, told = socket.socketpair()
     told.setblocking(False)
     signal.set_wakeup_fd(told.fileno())
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, lambda number, frame: None)
 
     def wait() -> None:

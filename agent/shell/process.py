@@ -19,6 +19,7 @@ from agent.shell.mind import MakeMind, Mind
 from protocol import keys
 from protocol.access import Credentials
 from protocol.codec import decode, encode
+from protocol.command import tell
 from protocol.errors import InputError, Interrupted, LinkError, ProtocolError, RefusedError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import PROTOCOL_VERSION, End, Heard, Join, Observation, Refused, Welcome
@@ -142,7 +143,7 @@ def opened(
         if credentials is None:
             raise InputError("a robot without a name takes that of its secret or certificate: give one of them")
         with open_as_first(connect, timeout_s, credentials) as (name, session):
-            print(f"{name}: takes part", flush=True)
+            tell(f"{name}: takes part")
             yield name, session
     else:
         with open_client(connect, timeout_s, robot, credentials) as session:

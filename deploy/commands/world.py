@@ -26,7 +26,7 @@ from deploy.commands.options import (
     settings_of,
 )
 from deploy.commands.results import leave, write_results
-from protocol.command import stop_on_signals
+from protocol.command import stop_on_signals, tell
 from protocol.status import Status, of_run
 from protocol.text import printable
 
@@ -95,7 +95,7 @@ def world_(
 
     def listening(endpoint: str) -> None:
         place = "listening on" if settings.server.connect is None else "robots are awaited at"
-        print(f"{place} {endpoint}\nradio: {settings.radio}", flush=True)
+        tell(f"{place} {endpoint}\nradio: {settings.radio}")
 
     def begin(settings: WorldConfig) -> None:
         begun = manifest.begun(settings, loaded)
@@ -123,7 +123,7 @@ def world_(
                 settle_s=settle_s,
                 counted=begin,
                 listening=listening,
-                awaited=lambda awaited: print(awaited, flush=True),
+                awaited=lambda awaited: tell(str(awaited)),
                 progress=progress,
                 written=lambda ended: manifest.finish(directory, ended=ended),
             )
@@ -136,7 +136,7 @@ def world_(
             raise
         status = of_run(ended, settings.until, standing.values())
         manifest.finish(directory, ended=ended, exit_status=status)
-    print(f"ended: {ended}; {printable(str(directory))}", flush=True)
+    tell(f"ended: {ended}; {printable(str(directory))}")
     if status != Status.INTERRUPTED:
         with on_interrupt(partial(leave, directory)):
             status = write_results(directory, status=status)

@@ -219,6 +219,19 @@ def test_a_missing_extra_is_named(wireswarm: Command, monkeypatch: pytest.Monkey
     )
 
 
+def test_words_that_nobody_reads_end_nothing() -> None:
+    """A world ended when `| head` had read enough, and without a report where it was at its end."""
+    says = (
+        "from protocol.command import tell\nimport sys\nsys.stdin.read()\ntell('a')\ntell('b')\nprint('c')\nsys.exit(3)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", says], cwd=REPO, stdin=-1, stdout=-1, stderr=-1, text=True)
+    assert process.stdin is not None and process.stdout is not None and process.stderr is not None
+    process.stdout.close()
+    process.stdin.close()
+    with process.stderr as errors:
+        assert (errors.read(), process.wait(60)) == ("", 3)
+
+
 def test_later_settings_win(tmp_path: Path) -> None:
     file = tmp_path / "run.yaml"
     file.write_text("robots: 5\nseed: 1\nradio: {range_m: 2}\nspec: {lidar: {noise_m: 0}}\n")

@@ -23,7 +23,7 @@ from agent.shell.ros2.node import RosNode, RosPublisher
 from agent.shell.ros2.sensing import SensedScan, Sensing
 from protocol import keys
 from protocol.codec import encode
-from protocol.command import say
+from protocol.command import say, tell
 from protocol.errors import InputError, ProtocolError
 from protocol.geometry import compose, inverted
 from protocol.inbox import Arrival
@@ -311,7 +311,7 @@ class Ros2Shell:
         answer(self._out, step)
         if step.action.complete != self._complete:
             self._complete = step.action.complete
-            print(f"{self._robot}: {'complete' if self._complete else 'goes on'}", flush=True)
+            tell(f"{self._robot}: {'complete' if self._complete else 'goes on'}")
         if step.map is not None:
             self._map, self._map_is_new = decode_wireframe(step.map.wireframe), True
         pose = step.pose.pose
