@@ -96,3 +96,9 @@ class ServerConfig(Config):
     """Seconds without a word after which a robot counts as dead, if nobody knows of the end of its process. A step
     takes some ms, but the first ones compile kernels where installation did not (a minute, measured with three robots
     on two cores), and a machine may stand still for a while."""
+
+    @model_validator(mode="after")
+    def _one_router(self, info: ValidationInfo) -> Self:
+        if is_to_come(info) and self.listen is not None and self.connect is not None:
+            raise ValueError("listen goes without connect: the world is the router, or connects to one")
+        return self

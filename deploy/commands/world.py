@@ -146,15 +146,17 @@ def world_(
 def _resumed(context: Context, run: Path) -> RunConfig:
     """Configuration of a run that goes on; only where its world listens may be new."""
     from deploy.finish import left_by
-    from protocol.configuration import ConfigError
+    from protocol.configuration import ConfigError, validated
+    from world.config import ServerConfig
 
     reach = {name: value for name in ("listen", "connect", "insecure") if (value := context.params[name])}
     named = [name for name, value in context.params.items() if value not in (None, [], ())]  # 0 is a seed
     given = [name for name in named if name not in (*reach, *NEVER_KEPT)]
     if given:
-        raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {given[0]}")
+        option = next(one.opts[0] for one in context.command.params if one.name == given[0])
+        raise ConfigError(f"--resume {run}: it goes on with the settings of its beginning, leave out {option}")
     config = left_by(run)
-    if "listen" in reach:
-        reach = {"insecure": False} | reach  # it was said of the earlier address
-    server = config.server.model_copy(update=reach)
-    return config.model_copy(update={"server": server})
+    server = config.server.model_dump()
+    if "listen" in reach or "connect" in reach:  # what was said of the earlier address
+        server |= {"listen": None, "connect": None, "insecure": False}
+    return config.model_copy(update={"server": validated(ServerConfig, server | reach)})

@@ -174,6 +174,8 @@ finally:
         (["run", "--ros2", "--mind", "x:Y"], "wireswarm: --ros2: it goes without --mind, as what drives"),
         (["run", "--ros2", "--real-time", "2"], "wireswarm: server.real_time=2: robots of ROS 2 have stamps and"),
         (["agent", "--id", "r1", "--connect", "nowhere"], "write it like tcp/127.0.0.1:7447"),
+        (["world", "--resume", "full", "--range", "6"], "of its beginning, leave out --range\n"),
+        (["world", "--listen", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:1"], "listen goes without connect: "),
         (["view", "full", "--connect", "tcp/127.0.0.1:1"], "--connect and DIR: one shows a world elsewhere"),
         (["view", "--connect", "tcp/127.0.0.1:1", "--save", "run.rrd"], "--connect and --save: "),
         (["view", "full", "--secrets", "secrets"], "--secrets: it is for --connect"),

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.main import get_command
 
 from agent.config import AgentConfig, JoinConfig
 from agent.shell.process import run_agent
 from deploy import cli, inprocess, manifest
 from deploy.bandwidth.books import read_books
 from deploy.commands import results
+from deploy.commands.world import _resumed
 from protocol.errors import LinkError
 from tests.tiny import digests, tiny_config
 from tests.wanderer import Wanderer, endless
@@ -113,6 +115,20 @@ def test_a_world_that_goes_on_at_another_address_is_not_open_to_all_because_it_w
     assert "whoever reaches this address could take part" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("before", "option"), [("connect", "--listen"), ("listen", "--connect")])
+def test_a_world_that_goes_on_is_reached_as_it_is_told_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, before: str, option: str
+) -> None:
+    """With a router before, --listen did nothing."""
+    config = tiny_config(tmp_path, server={before: "tcp/10.0.0.1:7447"})
+    monkeypatch.setattr("deploy.finish.left_by", lambda run: config)
+    command: Any = get_command(cli.app)
+    context = command.commands["world"].make_context("world", ["--resume", str(tmp_path), option, "tcp/127.0.0.1:7447"])
+    server = _resumed(context, tmp_path).server
+    reached = {"listen": server.listen, "connect": server.connect}
+    assert reached == {before: None, option.removeprefix("--"): "tcp/127.0.0.1:7447"}
+
+
 def killed(folder: Path, until: float = 120.0) -> Path:
     """The directory of a run whose world was killed after 10 s; its robots are gone, too."""
     config, run = tiny_config(folder, until=until), folder / "run"
@@ -161,4 +177,4 @@ def test_what_a_killed_world_left_is_finished_once(
         status, _, said = command(*words)
         assert status == 2 and len(said.splitlines()) == 1, said
     for seed in ("0", "1"):
-        assert "leave out seed" in command("world", "--resume", str(run), "--seed", seed)[2]
+        assert "leave out --seed" in command("world", "--resume", str(run), "--seed", seed)[2]
