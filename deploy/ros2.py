@@ -59,11 +59,10 @@ class Ros2Robots:
     """Makes each robot of a run a robot of ROS 2; in place of minds."""
 
     config: Ros2Config
-    real_time: float
 
     def __call__(self, robot: str, spec: RobotSpec, config: AgentConfig, seed: int) -> "SimulatedRobot":
         """As agent.robot.Robot. Raises LinkError where no router of ROS 2 answers."""
-        return SimulatedRobot(robot, spec, self.config, 1 / spec.lidar.rate_hz / self.real_time)
+        return SimulatedRobot(robot, spec, self.config, 1 / spec.lidar.rate_hz)
 
 
 class DriverInbox:

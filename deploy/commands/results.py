@@ -64,6 +64,7 @@ def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) ->
 
     Returns the status of the run, or FAILURE for one that ended well and whose results could not all be written.
     """
+    from deploy import manifest
     from deploy.report import write_report
     from deploy.terminal.live import print_summary
     from protocol.errors import InputError
@@ -71,7 +72,7 @@ def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) ->
 
     made = {}
     makers: dict[str, Callable[[Path], object]] = {"report": write_report}
-    if _has_ended(run):
+    if manifest.ended(run) is not None and (run / "bandwidth.json").exists():
         makers["bandwidth measurement"] = measure_bandwidth
     for what, make in makers.items():
         try:
@@ -85,17 +86,6 @@ def write_results(run: Path, pairs: bool = False, status: Status = Status.OK) ->
     print_summary(run, pairs)
     print(printable(str(made.get("report", run))), flush=True)
     return Status.FAILURE if status == Status.OK and len(made) < len(makers) else status
-
-
-def _has_ended(run: Path) -> bool:
-    """Whether a run came to an end that could be written down."""
-    from deploy import manifest
-    from protocol.errors import InputError
-
-    try:
-        return manifest.read(run)["ended"] is not None and (run / "bandwidth.json").exists()
-    except (InputError, OSError, KeyError):
-        return False
 
 
 def leave(run: Path) -> None:

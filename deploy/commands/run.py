@@ -127,4 +127,4 @@ def _of_ros2(settings: RunConfig) -> tuple[RunConfig, Ros2Robots]:
     with open_ros2_client(settings.ros2.router, JOIN_S):
         pass  # each robot opens its own; without a router nothing is begun
     server = settings.server.model_copy(update={"real_time": 1.0})
-    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2, 1.0)
+    return settings.model_copy(update={"server": server}), Ros2Robots(settings.ros2)

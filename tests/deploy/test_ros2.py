@@ -23,7 +23,7 @@ from tests.agent.shell.ros2.bodies import PATIENCE_S, Agent, heard
 from tests.agent.shell.ros2.test_process import Goer
 
 SPEC = RobotSpec(lidar=LidarSpec(turning=True, rate_hz=20.0, mount_x_m=-0.03))
-PERIOD_S = 0.05
+PERIOD_S = 1 / SPEC.lidar.rate_hz
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ class Run:
 
     def __init__(self, endpoint: str, **settings: Any) -> None:
         config = Ros2Config(router=endpoint, **settings)
-        made = Ros2Robots(config, SPEC.lidar.rate_hz * PERIOD_S)("r1", SPEC, AgentConfig(), 0)
+        made = Ros2Robots(config)("r1", SPEC, AgentConfig(), 0)
         assert isinstance(made, SimulatedRobot)
         self.robot, self.tick = made, 0
 
