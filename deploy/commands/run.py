@@ -87,8 +87,8 @@ def run(
     say_doubts(settings.spec)
     with (
         run_directory(out, settings.world, settings.seed) as directory,
-        beside(directory) if view else nullcontext(),
         on_interrupt(partial(leave, directory)),
+        beside(directory) if view else nullcontext(),
     ):
         with Display(settings.world, str(settings.radio), quiet) as display:
             result = launch(settings, directory, show=display.show, make_mind=bodies)

@@ -6,9 +6,12 @@ import signal
 import tempfile
 from contextlib import suppress
 from multiprocessing import forkserver, resource_tracker, util
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from protocol import temporary
+
+if TYPE_CHECKING:
+    import psutil
 
 PRELOAD = ["deploy.launch.preload", "__main__"]
 """What all of them have in common, and the script that was started, as a fork would import it, too: a robot takes 7 MiB
@@ -42,21 +45,26 @@ def begin() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
-def kill() -> None:
-    """Kill all children of this process, with the server, in which a start of one may wait, and theirs."""
+def kill() -> "list[psutil.Process]":
+    """Kill all children of this process, with the server, in which a start of one may wait, and theirs; returns them.
+
+    Those in a session of their own are left: a view ends by itself with this process, and a browser is the user's.
+    """
     import psutil
 
+    killed, session = [], os.getsid(0)
     for process in psutil.Process().children(recursive=True):
-        with suppress(psutil.NoSuchProcess):
-            process.kill()
+        with suppress(psutil.NoSuchProcess, ProcessLookupError):
+            if os.getsid(process.pid) == session:
+                process.kill()
+                killed.append(process)
+    return killed
 
 
 def leave(status: int) -> NoReturn:
-    """End at once, also from a signal's handler, with all children; nothing stays of them."""
+    """End at once, also from a signal's handler, with the children that `kill` kills; nothing stays of them."""
     import psutil
 
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # other threads see their processes die, and would say so
-    children = psutil.Process().children(recursive=True)
-    kill()
-    psutil.wait_procs(children, timeout=KILLED_S)  # one that still writes into a folder would keep it
+    psutil.wait_procs(kill(), timeout=KILLED_S)  # one that still writes into a folder would keep it
     temporary.leave(status)

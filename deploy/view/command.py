@@ -7,19 +7,25 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
+from deploy import manifest
+from deploy.launch import forks
+from deploy.launch.interrupts import on_interrupt
 from deploy.view import invitation
 from deploy.view.beside import READY
 from deploy.view.live import follow
 from deploy.view.replay import record
 from deploy.view.serving import Tape
 from deploy.view.show import show
-from protocol.command import say, stop_on_signals
+from protocol.command import say
 from protocol.credentials import of_viewer
-from protocol.errors import InputError
+from protocol.errors import InputError, LinkError
 from protocol.files import has_other_than, write_whole
 from protocol.inbox import Inbox
+from protocol.status import Status
 from protocol.temporary import temporary_folder
 from world.checkpoint import is_left
 
@@ -32,10 +38,13 @@ POLL_S = 0.1
 
 def newest() -> Path:
     """The run directory in runs/ that began last. Raises InputError where there is none."""
-    begun = [file for file in RUNS.glob("*/world.yaml") if (file.parent / "manifest.json").is_file()]
+    begun = list[tuple[str, Path]]()
+    for file in RUNS.glob("*/world.yaml"):
+        with suppress(InputError):
+            begun.append((str(manifest.read(file.parent).get("start")), file.parent))
     if not begun:
         raise InputError(f"{RUNS}/ has no run: name a run directory")
-    return max(begun, key=lambda file: file.stat().st_mtime).parent
+    return max(begun)[1]
 
 
 def save(run: Path, file: Path) -> None:
@@ -53,50 +62,60 @@ def view(run: Path, browser: bool, beside: bool) -> None:
     Raises InputError where there is nothing to show, LinkError where a run does not answer.
     """
     asked = os.getppid()
-    stop_on_signals(inbox := Inbox())
     if beside:
-        print(READY, flush=True)
+        try:
+            print(READY, flush=True)
+        except BrokenPipeError:  # that command is gone already
+            forks.leave(Status.OK)
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # the run's own words alone are on its stdout
 
-    def over() -> bool:
-        return inbox.stopped or (beside and os.getppid() != asked)
-
-    def play(tape: Tape) -> None:
-        while beside and not over() and not (_is_under_way(run) or (run / SUMMARY).exists()):
+    def play(tape: Tape, inbox: Inbox) -> None:
+        while beside and not (_is_under_way(run) or (run / SUMMARY).exists()):
             time.sleep(POLL_S)
         if _is_under_way(run):
-            follow(*invitation.invited(run), tape, inbox)
-        elif not over():
-            if is_left(run):
-                say(f"{run}: its world was killed; this is what there is of it, and `wireswarm finish {run}` ends it")
-            record(run, tape.file)
+            try:
+                follow(*invitation.invited(run), tape, inbox)
+            except (InputError, LinkError):
+                if not (run / SUMMARY).exists():  # else it ended meanwhile
+                    raise
+            else:
+                return
+        if is_left(run):
+            say(f"{run}: its world was killed; this is what there is of it, and `wireswarm finish {run}` ends it")
+        record(run, tape.file)
 
-    _show(play, browser, inbox, over)
+    _show(play, browser, lambda: beside and os.getppid() != asked)
 
 
 def view_elsewhere(endpoint: str, secrets: Path | None, certs: Path | None, browser: bool) -> None:
     """Show the run of a world at an endpoint until a signal. Raises InputError, LinkError."""
     credentials = of_viewer(secrets, certs)
-    stop_on_signals(inbox := Inbox())
-    _show(lambda tape: follow(endpoint, credentials, tape, inbox), browser, inbox, lambda: inbox.stopped)
+    _show(lambda tape, inbox: follow(endpoint, credentials, tape, inbox), browser)
 
 
-def _show(play: Callable[[Tape], None], browser: bool, inbox: Inbox, over: Callable[[], bool]) -> None:
-    """Show what is played onto a tape until it is over; the page is there once there is something to be seen."""
-    with temporary_folder() as folder, ThreadPoolExecutor(1) as pool:
-        tape = Tape(folder / "run.rrd")
-        playing = pool.submit(play, tape)
+def _show(play: Callable[[Tape, Inbox], None], browser: bool, over: Callable[[], bool] = lambda: False) -> None:
+    """Show what is played onto a tape until it is over; the page is there once there is something to be seen.
+
+    At its end and at a signal this process ends at once: a long run takes a while to record, which nobody waits for.
+    """
+    leave = partial(forks.leave, Status.OK)
+    with on_interrupt(leave), temporary_folder() as folder, ThreadPoolExecutor(1) as pool:
+        tape, inbox = Tape(folder / "run.rrd"), Inbox()
+        playing = pool.submit(play, tape, inbox)
         playing.add_done_callback(lambda done: tape.end())
-        try:
-            while not playing.done() and tape.file.stat().st_size == 0:
+
+        def wait_while(goes_on: Callable[[], bool]) -> None:
+            while goes_on():
+                if over():
+                    leave()
                 time.sleep(POLL_S)
+
+        try:
+            wait_while(lambda: not playing.done() and tape.file.stat().st_size == 0)
             if playing.done():
                 playing.result()
-            if over():
-                return
             with show(tape, browser):
-                while not over() and not (playing.done() and playing.exception()):
-                    time.sleep(POLL_S)
+                wait_while(lambda: not (playing.done() and playing.exception()))
         finally:
             inbox.stop()  # the pool waits for what plays
         playing.result()

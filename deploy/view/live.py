@@ -20,7 +20,7 @@ from deploy.view.serving import Tape
 from protocol import keys
 from protocol.access import VIEWER, Credentials
 from protocol.codec import decode
-from protocol.errors import ProtocolError
+from protocol.errors import Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Action, LinkReport, LinkTable, MapReport, Progress, Site, Whereabouts, scan_of
 from protocol.session import at_once, open_client
@@ -38,12 +38,12 @@ def follow(endpoint: str, credentials: Credentials | None, tape: Tape, inbox: In
     """Record what a world and its robots publish until the run ends or the inbox is stopped.
 
     It reads and writes nothing; robots send it no more than they send the world. Raises LinkError where no world
-    answers.
+    answers or a run ends before anything of it was seen, ProtocolError where the world says what cannot be read.
     """
-    with open_client(endpoint, REACH_S, VIEWER, credentials) as session:
+    view, arrivals = None, list[Arrival]()
+    with suppress(Interrupted), open_client(endpoint, REACH_S, VIEWER, credentials, lambda: inbox.stopped) as session:
         for key in (keys.ALL_TRUTH, keys.LINKS, keys.from_robot("*", keys.ACT), keys.from_robot("*", keys.MAP)):
             session.declare_subscriber(key, at_once(inbox.hear))
-        view, arrivals = None, list[Arrival]()
         while not inbox.stopped and (view is None or not view.ended):
             arrivals += _arrivals(inbox)
             view = view or _begun(arrivals, tape.file)
@@ -51,6 +51,8 @@ def follow(endpoint: str, credentials: Credentials | None, tape: Tape, inbox: In
                 view.take(arrivals)
                 arrivals.clear()
                 tape.grown()
+            elif any(one.what == _PROGRESS and decode(Progress, one.payload).clock.ended for one in arrivals):
+                raise LinkError("the run ended before anything of it was seen")
     if view is not None:
         view.recording.close()
 

@@ -21,6 +21,15 @@ def run(program: str, launcher: int) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=REPO, env=environment, capture_output=True, text=True, timeout=60)
 
 
+SPARES = """
+import os, subprocess, sys
+from deploy.launch import forks
+ours, theirs = (subprocess.Popen(["sleep", "1"], start_new_session=alone) for alone in (False, True))
+forks.kill()
+print(ours.wait(), theirs.wait())
+"""
+
+
 def test_a_robot_imports_nothing_of_its_own() -> None:
     """What each of thirty forks imports, 8 ms once, is a quarter of a second until all are up."""
     said = run(FORKED, os.getpid())
@@ -32,3 +41,9 @@ def test_a_server_whose_launcher_was_killed_before_it_looked_loads_no_further() 
         "import deploy.launch.leash, time\nfor _ in range(50): time.sleep(0.1)\nprint('loaded')", os.getpid() + 1
     )
     assert (said.returncode, said.stdout) == (0, "")
+
+
+def test_a_view_and_the_browser_are_not_killed_with_a_run() -> None:
+    """They were, and the view's recording stayed."""
+    said = run(SPARES, os.getpid())
+    assert (said.returncode, said.stdout, said.stderr) == (0, "-9 0\n", "")

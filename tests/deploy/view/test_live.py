@@ -4,13 +4,15 @@ import json
 import os
 import re
 import signal
+import socket
 import stat
 import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ import shapely
 
 pytest.importorskip("rerun", reason="the extra view is not installed")
 
+from deploy import manifest
 from deploy.launch.launcher import launch
 from deploy.view import command, invitation, live
 from deploy.view.command import newest
@@ -27,10 +30,12 @@ from protocol import keys
 from protocol.codec import encode
 from protocol.errors import InputError, LinkError
 from protocol.inbox import Arrival, Inbox
-from protocol.messages import Action, Event, RobotSpec, Site
+from protocol.messages import Action, Clock, Event, Progress, RobotSpec, Site
 from protocol.secrets import Secrets
+from protocol.session import open_router, wait_for_matching
 from protocol.status import Status
 from tests.deploy.view.read_back import Rows, read_back
+from tests.disturbed import REPO
 from tests.tiny import digests, tiny_config
 from world.checkpoint import Checkpoint
 
@@ -120,8 +125,7 @@ def test_a_killed_run_is_replayed_and_what_ends_it_is_told(
 ) -> None:
     """It waited ten seconds for its world, and blamed the network."""
     recorded: list[Path] = []
-    monkeypatch.setattr(command, "stop_on_signals", lambda inbox: None)
-    monkeypatch.setattr(command, "_show", lambda play, browser, inbox, over: play(Tape(tmp_path / "run.rrd")))
+    monkeypatch.setattr(command, "_show", lambda play, browser, over: play(Tape(tmp_path / "run.rrd"), Inbox()))
     monkeypatch.setattr(command, "record", lambda run, file: recorded.append(run))
     invitation.invite(tmp_path, "tcp/127.0.0.1:9", Secrets({"viewer": "0123456789abcdef"}))
     Checkpoint(tmp_path).begin({})
@@ -130,6 +134,109 @@ def test_a_killed_run_is_replayed_and_what_ends_it_is_told(
     assert f"its world was killed; this is what there is of it, and `wireswarm finish {tmp_path}` ends it" in (
         capsys.readouterr().err
     )
+
+
+@pytest.mark.parametrize("summary", [True, False])
+def test_a_run_that_ends_before_it_is_seen_is_replayed_or_said_to_be_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, summary: bool
+) -> None:
+    """The view waited for its walls for ever."""
+    recorded: list[Path] = []
+
+    def play(tape: Tape) -> None:
+        with ThreadPoolExecutor(1) as pool, open_router() as (session, endpoint):
+            invitation.invite(tmp_path, endpoint, None)
+            told = session.declare_publisher(keys.PROGRESS)
+            viewing = pool.submit(plays[0], tape, Inbox())
+            wait_for_matching([told], LIMIT_S, lambda: False)
+            if summary:
+                (tmp_path / command.SUMMARY).touch()
+            clock = Clock(tick=0, t=0.0, status={"r1": "away"}, ended="interrupted")
+            told.put(encode(Progress(clock=clock, coverage={"r1": 0.0}, team=0.0, late_ticks=0)))
+            viewing.result(LIMIT_S)
+
+    plays: list[Callable[[Tape, Inbox], None]] = []
+    monkeypatch.setattr(command, "_show", lambda play, browser, over: plays.append(play))
+    monkeypatch.setattr(command, "record", lambda run, file: recorded.append(run))
+    command.view(tmp_path, browser=False, beside=False)
+    with nullcontext() if summary else pytest.raises(LinkError, match="the run ended before anything of it was seen"):
+        play(Tape(tmp_path / "run.rrd"))
+    assert recorded == [tmp_path] * summary
+
+
+def test_a_view_that_looks_for_a_world_stops_at_once(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent, ThreadPoolExecutor(1) as pool:
+        address, inbox = f"tcp/127.0.0.1:{silent.getsockname()[1]}", Inbox()
+        viewing = pool.submit(live.follow, address, None, Tape(tmp_path / "run.rrd"), inbox)
+        silent.accept()[0].close()
+        inbox.stop()
+        viewing.result(live.REACH_S / 2)
+
+
+RECORDS = """
+import os, time
+from deploy.view import command
+parent = os.getppid()
+def play(tape, inbox):
+    tape.file.write_bytes(b"")
+    print("records", flush=True)
+    time.sleep(60)
+command._show(play, False, lambda: os.getppid() != parent)
+"""
+BESIDE = f"""
+import subprocess, sys
+from deploy.launch import forks
+view = subprocess.Popen([sys.executable, "-c", {RECORDS!r}], stdout=subprocess.PIPE, start_new_session=True)
+print(view.stdout.readline().decode().strip(), flush=True)
+sys.stdin.read()
+forks.leave(130)
+"""
+
+
+@pytest.mark.parametrize(
+    ("program", "status"), [(RECORDS, 0), (BESIDE, 130)], ids=["by a signal", "with the command beside which it is"]
+)
+def test_a_view_that_is_ended_while_it_records_leaves_nothing(tmp_path: Path, program: str, status: int) -> None:
+    """It was waited for, and killed at a second Ctrl-C or with its run it left its recording."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", program], cwd=REPO, env={**os.environ, "TMPDIR": str(tmp_path)}, stdin=-1, stdout=-1
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline() == b"records\n" and len(list(tmp_path.iterdir())) == 1
+    if program is RECORDS:
+        process.send_signal(signal.SIGINT)
+    process.stdin.close()
+    assert process.wait(LIMIT_S / 2) == status
+    deadline = time.monotonic() + LIMIT_S / 2
+    while list(tmp_path.iterdir()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.stdout.close()
+
+
+STARTS = """
+import os, signal, sys, time
+sys.argv = ["wireswarm", "run", "--world", "tiny.yaml", "--out", "out", "--view"]
+import wireswarm
+from contextlib import contextmanager
+from deploy.view import beside
+@contextmanager
+def starting(run):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(60)
+    yield
+beside.beside = starting
+from deploy.cli import main
+main()
+"""
+
+
+def test_a_run_that_is_interrupted_while_its_view_starts_leaves_no_directory(tmp_path: Path) -> None:
+    tiny_config(tmp_path)
+    command = ["env", "--default-signal=INT", sys.executable, "-c", STARTS]
+    done = subprocess.run(command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(REPO)}, timeout=LIMIT_S)
+    assert done.returncode == Status.INTERRUPTED
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"endpoint": 1, "secret": null}', '{"endpoint": "a", "secret": []}'])
@@ -145,17 +252,17 @@ def test_without_a_directory_the_newest_run_is_shown(tmp_path: Path, monkeypatch
         newest()
     for age, name in enumerate(("new", "old")):
         (folder := tmp_path / "runs" / name).mkdir(parents=True)
-        for file in ("manifest.json", "world.yaml"):
-            (folder / file).touch()
-            os.utime(folder / file, (1e9 - age, 1e9 - age))
+        manifest.begin(folder, {"start": f"2026-01-0{2 - age}T00:00:00+00:00"})
+        (folder / "world.yaml").touch()
+        os.utime(folder / "world.yaml", (1e9 + age, 1e9 + age))  # a world that goes on writes it anew
+    (tmp_path / "runs" / "empty").mkdir()
     assert newest() == Path("runs/new")
 
 
 def test_a_page_that_cannot_be_shown_ends_what_plays(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command said nothing then until the run that it followed ended."""
-    inbox = Inbox()
 
-    def play(tape: Tape) -> None:
+    def play(tape: Tape, inbox: Inbox) -> None:
         tape.file.write_bytes(command.RECORDING)
         deadline = time.monotonic() + 5
         while not inbox.stopped:
@@ -168,7 +275,7 @@ def test_a_page_that_cannot_be_shown_ends_what_plays(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(command, "show", show)
     began = time.monotonic()
     with pytest.raises(LinkError, match="no port is free"):
-        command._show(play, False, inbox, lambda: False)
+        command._show(play, False)
     assert time.monotonic() - began < 5
 
 
