@@ -28,7 +28,7 @@ CHECKPOINT_FILE = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
-FORMAT = 7
+FORMAT = 8
 """Version of the file; others are refused."""
 LOOK_AGAIN_S = 0.05
 """A new checkpoint is not locked for a moment, in which its world seems to be gone; not at two looks."""

@@ -28,8 +28,6 @@ from world.worldfile import World, load
 
 CHECKPOINT_S = 5.0
 """Simulated time between two checkpoints. What follows one is told again after a kill, at the world's own speed."""
-PUT_OFF_S = 20.0
-"""Simulated time after which a checkpoint is made even while robots touch something."""
 
 
 class Episode:
@@ -320,11 +318,11 @@ class Episode:
         self._record()
 
     def _record(self) -> None:
-        """Begin the checkpoint anew where that is due. It is put off while robots touch something (physics.py)."""
+        """Begin the checkpoint anew where that is due."""
         if self._checkpoint is None or self.ended:
             return
         since_s = (self.tick - self._checkpoint_tick) * self.period_s
-        if since_s > CHECKPOINT_S - 1e-6 and (not self._physics.touching.any() or since_s > PUT_OFF_S):
+        if since_s > CHECKPOINT_S - 1e-6:
             self._checkpoint.begin(self.state())
             self._checkpoint_tick = self.tick
 

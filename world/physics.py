@@ -23,6 +23,12 @@ SLOP_M = 1e-3
 """Bodies may sink into each other by this much at rest; pymunk's default of 0.1 is meant for pixels."""
 MASS_KG = 1.0
 """Mass of a TurtleBot3 Burger; it decides only who pushes whom."""
+RENEWED_S = 5.0
+"""Simulated time after which the bodies of every run go on in a new space, which knows nothing but them.
+
+pymunk hides impulses of bodies that touch, and solves contacts in an order that follows from the past of its search
+tree. So a state is how the space began, and what robots drove since; else a killed world would go on differently.
+"""
 
 _WALL, _ROBOT = 1, 2
 _READ = BodyFields.BODY_ID | BodyFields.POSITION | BodyFields.ANGLE | BodyFields.VELOCITY
@@ -45,29 +51,38 @@ class Physics:
         self._limits = np.array([spec.max_speed_mps, spec.max_turn_rps])
         self._dt = period_s / self._steps
         moment = pymunk.moment_for_circle(MASS_KG, 0, spec.radius_m)
+        self._moment, self._radius_m, self._segments = moment, spec.radius_m, segments
         self._gain = np.array([MASS_KG, MASS_KG, moment]) / self._dt
+        self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
+        self.driven = np.zeros((len(poses), 2))
+        """(k, 2) speed in m/s and turn rate in rad/s at which the motors turned the wheels in the last period."""
+        self._state_buffer, self._force_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
+        self._periods = max(1, round(RENEWED_S / period_s))
+        self._renew(np.hstack([self.poses, np.zeros((len(poses), 3))]))
+
+    def _renew(self, bodies: Floats) -> None:
+        """Go on in a new space with the bodies of all robots: (k, 6) x, y, angle, vx, vy, turn rate."""
+        self._renewed: State = {"bodies": bodies.tobytes()} | {name: a.tobytes() for name, a in self._parts().items()}
+        self._since: list[Floats] = []
+        """What was `driven` since."""
         self._space = space = pymunk.Space()
         space.iterations = ITERATIONS
         space.collision_slop = SLOP_M
-        for x1, y1, x2, y2 in segments.tolist():
+        for x1, y1, x2, y2 in self._segments.tolist():
             wall = pymunk.Segment(space.static_body, (x1, y1), (x2, y2), 0)
             wall.collision_type = _WALL
             space.add(wall)
         self._row: dict[int, int] = {}
-        for i, (x, y, theta) in enumerate(self.poses.tolist()):
-            body = pymunk.Body(MASS_KG, moment)
-            body.position, body.angle = (x, y), theta
-            disc = pymunk.Circle(body, spec.radius_m)
+        for i, (x, y, theta, vx, vy, spin) in enumerate(bodies.tolist()):
+            body = pymunk.Body(MASS_KG, self._moment)
+            body.position, body.angle, body.velocity, body.angular_velocity = (x, y), theta, (vx, vy), spin
+            disc = pymunk.Circle(body, self._radius_m)
             disc.collision_type = _ROBOT
             disc.friction = 0.0  # a disc without friction gets no torque: turns are as commanded
             space.add(body, disc)
             self._row[body.id] = i
-        self._touched = np.zeros((2, len(poses)), np.bool_)  # walls, robots; in this period
-        self.driven = np.zeros((len(poses), 2))
-        """(k, 2) speed in m/s and turn rate in rad/s at which the motors turned the wheels in the last period."""
         space.on_collision(_ROBOT, _WALL, pre_solve=self._touch, data=self._touched[0])
         space.on_collision(_ROBOT, _ROBOT, pre_solve=self._touch, data=self._touched[1])
-        self._state_buffer, self._force_buffer = pymunk.batch.Buffer(), pymunk.batch.Buffer()
         self._state = self._read()
         self._rows = self._robots_of_rows()
 
@@ -86,6 +101,9 @@ class Physics:
             self.driven = np.clip(commands, -self._limits, self._limits)
             self._drive(*self.driven[self._rows].T)
         self._contacts += self._touched & ~touched_before
+        self._since.append(self.driven)
+        if len(self._since) == self._periods:
+            self._renew(self._state[np.argsort(self._rows)])
         return self.poses
 
     @property
@@ -95,24 +113,26 @@ class Physics:
 
     @property
     def touching(self) -> Bools:
-        """(k,) which robots touched something in the last period: pymunk then remembers impulses, and hides them."""
+        """(k,) which robots touched something in the last period."""
         return np.asarray(self._touched.any(0))
 
     def state(self) -> State:
-        """For a checkpoint. While robots are `touching`, the last bits of what follows may differ."""
-        return {"bodies": self._state[:-1].tobytes()} | {name: part.tobytes() for name, part in self._parts().items()}
+        """For a checkpoint: how the last new space began, and what robots drove since."""
+        return {**self._renewed, "since": [driven.tobytes() for driven in self._since]}
 
     def restore(self, state: State) -> None:
-        """Go on from a state. Raises ValueError where it is none of a world with these robots."""
-        bodies = np.zeros((len(self.poses) + 1, 6))  # the last row is the static body
-        restore_array(bodies[:-1], state["bodies"])
+        """Go on from a state, to the same bits. Raises ValueError where it is none of a world with these robots."""
+        bodies = np.zeros((len(self.poses), 6))
+        restore_array(bodies, state["bodies"])
         for name, part in self._parts().items():
             restore_array(part, state[name])
-        self._force_buffer.set_float_buf(bodies)
-        pymunk.batch.set_space_bodies(self._space, _READ & ~BodyFields.BODY_ID, self._force_buffer)
-        self._state = self._read()
-        if not np.array_equal(self.way[-1, self._rows], self._state[:-1, :3]):
+        if not np.array_equal(self.poses, bodies[:, :3]):
             raise ValueError("the way does not end where the bodies are")
+        self._renew(bodies)
+        for data in state["since"]:
+            commands = np.zeros_like(self.driven)
+            restore_array(commands, data)
+            self.advance(commands)
 
     def _parts(self) -> dict[str, NDArray[Any]]:
         return {"way": self.way, "driven": self.driven, "contacts": self._contacts, "touched": self._touched}

@@ -108,6 +108,26 @@ def test_touching_again_counts_again() -> None:
     assert body.wall_contacts[0] == 2
 
 
+def test_goes_on_from_the_state_of_any_tick_to_the_same_bits() -> None:
+    """Also while robots touch, and from between two new spaces."""
+    closet = ROOM / (4, 3, 4, 3) * 0.52
+    starts = (0.15, 0.15, 0.0), (0.38, 0.38, 1.0)
+    commands = np.random.default_rng(0).uniform((-0.22, -2), (0.22, 2), (40, 2, 2)).repeat(2, 0)
+    body = physics(*starts, walls=closet)
+    states, poses, touching = [], [], []
+    for command in commands:
+        states.append(body.state())
+        touching.append(body.touching.any())
+        poses.append(body.advance(command))
+    assert 10 < sum(touching) < 70 and body.robot_contacts.all()
+    for tick in range(0, len(commands), 9):
+        again = physics(*starts, walls=closet)
+        again.restore(states[tick])
+        for command, pose in zip(commands[tick:], poses[tick:], strict=True):
+            assert np.array_equal(again.advance(command), pose)
+        assert np.array_equal(again.wall_contacts, body.wall_contacts)
+
+
 DRIVE = """
 import hashlib, sys
 import numpy as np
