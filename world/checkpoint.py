@@ -28,6 +28,8 @@ CHECKPOINT_FILE = "checkpoint.msgpack"
 """The file in a run directory; it goes when the run ends, so a directory with one was not finished."""
 MAX_BYTES = 1 << 30
 """Of the file: ten times what 500 robots in the largest world need."""
+LOG_BYTES = 1 << 26
+"""Of the log, from which on a new state is due: a hostile robot may answer 2 MB in a tick."""
 FORMAT = 8
 """Version of the file; others are refused."""
 LOOK_AGAIN_S = 0.05
@@ -49,12 +51,13 @@ class Checkpoint:
         """`out` is the run directory."""
         self._out, self._file = out, out / CHECKPOINT_FILE
         self._stream: FileIO | None = None
-        self._size = 0
+        self._size = self._logged = 0
 
     def begin(self, state: State) -> None:
         """Begin the file anew with a state. Raises UnwritableError."""
         write_whole(self._file, sealed({"format": FORMAT, **state}), durable=False)
         self._lock(wait=True)  # for `is_left`, if that looks at the new file just now
+        self._logged = 0
 
     def read(self) -> tuple[dict[str, Any], list[Entry]]:
         """State and log that a killed world left. Raises CheckpointError."""
@@ -63,7 +66,8 @@ class Checkpoint:
             if self._file.stat().st_size > MAX_BYTES:
                 raise CheckpointError(f"{self._file} is larger than {MAX_BYTES} bytes, which no checkpoint is")
             unpacker = msgpack.Unpacker(stream, strict_map_key=False, max_buffer_size=MAX_BYTES)
-            state, log, self._size = opened(unpacker.unpack()), list[Entry](), unpacker.tell()
+            state, log, begin = opened(unpacker.unpack()), list[Entry](), unpacker.tell()
+            self._size = begin
             if state["format"] != FORMAT:
                 raise CheckpointError(f"{self._file} is not of format {FORMAT}, which this program reads")
             for record in unpacker:
@@ -74,6 +78,7 @@ class Checkpoint:
                         raise
                     break
                 self._size = unpacker.tell()
+            self._logged = self._size - begin
         except FileNotFoundError:
             raise CheckpointError(f"{self._out} holds no run that can go on: it has no {CHECKPOINT_FILE}") from None
         except BlockingIOError:
@@ -98,6 +103,12 @@ class Checkpoint:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             raise UnwritableError((self._file, error.strerror or str(error))) from error
+        self._logged += len(data)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether the log has outgrown LOG_BYTES, so that a new state is due."""
+        return self._logged > LOG_BYTES
 
     def remove(self) -> None:
         """Remove the file, as all results of the run are written."""

@@ -27,7 +27,7 @@ from world.way import interpolated
 from world.worldfile import World, load
 
 CHECKPOINT_S = 5.0
-"""Simulated time between two checkpoints. What follows one is told again after a kill, at the world's own speed."""
+"""Simulated time between two checkpoints at most. What follows one is told again after a kill, at the world's speed."""
 
 
 class Episode:
@@ -322,7 +322,7 @@ class Episode:
         if self._checkpoint is None or self.ended:
             return
         since_s = (self.tick - self._checkpoint_tick) * self.period_s
-        if since_s > CHECKPOINT_S - 1e-6:
+        if since_s > CHECKPOINT_S - 1e-6 or self._checkpoint.is_long:
             self._checkpoint.begin(self.state())
             self._checkpoint_tick = self.tick
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,22 @@ def test_a_world_that_is_killed_at_any_tick_ends_with_the_bytes_of_one_that_is_n
     assert run.end() == undisturbed
     robots = json.loads((tmp_path / "killed" / "summary.json").read_text())["robots"]
     assert sum(figures["robot_contacts"] + figures["wall_contacts"] for figures in robots.values()) > 0
+
+
+def test_a_long_log_begins_anew_and_changes_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Robots that said too much filled the file beyond what is read again."""
+    config = tiny_config(tmp_path, **(ALL | {"until": 8.0}))
+    undisturbed = Run(config, tmp_path / "undisturbed").end()
+    monkeypatch.setattr("world.checkpoint.LOG_BYTES", 1000, raising=False)
+    run = Run(config, tmp_path / "killed")
+    sizes = []
+    for tick in range(24):
+        run.until(tick)
+        sizes.append((run.out / CHECKPOINT_FILE).stat().st_size)
+        if tick % 5 == 3:
+            run.kill_and_resume()
+    assert sum(after < before for before, after in pairwise(sizes)) > 5
+    assert run.end() == undisturbed
 
 
 def test_ticks_that_are_told_again_are_not_counted_as_the_speed_of_the_run(tmp_path: Path) -> None:
