@@ -142,16 +142,31 @@ def test_containers_have_no_rights_and_bounds(base: Base) -> None:
     ],
 )
 def test_a_world_begins_goes_on_or_has_ended(left: list[str], called: str, tmp_path: Path) -> None:
-    runs, calls = tmp_path / "runs", tmp_path / "calls"
+    run = tmp_path / "runs" / "run"
     for name in left:
-        (runs / "run").mkdir(parents=True, exist_ok=True)
-        (runs / "run" / name).touch()
+        run.mkdir(parents=True, exist_ok=True)
+        (run / name).touch()
+    ends = f"mkdir -p {run}; touch {run}/summary.json; rm -f {run}/checkpoint.msgpack"
+    assert world_container(tmp_path, ends) == (0, called.replace("RUNS", str(tmp_path / "runs")))
+
+
+def test_a_world_that_is_killed_is_started_again_and_goes_on(tmp_path: Path) -> None:
+    """Its container stayed, without a world. A summary may be there before the run has ended."""
+    run = tmp_path / "runs" / "run"
+    dies = f"mkdir -p {run}; touch {run}/summary.json {run}/checkpoint.msgpack; false"
+    for told in ("--out", "--resume"):
+        status, called = world_container(tmp_path, dies)
+        assert status == 1 and f"{told}={run}" in called
+
+
+def world_container(folder: Path, world: str) -> tuple[int, str]:
+    """Status of the world's container with runs in a folder, and how it called `wireswarm`, which does as told."""
+    calls = folder / "calls"
     shell, option, script, name = PODS["world"]["spec"]["containers"][0]["command"]
-    stand_ins = f'wireswarm() {{ echo "$@" > {calls}; }}\nsleep() {{ :; }}\n'
-    command = [shell, option, stand_ins + script.replace("/runs", str(runs)), name, "--robots=3"]
-    subprocess.run(command, timeout=20, check=True)
-    said = calls.read_text().strip() if calls.exists() else ""
-    assert said == called.replace("RUNS", str(runs))
+    stand_ins = f'wireswarm() {{ echo "$@" > {calls}; {world}; }}\nsleep() {{ :; }}\n'
+    command = [shell, option, stand_ins + script.replace("/runs", str(folder / "runs")), name, "--robots=3"]
+    status = subprocess.run(command, timeout=20, check=False).returncode
+    return status, calls.read_text().strip() if calls.exists() else ""
 
 
 def test_a_robot_takes_its_own_identity_only(tmp_path: Path) -> None:
