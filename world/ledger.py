@@ -143,7 +143,8 @@ class Ledger:
         merged = {self._row[peer]: merged_tick for peer, merged_tick in action.merged.items()}
         self.coverage.merge(tick, self._row[robot], merged)
         self._memory[robot] = [action.map_bytes, action.filter_bytes]
-        self._step_ms[robot][round(action.step_ms, 2)] += 1
+        if action.step_ms > 0:  # else nobody made a step
+            self._step_ms[robot][round(action.step_ms, 2)] += 1
         if wireframe is not None:
             self._maps[robot] = wireframe
         if not self._recorder:
@@ -193,7 +194,8 @@ class Ledger:
         self._recorder.radio(passages)
         if moved_to is not None:
             self._recorder.trajectories(self._t(tick), moved_to)
-        self._recorder.metrics(self._metrics(tick))
+        if moved_to is not None or not self._due(tick, METRICS_S):  # else the look at this tick has written them
+            self._recorder.metrics(self._metrics(tick))
         for robot, wireframe in self._maps.items():
             self._recorder.snapshot(self._t(tick), robot, wireframe)
         bandwidth = self._books.as_dict(self._robots) | ({"wire": wire} if wire else {})

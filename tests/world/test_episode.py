@@ -107,6 +107,18 @@ def test_the_run_directory(tmp_path: Path) -> None:
     assert events and all(event["tick"] > 0 and event["event"] == "contact" for event in events)  # tick not hidden
 
 
+@pytest.mark.parametrize("looked", [False, True])
+def test_a_run_that_is_interrupted_at_a_whole_second_has_its_figures_once(tmp_path: Path, looked: bool) -> None:
+    episode = Episode(QUICK, tmp_path)
+    while episode.tick < 5:
+        episode.advance({robot: answer(episode.tick) for robot in episode.robots})
+    if looked:
+        episode.inputs()
+    episode.close()
+    rows = list(csv.DictReader((tmp_path / "metrics.csv").open()))
+    assert [row["t"] for row in rows] == ["0.0"] * 4 + ["1.0"] * 4
+
+
 def test_adding_a_robot_moves_nothing_for_the_others() -> None:
     two, three = (Episode(QUICK.model_copy(update={"robots": n, "starts": "random"}), None) for n in (2, 3))
     assert np.array_equal(two.starts, three.starts[:2])

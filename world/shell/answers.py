@@ -147,10 +147,11 @@ class RealTimeAnswers(Answers):
         self._last[robot] = action
         now = {"tick": tick}
         said = {"sent": len(answer.sends), "events": answer.events}
+        missed = {"step_ms": 0.0} if answer.action is None else {}
         stop = dict.fromkeys(("speed_mps", "turn_rps"), 0.0) if self._missed[robot] > 1 else {}
         return Outputs(
             [send.model_copy(update=now) for send in answer.sends],
-            action.model_copy(update=now | said | stop),
+            action.model_copy(update=now | said | missed | stop),
             answer.map and answer.map.model_copy(update=now),
         )
 

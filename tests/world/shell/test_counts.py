@@ -5,15 +5,21 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
 from deploy.config import RunConfig
+from protocol import keys
+from protocol.codec import encode
+from protocol.messages import Action
 from tests.agent.shell.test_process import events
 from tests.tiny import tiny_config
 from tests.wanderer import Wanderer
 from tests.world.shell.test_roll_call import world
 from world.episode import CHECKPOINT_S, Episode
 from world.recorder import REPLACED
+from world.shell.answers import Answers, LockstepAnswers, RealTimeAnswers
 from world.tick import Outputs
 
 
@@ -37,6 +43,19 @@ def test_a_world_that_goes_on_counts_on(tmp_path: Path) -> None:
     del killed  # it holds the directory
     summary = summary_of(config, tmp_path / "out", ("r1",), resume=True)
     assert (summary["late_ticks"], summary["links_lost"]) == (7, 3)
+
+
+@pytest.mark.parametrize("kind", [LockstepAnswers, RealTimeAnswers])
+def test_the_time_of_a_step_is_that_of_steps_that_were_made(tmp_path: Path, kind: type[Answers]) -> None:
+    """Before a robot joined it counted as 0, and in real time a missed tick counted the step before again."""
+    episode = Episode(tiny_config(tmp_path, robots=1), None)
+    answers = kind(episode.robots)
+    while episode.tick < 9:
+        for step_ms in {2: [40.0], 8: [10.0]}.get(episode.tick, []):
+            action = Action(tick=episode.tick, speed_mps=0.0, turn_rps=0.0, step_ms=step_ms)
+            answers.hear("r1", keys.ACT, encode(action), episode.tick)
+        episode.advance({"r1": answers.take("r1", episode.tick)})
+    assert episode.summary()["robots"]["r1"]["step_ms_median"] == 25.0
 
 
 def test_in_real_time_robots_leave_with_a_killed_world_and_rejoin(tmp_path: Path) -> None:
