@@ -70,6 +70,7 @@ class Lidar:
         ways: (s, k, 3) x, y, theta of the robots at equal steps of the scan's period (`world.way`), from its begin to
         its stamp; or (k, 3), at the stamp, where they stand or the lidar looks everywhere at once. discs: (s, m, 3) or
         (m, 3), x, y, radius of bodies at the same steps; one in which a robot's centre is at the stamp is its own.
+        A lidar that is in one, as beyond its own body it may be, looks through it.
         Ranges are metres from 0 to range_max_m, inf beyond; what was met is the index of a wall, NOTHING, or at most
         DISC.
         """

@@ -128,7 +128,8 @@ class Scans:
         places = between((bodies[:, disc] - origins[robot]) * frame, self._steps, row, beam)
         seen = (places - self._place.take(ray)) * self._back.take(ray)  # in the beam's own frame
         chord = radius * radius - seen.imag * seen.imag
-        met = np.flatnonzero((chord >= 0) & (seen.real > 0))
+        outside = seen.real * seen.real > chord
+        met = np.flatnonzero((chord >= 0) & (seen.real > 0) & outside)
         away = seen.real.take(met) - np.sqrt(chord.take(met))
         return disc[row.take(met)], ray.take(met), 1 / np.maximum(away, _ON_M)
 

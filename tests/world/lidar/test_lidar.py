@@ -218,6 +218,14 @@ def test_teammates_are_discs_and_none_is_its_own() -> None:
     assert (behind > DISC).all()
 
 
+@pytest.mark.parametrize("turning", [False, True])
+def test_a_lidar_beyond_its_own_body_looks_through_the_one_that_it_is_in(turning: bool) -> None:
+    poses = np.array([[1.0, 1.0, 0.0], [1.32, 1.0, 0.0]])
+    discs = np.hstack([poses[:, :2], np.full((2, 1), 0.105)])
+    met = Lidar(ROOM, ideal_lidar(turning=turning, mount_x_m=0.3)).trace(poses, discs)[1]
+    assert (met[0] > DISC).all()
+
+
 def test_chunks_do_not_show() -> None:
     rng = np.random.default_rng(1)
     poses = np.column_stack([rng.uniform(0.2, 3.8, 45), rng.uniform(0.2, 2.8, 45), rng.uniform(-9, 9, 45)])
