@@ -7,6 +7,7 @@ import numpy as np
 from protocol.arrays import Floats
 from protocol.geometry import Pose, compose, pose_of, relative, wrapped
 from protocol.messages import OdometrySpec
+from protocol.wireframe import MAX_COORDINATE_M
 from world.checkpoint import State, restore_rng, rng_state
 
 
@@ -41,7 +42,8 @@ class Odometry:
         told = []
         for true in map(pose_of, way):
             before, self._true = self._true, true
-            self.pose = compose(self.pose, self._read(*(_rolled(before, true) if turned is None else turned)))
+            x, y, theta = compose(self.pose, self._read(*(_rolled(before, true) if turned is None else turned)))
+            self.pose = _within(x), _within(y), theta
             told.append(self.pose)
         return np.array(told).reshape(-1, 3)
 
@@ -64,6 +66,11 @@ class Odometry:
         """Go on from a state."""
         self._true, self.pose = (pose_of(np.array(state[name], np.float64)) for name in ("true", "pose"))
         restore_rng(self._rng, state["rng"])
+
+
+def _within(coordinate: float) -> float:
+    """The nearest that an observation may tell. Wheels that slip for hours or err by all that is allowed get there."""
+    return min(max(coordinate, -MAX_COORDINATE_M), MAX_COORDINATE_M)
 
 
 def _all_relative(a: Pose, poses: Floats) -> Floats:

@@ -18,7 +18,7 @@ from deploy import inprocess
 from protocol.codec import encode
 from protocol.errors import ProtocolError
 from protocol.messages import EVERYONE, Action, Event, Heard, MapReport, Observation, OdometrySpec, RobotSpec, Send
-from protocol.wireframe import MAX_VERTICES, Wireframe, encode_wireframe
+from protocol.wireframe import MAX_COORDINATE_M, MAX_VERTICES, Wireframe, encode_wireframe
 from tests.scripted import ScriptedStep, Wanderer
 from world.config import WorldConfig
 from world.draws import generator
@@ -166,6 +166,15 @@ def test_exact_odometry_is_the_true_pose_in_the_start_frame() -> None:
                 assert np.hypot(*steps[:, :2].T) == pytest.approx([0.2 / 25] * 4, rel=1e-3)  # chords of an arc
                 assert steps[:, 2] % math.tau == pytest.approx([1.0 / 25] * 4)
         episode.advance({robot: answer(episode.tick, speed=0.2, turn=1.0) for robot in episode.robots})
+
+
+def test_odometry_ends_where_an_observation_ends() -> None:
+    """Wheels that erred by most, as slipping ones after hours, ended the run in a traceback."""
+    way = np.linspace([0.0, 0.0, 0.0], [100.0, 0.0, 0.0], 1000)
+    odometry = Odometry(np.zeros(3), OdometrySpec(distance_sd=1000.0), np.random.default_rng(0))
+    told = odometry.update(way)
+    assert np.abs(told[:, :2]).max() == MAX_COORDINATE_M
+    Observation(tick=0, ranges=b"", odometry=odometry.pose, way=told.tobytes())
 
 
 def test_noisy_odometry_grows_with_the_root_of_the_distance() -> None:

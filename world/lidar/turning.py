@@ -12,7 +12,7 @@ import numpy as np
 from protocol.arrays import Bools, Complexes, Floats, Ints
 from protocol.messages import LidarSpec
 from world.lidar.beams import beams_within
-from world.way import Steps, between, interpolated, steps
+from world.way import Steps, between, steps
 
 _ON_M = 1e-9  # a beam that passes a wall's end by less than this meets it; a lidar nearer to a wall's line is on it
 _SMALL_RAD = 0.3  # up to here a polynomial gives cosine and sine to 2e-9, in a fourth of NumPy's time
@@ -37,8 +37,11 @@ class Turning:
     def steps(self, count: int) -> tuple[Floats, Steps]:
         """(count, beams) weights that make values of a way at the beams' moments of so many, and their `way.steps`."""
         if count not in self._steps:
-            weights = np.ascontiguousarray(interpolated(np.eye(count), self.moments).T)
-            self._steps[count] = weights, steps(count, self.moments)
+            before, after, share = made = steps(count, self.moments)
+            weights, beams = np.zeros((count, self.beams)), np.arange(self.beams)
+            weights[before, beams] += 1 - share
+            weights[after, beams] += share
+            self._steps[count] = weights, made
         return self._steps[count]
 
 

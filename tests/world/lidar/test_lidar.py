@@ -98,6 +98,13 @@ def drives(starts: Floats, turn: float, rng: np.random.Generator) -> Floats:
     return ways
 
 
+def test_a_period_of_very_many_steps_fits_into_memory() -> None:
+    """The largest speed, the smallest body and the slowest lidar took a matrix of all steps by all steps."""
+    ways = np.linspace([1.0, 1.0, 0.0], [1.5, 1.0, 0.0], 200_001)[:, None]
+    ranges = Lidar(ROOM, ideal_lidar(turning=True, beams=8)).cast(ways)[0]
+    assert ranges[[0, 7]] == pytest.approx([4 - 1.0625, math.sqrt(2) * 1.0], abs=1e-9)
+
+
 def test_rays_begin_where_the_mount_is_at_their_moment() -> None:
     spec = ideal_lidar(turning=True, beams=8, mount_x_m=0.1, mount_yaw_deg=90.0)
     rays = Lidar(ROOM, spec).rays(np.array([[[1.0, 1.0, 0.0]], [[2.0, 1.0, math.pi]]]))[0]
