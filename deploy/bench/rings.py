@@ -41,8 +41,9 @@ def measure_ring(side_m: float, laps_driven: float, niches: bool, worse: float, 
     """Figures of a robot with real sensing that was carried around a ring: its loops, map and way.
 
     side_m: of the middle of the corridor. niches: whether sides differ. worse: factor of the odometry's errors. The way
-    is judged at the begin of each submap, as the loops have settled it, after the best rigid fit, and the map after
-    that fit. `wall_share`: length of the map over that of the visible wall; a wall that stands twice counts twice.
+    is judged at the begin of each submap, as the loops have settled it, after the best rigid fit. The map is the
+    filter's, and judged in the robot's own frame, as in every run. `wall_share`: length of the map over that of the
+    visible wall; a wall that stands twice counts twice.
     """
     given = OdometrySpec()
     spec = RobotSpec.model_validate(
@@ -52,21 +53,20 @@ def measure_ring(side_m: float, laps_driven: float, niches: bool, worse: float, 
     world, mapper = ring_world(side_m, niches), Mapper(spec, seed)
     way = laps(side_m, WIDTH_M, laps_driven, spec.max_speed_mps * STEP_S, math.ceil(math.pi / 2 / TURN_RPS / STEP_S))
     way = np.concatenate([np.repeat(way[:1], round(STAND_S / STEP_S), 0), way])
-    submaps, begun = mapper.loops.submaps, list[Pose]()
+    start, submaps, begun = pose_of(way[0]), mapper.loops.submaps, list[Pose]()
     off_m = 0.0
     for observation, true in carried(world, way, spec, seed):
         mapper.step(observation)
         begun += [true] * (len(submaps.poses) - len(begun))
-        off_m = math.dist(mapper.filter.pose[:2], relative(pose_of(way[0]), true)[:2])
+        off_m = math.dist(mapper.filter.pose[:2], relative(start, true)[:2])
     submaps.compare_all()
     settled, places = submaps.poses[:, :2], np.array(begun)[:, :2]
-    frame = fit_on_points(settled, places, len(places))
-    off = np.hypot(*(apply(frame, settled) - places).T)
-    truth = truth_of(world, (way[0, 0], way[0, 1]), spec.radius_m, spec.lidar.range_max_m)
+    off = np.hypot(*(apply(fit_on_points(settled, places, len(places)), settled) - places).T)
+    truth = truth_of(world, start[:2], spec.radius_m, spec.lidar.range_max_m)
     wrong = false_loops(submaps, begun)
     wireframe = mapper.wireframe()
     return {
-        **score(wireframe, pose_of(frame), truth)._asdict(),
+        **score(wireframe, start, truth)._asdict(),
         "wall_share": float(lengths(wireframe.segments()).sum() / truth.seen_lengths.sum()),
         "loops": submaps.loops,
         "false_loops": wrong,
@@ -157,14 +157,15 @@ def ring(side: float, width: float, niches: bool = True) -> tuple[list[Point], l
 def laps(side: float, width: float, count: float, step: float = 0.25, turns: int = 4) -> Floats:
     """(n, 3) poses counter-clockwise along the middle of that corridor, `count` times around.
 
-    A pose each `step` metres, and so many `turns` at each corner.
+    A pose each `step` metres, and so many `turns` at each corner. Headings go on from lap to lap: what is between two
+    poses is interpolated.
     """
     near, far = 0.5 * width, side - 0.5 * width
     stops = [(near, near), (far, near), (far, far), (near, far)]
     out: list[Pose] = []
     for k in range(round(4 * count)):
         a, b = stops[k % 4], stops[(k + 1) % 4]
-        heading = 0.5 * math.pi * (k % 4)
+        heading = 0.5 * math.pi * k
         n = round(math.dist(a, b) / step)
         out += [(a[0] + (b[0] - a[0]) * j / n, a[1] + (b[1] - a[1]) * j / n, heading) for j in range(n)]
         out += [(*b, heading + 0.5 * math.pi * j / turns) for j in range(turns)]
