@@ -28,7 +28,7 @@ EMPTY = encode_wireframe(Wireframe())
 def task_of(job: Job) -> WorkerTask:
     """The run of a job, as a task."""
     settings, config = (json.dumps(part, sort_keys=True) for part in (job.settings, job.config))
-    return WorkerTask(job.key, {"settings": settings, "config": config}, measure, (job,))
+    return WorkerTask(job.key, {"settings": settings, "config": config, **job.hashes}, measure, (job,))
 
 
 def measure(job: Job) -> Row:

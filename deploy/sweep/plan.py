@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -81,6 +81,8 @@ class Job(NamedTuple):
     """The whole configuration, as JSON values."""
     world: Any = None
     """The world file's document; None for a bundled or generated world."""
+    hashes: Mapping[str, str] = {}
+    """Columns of the result that tell which world's file and minds of your own it is of; empty where there are none."""
 
 
 def read_jobs(file: Path) -> list[Job]:
@@ -130,7 +132,20 @@ def _points(plan: SweepFile) -> Iterator[Settings]:
                 raise ConfigError(f"{key}: name it at the top, as {key}s")
         if again := {key for one in some for key in one if sum(key in other for other in some) > 1}:
             raise ConfigError(f"{min(again)}: it stands in more than one of grid, cases and drawn")
+        _check_groups(plan.settings, {key for one in some for key in one})
         yield {key: value for one in (plan.settings, *some) for key, value in one.items()}
+
+
+def _check_groups(settings: Settings, varied: Set[str]) -> None:
+    """Raise ConfigError where a group and a part of it would take each other's place.
+
+    Only a part that is varied may stand beside its group in the settings of all runs: it is put into that.
+    """
+    for key in (*settings, *varied):
+        names = key.split(".")
+        for group in (".".join(names[:count]) for count in range(1, len(names))):
+            if group in varied or (group in settings and key in settings):
+                raise ConfigError(f"{group} and {key}: one would replace the other, so write only one of them")
 
 
 def _drawn(drawn: Drawn) -> Iterator[Settings]:
@@ -158,6 +173,11 @@ def _source_hash(mind: str) -> str:
     return "" if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
 
 
+def _hash(content: Any) -> str:
+    """Of JSON values; empty of nothing."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8] if content else ""
+
+
 def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[Job]:
     """A run for each seed. Their configurations are one but for it, and checked once: there may be 100,000."""
     tree: dict[str, Any] = {}
@@ -165,7 +185,8 @@ def _jobs(settings: Settings, document: Any, seeds: Sequence[int]) -> Iterator[J
         put(tree, key, value)
     whole = validated(RunConfig, tree).model_dump(mode="json")
     minds = {robot: _source_hash(name) for robot, name in whole["mind"].items()}
+    hashes = {"world.hash": _hash(document), "mind.hash": _hash(minds)}
     for seed in seeds:
         config = whole | {"seed": seed}
         text = json.dumps([config, document, *([minds] if minds else [])], sort_keys=True)
-        yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, config, document)
+        yield Job(hashlib.sha256(text.encode()).hexdigest()[:24], settings | {"seed": seed}, config, document, hashes)

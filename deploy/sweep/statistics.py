@@ -37,8 +37,8 @@ class Difference(NamedTuple):
 
 
 def value_of(row: Row, measure: str) -> float | None:
-    """A measure of a run; None where the run failed or has none. Raises KeyError where no such run has it."""
-    if row["status"] != OK:
+    """A measure of a run; None where the run failed or has none."""
+    if row["status"] != OK or measure not in row:
         return None
     value: Any = row[measure]
     if value is None and measure.rpartition(".")[2].startswith("t_"):

@@ -35,6 +35,10 @@ WIDTH = 200  # characters that a line with all of them needs; a narrower termina
 KEY = r"[\w.]+"
 """Of a setting."""
 
+CONTENTS = ("revision", "world.hash", "mind.hash")
+"""Columns that tell runs apart beside their settings: our sources, the world's file and minds of your own. Where worlds
+or minds are compared, their hash is left out as a member of the setting's group."""
+
 Point = tuple[tuple[str, str], ...]
 """Settings and their values as JSON, in the order of their names."""
 
@@ -84,7 +88,7 @@ def _wish(text: str) -> tuple[str, str]:
     if not equals:
         raise InputError(f"{text:.200}: write KEY=VALUE, such as radio.range_m=4")
     try:
-        return key, value if key == "revision" else _text(parse_document(value))
+        return key, value if key in CONTENTS else _text(parse_document(value))
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
 
@@ -103,12 +107,12 @@ def _plainest(value: Any) -> Any:
 
 
 def _settings(row: Row, keys: Iterable[str]) -> dict[str, str]:
-    """Those settings of a run as JSON, as far as it has them, and its revision.
+    """Those settings of a run as JSON, as far as it has them, and its CONTENTS.
 
     Values are those of its configuration; a benchmark's case has none, but what it was given.
     """
     made = _flat(json.loads(row["settings"])) | _flat(json.loads(row.get("config", "{}")))
-    return {key: _text(made[key]) for key in keys if key in made} | {"revision": row["revision"]}
+    return {key: _text(made[key]) for key in keys if key in made} | {key: row.get(key, "") for key in CONTENTS}
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -121,7 +125,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _points(*sides: Sequence[Row]) -> list[list[Point]]:
-    """What the runs of each side were made with: their revision, and each setting that was given for any of them.
+    """What the runs of each side were made with: their CONTENTS, and each setting that was given for any of them.
 
     A run that several sweeps ask for is labelled by the first one only, which may have left a setting as it is.
     Settings that were given for no run are alike in a revision, and may be new in another.
@@ -132,16 +136,21 @@ def _points(*sides: Sequence[Row]) -> list[list[Point]]:
 
 
 def medians(rows: Sequence[Row], measures: Sequence[str]) -> Sheet:
-    """Medians over the seeds of runs that are alike in all else. Raises InputError for a measure that no run has."""
+    """Medians over the seeds of runs that are alike in all else.
+
+    Raises InputError for a measure that no run has, and where two runs are alike in their seed, too.
+    """
+    _check(measures, rows)
     groups: defaultdict[Point, list[Row]] = defaultdict(list)
-    for row, point in zip(rows, *_points(rows), strict=True):
+    (points,) = _points(rows)
+    for point, row in _by_point(rows, points, []).items():
         groups[_without(point, ["seed"])].append(row)
     varied = _varied(list(groups))
     lines: list[list[str | int | Estimate | None]] = []
     unreached = {}
     for point, alike in groups.items():
         failed = sum(row["status"] != OK for row in alike)
-        found = [[value for row in alike if (value := _value(row, name)) is not None] for name in measures]
+        found = [[value for row in alike if (value := value_of(row, name)) is not None] for name in measures]
         settings = [_plain(dict(point).get(key, "")) for key in varied]
         for at, values in enumerate(found):
             if never := sum(map(math.isinf, values)):
@@ -161,8 +170,9 @@ def compare(first: str, second: str, measures: Sequence[str]) -> Sheet:
 def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str], measures: Sequence[str]) -> Sheet:
     """Of runs in pairs that are alike in all but the settings `besides`, seeds included: what the first have more.
 
-    Raises InputError where nothing pairs, or two runs of a side have one partner.
+    Raises InputError where nothing pairs, two runs of a side have one partner, or no run has a measure.
     """
+    _check(measures, [*first, *second])
     mine, theirs = (
         _by_point(rows, points, besides) for rows, points in zip((first, second), _points(first, second), strict=True)
     )
@@ -173,7 +183,7 @@ def compared(first: Sequence[Row], second: Sequence[Row], besides: Sequence[str]
         )
     lines: list[list[str | int | Estimate | None]] = []
     for measure in measures:
-        values = [(_value(row, measure), _value(other, measure)) for row, other in pairs]
+        values = [(value_of(row, measure), value_of(other, measure)) for row, other in pairs]
         both = [(a, b) for a, b in values if a is not None and b is not None]
         neither = sum(math.isinf(a) and math.isinf(b) for a, b in both)
         found = difference(both, measure) if neither < len(both) else None  # times that nobody has are not equal ones
@@ -210,18 +220,20 @@ def _by_point(rows: Sequence[Row], points: Sequence[Point], besides: Sequence[st
     for row, point in zip(rows, points, strict=True):
         if (other := found.setdefault(_without(point, besides), row)) is not row:
             one, two = _settings(row, besides), _settings(other, besides)
-            if differ := [key for key in besides if one.get(key) != two.get(key)]:
+            if differ := [key for key in dict.fromkeys((*besides, *CONTENTS)) if one.get(key) != two.get(key)]:
                 raise InputError(f"runs of a side differ only in {', '.join(differ)}: choose by DIR:{differ[0]}=VALUE")
-            raise InputError(f"{row['key']} and {other['key']}, of a side, are alike in all, seed and revision too")
+            raise InputError(
+                f"{row['key']} and {other['key']} are alike in all, seed and revision too: remove one of them"
+            )
     return found
 
 
-def _value(row: Row, measure: str) -> float | None:
-    try:
-        return value_of(row, measure)
-    except KeyError:
-        known = ", ".join(sorted(name for name, value in row.items() if isinstance(value, float)))
-        raise InputError(f"--measure {measure:.100}: a result has {known:.400}, ...") from None
+def _check(measures: Sequence[str], rows: Sequence[Row]) -> None:
+    """Raise InputError for a measure that is a number, or missing, in none of the runs that did not fail."""
+    columns = {name for row in rows if row["status"] == OK for name, value in row.items() if not isinstance(value, str)}
+    for measure in measures:
+        if columns and measure not in columns:
+            raise InputError(f"--measure {measure:.100}: a result has {', '.join(sorted(columns)):.400}, ...")
 
 
 def _without(point: Point, keys: Sequence[str]) -> Point:
@@ -274,6 +286,7 @@ def to_latex(sheet: Sheet) -> str:
     """A tabular for the package booktabs."""
     rows: list[Sequence[str | int | Estimate | None]] = [sheet.heads, *sheet.lines]
     lines = [" & ".join(_tex(words(value)) for value in row) + r" \\" for row in rows]
+    lines = [re.sub(r"^[\[*]", r"{\g<0>}", line) for line in lines]  # else it belongs to \\ or \midrule before it
     begin = r"\begin{tabular}{" + "l" * len(sheet.heads) + "}"
     return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", r"\end{tabular}", ""])
 

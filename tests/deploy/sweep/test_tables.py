@@ -198,8 +198,34 @@ def test_runs_of_several_revisions_are_compared_within_each(tmp_path: Path) -> N
 
 def test_one_result_twice_is_refused(folder: Path) -> None:
     rows, _ = select(f"{folder}:radio.range_m=2")
-    with pytest.raises(InputError, match="2-0 and 2-0, of a side, are alike in all"):
+    with pytest.raises(InputError, match="2-0 and 2-0 are alike in all, seed and revision too: remove one"):
         compared([*rows, rows[0] | {}], rows, [], NAMES)
+    with pytest.raises(InputError, match="2-0 and 2-0 are alike in all"):
+        medians([*rows, rows[0] | {}], NAMES)
+
+
+def test_runs_of_a_world_or_a_mind_that_was_changed_are_told_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They were in one median, as the settings do not tell what their files held."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mind, results = tmp_path / "edited_mind.py", tmp_path / "results"
+    mind.write_text("class Edited:\n    def step(self, observation, heard): ...\n")
+    text = '{worlds: [tiny.yaml, maze-15], grid: {mind: [{}, {r1: "edited_mind:Edited"}]}, seeds: 2}'
+    asked(text, results, 10.0)
+    mind.write_text(mind.read_text() + "    speed = 1\n")
+    asked(text, results, 20.0)
+    rows = select(str(results))[0]
+    sheet = medians(rows, ["team.t_90"])
+    assert sheet.heads[:4] == ["mind.hash", "mind.r1", "world", "world.hash"] and len(sheet.lines) == 6
+    assert {line[4] for line in sheet.lines} == {2}
+    own = {(line[2], str(line[0])) for line in sheet.lines if line[0]}
+    (first, second) = sorted({hashed for _, hashed in own})
+    (time,) = compare(f"{results}:mind.hash={first}", f"{results}:mind.hash={second}", ["team.t_90"]).lines
+    assert time[1] == 4 and abs(time[3].value) == 10.0  # type: ignore[union-attr]
+    with pytest.raises(InputError, match=r"differ only in mind\.hash: choose by DIR:mind\.hash=VALUE"):
+        against(rows, "mind={}", ["team.t_90"])
+    assert against([row for row in rows if row["mind.hash"] != first], "mind={}", ["team.t_90"]).lines[0][2] == 4
 
 
 def test_tables_are_written_as_csv_latex_and_pictures(folder: Path, tmp_path: Path) -> None:
@@ -274,6 +300,24 @@ def test_a_measure_without_any_value_is_a_dash(tmp_path: Path) -> None:
     store.keep(row(2, 0, None, 0.0, FAILED))
     sheet = medians(select(str(tmp_path))[0], ["team.t_90"])
     assert "-" in to_latex(sheet) and "revision" not in to_csv(sheet)
+
+
+def test_a_measure_of_a_robot_that_only_some_runs_have_is_missing_in_the_others(tmp_path: Path) -> None:
+    """It was refused as soon as one run had fewer robots, and words were dashes."""
+    for seed in range(2):
+        Store(tmp_path / "abc", "abc").keep(row(2, seed, 1.0, 2.0) | {"ended": "time"})
+        Store(tmp_path / "abc", "abc").keep(row(4, seed, 1.0, 2.0) | {"robots.r3.t_90": 7.0})
+    rows = select(str(tmp_path))[0]
+    lines = medians(rows, ["robots.r3.t_90"]).lines
+    assert [(line[0], line[3]) for line in lines] == [("2", None), ("4", (7.0, None, None))]
+    with pytest.raises(InputError, match=r"--measure ended: a result has mean\.path_m, "):
+        medians(rows, ["ended"])
+
+
+def test_a_row_of_latex_does_not_begin_with_a_bracket() -> None:
+    """It was taken for an argument of the command before it."""
+    text = to_latex(Sheet("Medians", ["radio.models", "t"], [["[]", Estimate(1.0, None, None)], ["*", None]]))
+    assert text.splitlines()[4:6] == [r"{[}] & 1 [-] \\", r"{*} & - \\"]
 
 
 def test_a_figure_that_is_no_number_is_none(tmp_path: Path) -> None:
