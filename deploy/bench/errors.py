@@ -1,7 +1,8 @@
-"""How far off a transform between two robots' frames is."""
+"""How far off a transform between two robots' frames is, and whether a merge is false."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from protocol.arrays import Floats
 from protocol.geometry import Pose, relative
 
 RIGHT_M, RIGHT_DEG = 0.25, 5.0  # farther off than either is wrong (the scorer's)
+ORIGIN = np.zeros(2)
 
 
 def errors(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose, centre: Floats) -> tuple[float, float]:
@@ -21,3 +23,13 @@ def errors(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose, centre
 def right(metres: float, degrees: float) -> bool:
     """Whether an alignment counts as right."""
     return metres <= RIGHT_M and degrees <= RIGHT_DEG
+
+
+def is_false(transform: Sequence[float] | Floats, mine: Pose, theirs: Pose) -> bool:
+    """Whether a merge by a transform (3,) is false: by its errors at the origin of the peer's frame (the scorer's)."""
+    return not right(*errors(transform, mine, theirs, ORIGIN))
+
+
+def false_of(accepted: Iterable[tuple[str, Mapping[str, Any]]], frames: Mapping[str, Pose]) -> int:
+    """How many merges are false, of robots and what their events `accepted` tell; frames: of all, in the world."""
+    return sum(is_false(data["transform"], frames[robot], frames[data["peer"]]) for robot, data in accepted)

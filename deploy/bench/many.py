@@ -12,7 +12,7 @@ import psutil
 
 from deploy import inprocess
 from deploy.bench.cases import Case, Figures
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import false_of
 from deploy.bench.explored import launched, read_json
 from deploy.bench.tables import Table, whole
 from deploy.config import RunConfig
@@ -42,11 +42,7 @@ def measure(robots: int, side: str, until: str | float) -> Figures:
         summary = read_json(run / "summary.json")
         frames = {robot: pose_of(np.array(frame)) for robot, frame in read_json(run / "truth.json")["frames"].items()}
         events = map(json.loads, (run / "events.jsonl").read_text(encoding="utf-8").splitlines())
-        off = [
-            errors(event["transform"], frames[event["robot"]], frames[event["peer"]], np.zeros(2))
-            for event in events
-            if event["event"] == "accepted"
-        ]
+        accepted = [(event["robot"], event) for event in events if event["event"] == "accepted"]
         made = _digest(run)
     with temporary_folder() as folder:
         config = RunConfig.model_validate(of_benchmark(settings))
@@ -59,8 +55,8 @@ def measure(robots: int, side: str, until: str | float) -> Figures:
         "complete": sum(robot["ended"] == "complete" for robot in summary["robots"].values()),
         "real_time_factor": summary["real_time_factor"],
         "gib": round(max(taken) / 2**30, 2),
-        "accepted": len(off),
-        "false": sum(not right(*one) for one in off),
+        "accepted": len(accepted),
+        "false": false_of(accepted, frames),
         "same": same,
     }
 

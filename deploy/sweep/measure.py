@@ -10,7 +10,7 @@ import numpy as np
 from agent.robot import Step
 from agent.shell.mind import minds_of
 from deploy import inprocess
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import false_of
 from deploy.config import RunConfig
 from deploy.metrics import score, truth_of
 from deploy.sweep.plan import Job
@@ -95,11 +95,8 @@ class _Seen:
                 self.accepted.append((robot, event.data))
 
     def alignments(self, frames: Mapping[str, Pose]) -> Row:
-        """How many there were of each kind, and how many of the accepted ones are false (as in the scorer)."""
-        off = [
-            errors(data["transform"], frames[robot], frames[data["peer"]], np.zeros(2)) for robot, data in self.accepted
-        ]
-        return {**self.counts, "false": sum(not right(*one) for one in off)}
+        """How many there were of each kind, and how many of the accepted ones are false."""
+        return {**self.counts, "false": false_of(self.accepted, frames)}
 
 
 def _mean(values: list[Any]) -> float | None:

@@ -8,7 +8,7 @@ import numpy as np
 from deploy.bench import made
 from deploy.bench.alignment.live import BUNDLED
 from deploy.bench.cases import Case, Figures
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import errors, is_false
 from deploy.bench.explored import Explored, explore
 from deploy.bench.layouts import FURNISHED, PLAIN, present, written
 from deploy.bench.tables import Reduce, Runs, Table, columns, over
@@ -74,7 +74,9 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
                 merges.pop((one, two), None)
                 continue
             if merge is None:
-                merge = merges[one, two] = {"robot": one, "peer": two, "t": t, "at_once": _off(run, one, two)}
+                false = is_false(mind.team.peers[two].transform, run.frame(one), run.frame(two))
+                merge = {"robot": one, "peer": two, "t": t, "at_once": _off(run, one, two), "false": false}
+                merges[one, two] = merge
                 done.append(merge)
             if "later" not in merge and t >= merge["t"] + LATER_S:
                 merge["later"] = _off(run, one, two)
@@ -94,7 +96,7 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
         "twins": world.startswith(TWINS),
         "ended_at": run.episode.t,
         "merges": done,
-        "false": sum(not right(*merge["at_once"]) for merge in done),
+        "false": sum(merge["false"] for merge in done),
         "met": len(heard),
         "merged": len(heard & merged),
         "both": mutual.waits(),
@@ -105,7 +107,7 @@ def measure(world: str, seed: int, limit_s: float = LIMIT_S) -> Figures:
 
 
 def _off(run: Explored, one: str, two: str) -> tuple[float, float]:
-    """Metres and degrees that a robot's transform of a peer is off."""
+    """Metres in the middle of a peer's map and degrees that a robot's transform of it is off."""
     peer = run.robots[one].team.peers[two]
     points = run.robots[two].own.points
     return errors(peer.transform, run.frame(one), run.frame(two), points.mean(0))

@@ -11,7 +11,7 @@ from agent.alignment.prepared import prepare
 from agent.cooperation.peer import Merged, Proposed, Unaligned
 from agent.robot import Robot, Step
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import is_false
 from deploy.bench.explored import explore
 from deploy.bench.layouts import drawn_starts, path_of
 from deploy.bench.tables import Outcomes, Row, Runs, Table, by_label, runs_of
@@ -115,7 +115,7 @@ class ForcedRun:
             one, two = prepare(robot.own, config), prepare(theirs, config)
             if one is not None and two is not None:
                 for found in ranked(one, two, config, self.rng).transforms:
-                    if not right(*errors(found, mine, their_frame, theirs.points.mean(0))):
+                    if is_false(found, mine, their_frame):
                         return pose_of(found)
         # a turn about where the peer was at the contact, which stays within range
         assert peer.log.first_encounter is not None
@@ -127,10 +127,9 @@ class ForcedRun:
         opened = self.open.pop((one, data["peer"]), None)
         if opened is None:
             return
-        metres, degrees = errors(data["transform"], self.frames[one], self.frames[data["peer"]], np.zeros(2))
+        false = is_false(data["transform"], self.frames[one], self.frames[data["peer"]])
         said = {key: data[key] for key in ("reason", "weight", "evidence")}
-        judged = {"accepted": event == "accepted", "wrong": not right(metres, degrees)}
-        self.forced.append({**opened, **judged, "error_m": metres, "error_deg": degrees, **said})
+        self.forced.append({**opened, "accepted": event == "accepted", "wrong": false, **said})
 
 
 def _wrong(runs: Runs) -> list[Figures]:

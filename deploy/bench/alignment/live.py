@@ -12,7 +12,7 @@ import numpy as np
 from deploy.bench.alignment.plots import draw_division, draw_range
 from deploy.bench.alignment.recordings import mapped
 from deploy.bench.cases import Case, Figures, each
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import errors, is_false
 from deploy.bench.explored import Enough, Explored, explore
 from deploy.bench.layouts import drawn_starts, path_of, written
 from deploy.bench.tables import Outcomes, Reduce, Row, Table, columns, least, most, over, row_of, runs_of, total
@@ -128,9 +128,10 @@ def _figures(run: Explored, due: Due) -> Figures:
         if name == "accepted":
             theirs = run.robots[data["peer"]].own.points
             centre = theirs.mean(0) if len(theirs) else np.zeros(2)
-            off = errors(data["transform"], run.frame(robot), run.frame(data["peer"]), centre)
-            found = {"t": t, "robot": robot, "error_m": off[0], "error_deg": off[1], "false": not right(*off)}
-            accepted.append(data | found)
+            frames = run.frame(robot), run.frame(data["peer"])
+            metres, degrees = errors(data["transform"], *frames, centre)
+            found = {"t": t, "robot": robot, "error_m": metres, "error_deg": degrees}
+            accepted.append(data | found | {"false": is_false(data["transform"], *frames)})
     last = {(robot, data["peer"]): f"{name}: {data['reason']}" for _, robot, name, data in events}
     pairs = [
         {"robot": one, "peer": two, "since": since, "merged": two in run.robots[one].team.merged_ticks}
@@ -251,7 +252,8 @@ TABLES = [
             worst_deg=_worst("error_deg"),
         ),
         total="all",
-        note="False: more than 0.25 m or 5 degrees off, also if undone later.",
+        note="False: more than 0.25 m or 5 degrees off at the origin of the peer's frame, also if undone later. "
+        "Worst m: in the middle of its map.",
     ),
     Table(
         "merged",

@@ -55,7 +55,7 @@ class Pair(NamedTuple):
         return min(self.mine.corners, self.theirs.corners)
 
     def right(self, found: Pose) -> bool:
-        """Whether a transform counts as right, by its error at the middle of their walls."""
+        """Whether a transform counts as right, by its errors at the middle of their walls: their frame is drawn."""
         off = errors(found, self.one.frame, self.two.frame, self.theirs.wireframe.points.mean(0))
         return not self.stranger and right(*off)
 

@@ -12,7 +12,7 @@ import numpy as np
 from deploy.bandwidth.representations import NAMES
 from deploy.bandwidth.representations import measure as measure_run
 from deploy.bench.cases import Case, Figures
-from deploy.bench.errors import errors, right
+from deploy.bench.errors import false_of
 from deploy.bench.explored import explore
 from deploy.bench.tables import Outcomes, Row, Table, by_label, columns, mean, median, runs_of, total
 from protocol.temporary import temporary_folder
@@ -44,7 +44,6 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
     away = [math.dist(*(tracks[row[end]][int(row["tick"])] for end in ("sender", "receiver"))) for row in heard]
     scores = [run.figures(robot) for robot in run.robots]
     merges = [(robot, event.data) for _, robot, event in run.events if event.event == "accepted"]
-    off = [errors(data["transform"], run.frame(robot), run.frame(data["peer"]), np.zeros(2)) for robot, data in merges]
     return {
         "run": f"{len(run.robots)} robots in {world['world']}",
         "bytes": measurement.totals(),
@@ -54,7 +53,7 @@ def measure_traffic(world: Mapping[str, Any]) -> Figures:
         "recall": [score["wall_recall"] for score in scores],
         "precision": [score["wall_precision"] for score in scores],
         "merges": len(merges),
-        "false_merges": sum(not right(*error) for error in off),
+        "false_merges": false_of(merges, {robot: run.frame(robot) for robot in run.robots}),
         "range_m": run.episode.config.radio.range_m,
         "farthest_m": max(away, default=0.0),
         "delivered": len(heard),

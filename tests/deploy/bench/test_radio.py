@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from deploy.bench.benchmark import Benchmark
-from deploy.bench.errors import errors
-from deploy.bench.radio import traffic
+from deploy.bench.errors import errors, false_of
 from deploy.bench.radio.traffic import JUDGED, TABLES
 from deploy.bench.tables import Section
 from protocol.status import Status
@@ -26,7 +25,7 @@ def accepted(x: float = 0.0, y: float = 0.0, theta: float = 0.0) -> dict[str, An
 
 
 def is_false(event: dict[str, Any]) -> bool:
-    return not traffic.right(*errors(event["transform"], FRAMES["r1"], FRAMES["r2"], np.zeros(2)))
+    return false_of([("r1", event)], FRAMES) == 1
 
 
 def traffic_sections(figures: dict[str, Any]) -> list[Section]:
@@ -38,6 +37,13 @@ def test_a_merge_is_false_where_the_frames_are_elsewhere() -> None:
     assert not is_false(accepted(0.1, -0.1, 2 * math.pi + 0.02))
     assert is_false(accepted(x=0.5)) and is_false(accepted(x=0.27))  # of the scorer's bounds
     assert is_false(accepted(theta=math.pi / 2))
+
+
+def test_a_merge_is_judged_where_the_scorer_does_and_told_in_the_middle_of_the_map() -> None:
+    """Live runs judged it in that middle: 0.56 m off 8 m away, by 4 degrees, which are right at the frame's origin."""
+    event = accepted(theta=math.radians(4))
+    assert errors(event["transform"], FRAMES["r1"], FRAMES["r2"], np.array([8.0, 0.0]))[0] > 0.5
+    assert not is_false(event)
 
 
 def run(delta: int, recall: float, farthest: float = 3.9, false_merges: int = 0, where: str = JUDGED) -> dict[str, Any]:
