@@ -37,11 +37,12 @@ from protocol.talk import ACK, BEACON, DELTA, MAP, RESEND
 from protocol.viewpoints import VIEWS
 from protocol.wireframe import Wireframe
 from world.config import WorldConfig
+from world.radio.gate import HELD_BACK
 
 CELL_M = 0.05  # of the grids, in the robot's own frame
 POINT_BYTES = 8  # two float32: a point per occupied cell
 FORMS = {
-    "delta": "what was sent: changes, headers, acknowledgements, what was sent again",
+    "delta": "what went on the air: changes, headers, acknowledgements, what was sent again",
     "full": "the whole map anew, coded as ours",
     "json": "the whole map anew as JSON",
     "grid_raw": "the whole 5 cm grid anew, a byte a cell",
@@ -126,7 +127,8 @@ def measure(run: Path, config: WorldConfig | None = None, pool: Executor | None 
             raise ValueError(f"its files name {min(unknown):.40}, and truth.json does not")
     except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
-    sent = [(passage.tick * period_s, passage.sender, passage.bytes) for passage in ours]
+    on_air = (passage for passage in ours if passage.outcome not in HELD_BACK)
+    sent = [(passage.tick * period_s, passage.sender, passage.bytes) for passage in on_air]
     offered = [counts["offered"] for counts in books["robots"].values()]
     beacons, views, frames = (
         sum(kinds[kind]["bytes"] for kinds in offered if kind in kinds) for kind in (BEACON, VIEWS, FRAMES)

@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 from agent.config import AgentConfig
 from agent.robot import Robot, Step
 from deploy import inprocess
-from deploy.bandwidth.books import NoRunError, read_books
+from deploy.bandwidth import representations
+from deploy.bandwidth.books import NoRunError, read_books, read_traffic
 from deploy.bandwidth.plots import draw
 from deploy.bandwidth.pool import processes
 from deploy.bandwidth.replay import config_of, seen_again
@@ -105,6 +106,17 @@ def test_every_form_is_charged_at_the_same_moments(recorded: tuple[Path, RunConf
     sends = {(row["tick"], row["sender"]) for row in rows if row["kind"] == "beacon"}
     assert measured.beacon_bytes == 15 * len(sends)
     assert 5.0 < measured.explored_m2["r1"] < 11.2  # the room has 3.8 m x 2.8 m
+
+
+def test_what_never_went_on_the_air_is_no_traffic(
+    recorded: tuple[Path, RunConfig, dict[str, list[bytes]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the sender's radio held back was part of `delta`."""
+    out, config, _ = recorded
+    books, ours = read_traffic(out, representations.OURS)
+    held = [ours[0]._replace(outcome=outcome) for outcome in ("mtu", "capacity_out")]
+    monkeypatch.setattr(representations, "read_traffic", lambda *_: (books, [*ours, *held]))
+    assert measure(out, config).totals()["delta"] == sum(passage.bytes for passage in ours)
 
 
 def test_divided_among_processes_it_is_the_same(recorded: tuple[Path, RunConfig, dict[str, list[bytes]]]) -> None:

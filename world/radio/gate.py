@@ -22,6 +22,7 @@ DELIVERED = "delivered"
 RANGE = "range"  # too far at the sending tick
 MTU = "mtu"  # longer than the radio carries in one piece
 CAPACITY_OUT = "capacity_out"  # the sender's radio has no capacity left in this second
+HELD_BACK = (MTU, CAPACITY_OUT)  # by the sender's own radio: they never went on the air
 CAPACITY_IN = "capacity_in"  # the receiver's radio has none left
 DEAD = "dead"  # the receiver was dead when it was to be delivered
 ABSENT = "absent"  # the receiver had not joined the run by then
