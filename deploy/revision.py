@@ -3,7 +3,7 @@
 import ast
 import hashlib
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
@@ -19,20 +19,23 @@ JUDGING = (
     "bench/layouts.py",
     "bench/made.py",
 )
-SOURCES = ("agent", "world", "protocol", *(f"deploy/{name}" for name in (*RUNNING, *JUDGING)))
+PACKAGES = ("agent", "world", "protocol")
+SOURCES = (*PACKAGES, *(f"deploy/{name}" for name in (*RUNNING, *JUDGING)))
 """Packages and files that every figure depends on."""
+WITH_BENCHMARKS = (*PACKAGES, "deploy")
+"""The same with all that measures and makes tables."""
 NO_MATTER = ("bench/cases.py", "commands/", "report/picture.py", "terminal/", "view/")
 """Of deploy/: what keeps figures or shows them, and does not decide them."""
 
 
 @cache
-def sources(ignored: str = "") -> str:
-    """Hash of SOURCES and their worlds, as they are when first asked, without files whose path begins with `ignored`.
+def sources(ignored: str = "", places: Sequence[str] = SOURCES) -> str:
+    """Hash of `places` and their worlds, as they are when first asked, without files whose path begins with `ignored`.
 
     Empty: with all files.
     """
     digest = hashlib.sha256()
-    for place in SOURCES:
+    for place in places:
         path = ROOT / place
         for source in sorted(path.rglob("*")) if path.is_dir() else [path]:
             name = source.relative_to(ROOT).as_posix()
@@ -72,8 +75,8 @@ def _names(file: Path) -> Iterator[str]:
             yield from (node.module, *(f"{node.module}.{alias.name}" for alias in node.names))
 
 
-def revision() -> str:
-    """The commit of a checkout whose SOURCES are as committed, else commit or version with a hash of the sources.
+def revision(places: Sequence[str] = SOURCES) -> str:
+    """The commit of a checkout whose `places` are as committed, else commit or version with a hash of these.
 
     The version where git is missing, or does not read the checkout, such as that of another user.
     """
@@ -81,9 +84,9 @@ def revision() -> str:
     if (ROOT / ".git").exists():
         with suppress(OSError, subprocess.CalledProcessError):
             base = _git("rev-parse", "--short=12", "HEAD")
-            if not _git("status", "--porcelain", "--", *SOURCES):
+            if not _git("status", "--porcelain", "--", *places):
                 return base
-    return f"{base}-{sources()[:12]}"
+    return f"{base}-{sources(places=places)[:12]}"
 
 
 def _git(*arguments: str) -> str:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from deploy.bench.cases import Case, measure_all
 from deploy.bench.tables import Outcomes, Section
-from deploy.revision import revision
+from deploy.revision import WITH_BENCHMARKS, revision
 from deploy.sensing import IDEAL_BENCHMARK, named
 from protocol.errors import InputError
 from protocol.files import write_whole
@@ -82,7 +82,7 @@ class Benchmark:
         that do not set it themselves. quick: bars, which are for all cases, are shown, and nothing is judged by them.
         """
         stem = folder / self.stem(quick, ideal)
-        made_by = {"command": self.command(quick, ideal), "revision": revision()}
+        made_by = {"command": self.command(quick, ideal), "revision": revision(WITH_BENCHMARKS)}
         measuring = copy_context()
         measuring.run(IDEAL_BENCHMARK.set, ideal)
         for part in self.parts:

@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from deploy.bench.layouts import content_of
 from deploy.revision import revision, sources, with_imports
 from deploy.sensing import IDEAL_BENCHMARK
 from deploy.sweep.command import fill
@@ -36,11 +37,13 @@ class Case:
     @property
     def key(self) -> str:
         """Hash of what decides the figures: the sources of all figures, the measure's own and what it imports of
-        deploy/, its arguments."""
+        deploy/, its arguments, and the files of layouts that are no part of the project (`world` and `worlds`)."""
         own = getsourcefile(self.measure)
         assert own is not None
         words = [sources(self.ignores), with_imports(Path(own)), self.measure.__qualname__]
         words += ["ideal"] if self.ideal else []
+        named = [self.arguments.get("world"), *self.arguments.get("worlds", ())]
+        words += [content for name in named if isinstance(name, str) and (content := content_of(name))]
         return hashlib.sha256(json.dumps([*words, self.arguments], sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -79,6 +82,15 @@ def measure_all(cases: Sequence[Case], folder: Path, jobs: int | None = None, qu
     for alone, workers in ((False, jobs), (True, 1)):
         tasks = [_task(case, keys[case.name]) for case in cases if case.alone == alone]
         fill(store, tasks, workers, retry_failed=True, quiet=quiet)
+    return _outcome(store, keys)
+
+
+def kept(cases: Sequence[Case], folder: Path) -> Outcome:
+    """The same of cases that have all been measured, which many processes may ask for. Raises InputError."""
+    return _outcome(Store(folder, revision()), {case.name: case.key for case in cases})
+
+
+def _outcome(store: Store, keys: Mapping[str, str]) -> Outcome:
     rows = {name: store.row(key) for name, key in keys.items()}
     figures = {name: json.loads(row["figures"]) for name, row in rows.items() if row["status"] == OK}
     return Outcome(figures, {name: row["reason"] for name, row in rows.items() if row["status"] != OK})

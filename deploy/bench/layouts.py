@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
@@ -31,6 +32,15 @@ def path_of(name: str) -> str:
         if path.is_file():
             return str(path)
     raise FileNotFoundError(f"{name} is neither a bundled world nor in {SHARED}")
+
+
+def content_of(name: str) -> str:
+    """Hash of a layout's file that is no part of the project; empty where it is, or where there is none."""
+    with suppress(FileNotFoundError):
+        path = Path(path_of(name)).resolve()
+        if not path.is_relative_to(ROOT.resolve()):
+            return hashlib.sha256(path.read_bytes()).hexdigest()
+    return ""
 
 
 def present(names: Iterable[str]) -> list[str]:

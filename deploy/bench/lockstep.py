@@ -10,6 +10,7 @@ from deploy.bench.cases import Case, Figures, each
 from deploy.bench.explored import launched, mute_step, read_json
 from deploy.bench.tables import Table, whole
 from deploy.config import RunConfig
+from deploy.sensing import of_benchmark
 from protocol.messages import Action, Heard, Observation, RobotSpec
 
 
@@ -33,7 +34,7 @@ def measure(world: str, robots: int, ticks: int) -> Figures:
     """Ticks a second with processes and in one process."""
     rate_hz = RobotSpec().lidar.rate_hz
     settings = {"world": world, "robots": robots, "until": ticks / rate_hz}
-    config = RunConfig.model_validate(settings)
+    config = RunConfig.model_validate(of_benchmark(settings))
     times: list[float] = []  # of the ends of ticks
     inprocess.run(config, config.agent, None, lambda _: times.append(time.perf_counter()), Thoughtless)
     alone = (len(times) - 1) / (times[-1] - times[0])

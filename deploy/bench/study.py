@@ -25,7 +25,7 @@ def study(name: str, folder: Path, jobs: int | None, quick: bool = False) -> Sta
     there is nothing to compare with.
     """
     published = Benchmark(STUDIES[name]).file(PUBLISHED, quick=False, ideal=True)
-    if not published.is_file() or folder.resolve() == PUBLISHED:
+    if not published.is_file() or folder.resolve() == PUBLISHED.resolve():
         raise InputError(f"--results {folder}: it is compared with {published} of a checkout, so choose another folder")
     before = json.loads(published.read_text(encoding="utf-8"))
     benchmark = Benchmark(STUDIES[name], before["sections"])

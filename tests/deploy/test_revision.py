@@ -1,5 +1,6 @@
 """Results are kept by the sources that decide them."""
 
+import subprocess
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -46,6 +47,17 @@ def test_without_a_git_that_reads_the_checkout_it_is_of_the_version(
     assert revision.revision() == expected
     monkeypatch.setenv("PATH", str(checkout))
     assert revision.revision() == expected
+
+
+def test_a_changed_benchmark_is_of_no_clean_commit(checkout: Path) -> None:
+    """Its JSON named the commit alone, as what drives and judges was as committed."""
+    git = ["git", "-C", str(checkout), "-c", "user.name=a", "-c", "user.email=a"]
+    for command in ("init -q", "add .", "commit -q -m all"):
+        subprocess.run([*git, *command.split()], check=True)
+    commit = revision.revision(revision.WITH_BENCHMARKS)
+    assert "-" not in commit
+    (checkout / "deploy/report/some.py").write_text("after")
+    assert revision.revision(revision.WITH_BENCHMARKS).startswith(f"{commit}-") and revision.revision() == commit
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -16,11 +17,12 @@ from agent.alignment.prepared import prepare
 from deploy.bench.alignment import recordings
 from deploy.bench.alignment.baselines import METHODS
 from deploy.bench.alignment.pairs import BINS, MIN_CORNERS, RANGE_M, SMALL_CORNERS, Pair, pairs_of, strangers
-from deploy.bench.cases import Case, Figures, each, measure_all
+from deploy.bench.cases import Case, Figures, each, kept, measure_all
 from deploy.bench.layouts import KEEP
 from deploy.bench.tables import Column, Outcomes, Row, Table, runs_of
 from deploy.sensing import IDEAL_BENCHMARK
 from deploy.sweep.statistics import wilson
+from protocol.command import say
 from protocol.messages import RobotSpec
 
 NAMES = {"features": "features (ours)", "4pcs": "4PCS", "icp": "ICP"}
@@ -38,22 +40,28 @@ def cases(quick: bool) -> list[Case]:
     return [
         *each("pairs/{world}", within, {"quick": quick}, world=worlds),
         *each("small/{world}", within, {"quick": quick, "small": True}, world=[] if quick else worlds),
-        Case("pairs/strangers", between, {"quick": quick}),
+        Case("pairs/strangers", between, {"quick": quick, "worlds": worlds}),
     ]
 
 
+def beforehand(quick: bool) -> None:
+    """Make the recordings that are missing; cases, which may run at once, only read them. Those that fail are told."""
+    for name, reason in measure_all(*_recordings(quick), 1, quiet=True).failed.items():
+        say(f"no recording {name}: {reason}")
+
+
 def recorded(quick: bool) -> dict[str, list[recordings.Recording]]:
-    """Recordings by world with the benchmark's sensing, made before where they are missing."""
-    folder = KEEP / "recordings" / ("quick" if quick else "full")
-    cases = [replace(case, ideal=IDEAL_BENCHMARK.get()) for case in recordings.cases(quick)]
-    outcome = measure_all(cases, folder, 1, quiet=True)
+    """Recordings by world with the benchmark's sensing. Raises InputError where they have not been made."""
     by_world: dict[str, list[recordings.Recording]] = {}
-    for _, figures in sorted(outcome.figures.items()):
+    for _, figures in sorted(kept(*_recordings(quick)).figures.items()):
         by_world.setdefault(figures["world"], []).append(recordings.recording_of(figures))
     return by_world
 
 
-beforehand = recorded  # so that parallel cases find the recordings
+def _recordings(quick: bool) -> tuple[list[Case], Path]:
+    """The cases that record, and the folder that keeps them."""
+    cases = [replace(case, ideal=IDEAL_BENCHMARK.get()) for case in recordings.cases(quick)]
+    return cases, KEEP / "recordings" / ("quick" if quick else "full")
 
 
 def within(world: str, quick: bool, small: bool = False) -> Figures:
@@ -64,9 +72,10 @@ def within(world: str, quick: bool, small: bool = False) -> Figures:
     return {"pairs": [trial(pair, small) for pair in pairs_of(recorded(quick).get(world, []), rng, per_bin, low, high)]}
 
 
-def between(quick: bool) -> Figures:
-    """Pairs of maps of different worlds."""
-    pairs = strangers(recorded(quick), np.random.default_rng(0), 8 if quick else STRANGERS, MIN_CORNERS)
+def between(quick: bool, worlds: Sequence[str]) -> Figures:
+    """Pairs of maps of different ones of these worlds."""
+    by_world = {world: found for world, found in recorded(quick).items() if world in worlds}
+    pairs = strangers(by_world, np.random.default_rng(0), 8 if quick else STRANGERS, MIN_CORNERS)
     return {"pairs": [trial(pair) for pair in pairs]}
 
 

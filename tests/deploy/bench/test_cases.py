@@ -8,11 +8,12 @@ from typing import Any
 import pytest
 
 from deploy import revision
-from deploy.bench import cases
-from deploy.bench.cases import Case, measure_all
+from deploy.bench import cases, layouts
+from deploy.bench.cases import Case, kept, measure_all
 from deploy.revision import ROOT, sources
 from deploy.sweep.store import Store
 from deploy.sweep.work import WorkerTask, work
+from protocol.errors import InputError
 
 
 def square(x: int, log: str) -> dict[str, Any]:
@@ -64,6 +65,30 @@ def test_other_arguments_are_another_measurement(tmp_path: Path) -> None:
     for x in (1, 5):
         case = Case("one", square, {"x": x, "log": str(tmp_path / "log")})
         assert measure_all([case], tmp_path / "kept").figures == {"one": {"square": x * x}}
+
+
+def test_the_file_of_a_layout_that_is_no_part_of_the_project_decides_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layouts, "SHARED", tmp_path)
+    named: list[dict[str, Any]] = [{"world": "shared"}, {"worlds": ["hall", "shared"]}, {"world": "hall"}, {}]
+
+    def keys(text: str) -> list[str]:
+        (tmp_path / "shared.yaml").write_text(text)
+        return [Case("one", square, arguments).key for arguments in named]
+
+    assert [one == other for one, other in zip(keys("a"), keys("b"), strict=True)] == [False, False, True, True]
+
+
+@pytest.mark.usefixtures("without_dask")
+def test_what_was_measured_is_read_without_measuring(tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    squares = [Case(str(x), square, {"x": x, "log": str(log)}) for x in (-1, 1)]
+    outcome = measure_all(squares, tmp_path / "kept")
+    assert kept(squares, tmp_path / "kept") == outcome and len(outcome.failed) == 1
+    assert logged(log) == ["-1", "1"]
+    with pytest.raises(InputError, match="parquet"):
+        kept([Case("2", square, {"x": 2, "log": str(log)})], tmp_path / "kept")
 
 
 def test_a_change_of_what_a_measure_calls_is_another_measurement(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,12 +8,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from deploy.bench.alignment import trials
 from deploy.bench.benchmark import Benchmark, report
 from deploy.bench.cases import Case, Outcome
 from deploy.bench.study import STUDIES, comparison, study
 from deploy.bench.tables import Table, columns, grouped, share, total, whole
 from deploy.commands.experiments import BENCHMARKS
-from deploy.revision import ROOT, revision
+from deploy.revision import ROOT, WITH_BENCHMARKS, revision
 from protocol.errors import InputError
 from protocol.status import Status
 
@@ -96,7 +97,7 @@ def test_results_tell_command_and_revision_and_of_each_section_its_sensing(
     for ideal, others in ((False, "real"), (True, "ideal")):
         benchmark.run(True, tmp_path, 1, ideal)
         document = json.loads(benchmark.file(tmp_path, True, ideal).read_text())
-        assert document["revision"] == revision() and document["sensing"] == others
+        assert document["revision"] == revision(WITH_BENCHMARKS) and document["sensing"] == others
         assert document["command"] == f"wireswarm bench radio --part codec{' --ideal' if ideal else ''} --quick"
         assert {name: one["sensing"] for name, one in document["sections"].items()} == {"own": "ideal", "other": others}
 
@@ -116,6 +117,14 @@ def test_partial_maps_are_recorded_with_the_sensing_that_was_asked_for(
         recorded.clear()
         Benchmark("alignment", part="trials").run(True, tmp_path, 1, ideal)
         assert recorded == {ideal}
+
+
+def test_pairs_read_the_recordings_and_make_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each made those again that had failed, and all but one of parallel cases found the folder locked."""
+    monkeypatch.setattr(trials, "KEEP", tmp_path)
+    monkeypatch.setattr(trials, "measure_all", lambda *_, **__: pytest.fail("a case records"))
+    with pytest.raises(InputError, match="parquet"):
+        trials.within("apartment", quick=True)
 
 
 def test_groups_of_cases_make_rows_and_all_of_them_the_last(tmp_path: Path) -> None:
@@ -201,3 +210,10 @@ def test_a_quick_study_runs_to_its_end(name: str, tmp_path: Path) -> None:
 def test_a_study_does_not_overwrite_what_it_is_compared_with() -> None:
     with pytest.raises(InputError, match="choose another folder"):
         study("trust", RESULTS, None)
+
+
+def test_it_does_not_do_so_through_a_linked_checkout_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (link := tmp_path / "link").symlink_to(ROOT)
+    monkeypatch.setattr("deploy.bench.study.PUBLISHED", link / "results")
+    with pytest.raises(InputError, match="choose another folder"):
+        study("trust", link / "results", None)

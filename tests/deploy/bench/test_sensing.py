@@ -1,11 +1,16 @@
 """The figures of `wireswarm bench sensing`: path errors, and what sensing is called."""
 
 import math
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from deploy.bench import lockstep
 from deploy.bench.explored import Tracks
+from deploy.config import RunConfig
 from deploy.sensing import IDEAL, IDEAL_BENCHMARK, REAL, named, of_benchmark
 from protocol.geometry import compose
 from protocol.messages import RobotSpec
@@ -31,6 +36,28 @@ def test_a_benchmark_with_ideal_sensing_leaves_alone_what_its_runs_set() -> None
     found = of_benchmark(settings)["spec"]
     IDEAL_BENCHMARK.reset(token)
     assert found["lidar"] == IDEAL["lidar"] | {"noise_m": 0.03} and found["odometry"] == {"noisy": True}
+
+
+def test_lockstep_compares_processes_and_one_process_of_one_sensing(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+
+    def run(config: RunConfig, _agent: object, _out: object, keep: Callable[[None], None], _mind: object) -> None:
+        seen.append(named(config.spec))
+        keep(None), keep(None)
+
+    def launch(config: RunConfig, out: Path, **_: object) -> SimpleNamespace:
+        seen.append(named(config.spec))
+        out.mkdir()
+        (out / "summary.json").write_text('{"real_time_factor": 9.0}')
+        return SimpleNamespace(errors=(), ended="time")
+
+    monkeypatch.setattr("deploy.inprocess.run", run)
+    monkeypatch.setattr("deploy.bench.explored.launch", launch)
+    for ideal in (True, False):
+        token = IDEAL_BENCHMARK.set(ideal)
+        lockstep.measure("apartment", 1, 10)
+        IDEAL_BENCHMARK.reset(token)
+    assert seen == ["ideal", "ideal", "real", "real"]
 
 
 def test_sensing_has_a_name() -> None:
