@@ -210,6 +210,7 @@ class Section:
             from matplotlib.figure import Figure
 
             figure = Figure(figsize=(5, 3.4), layout="constrained")
+            figure.suptitle(self.title, fontsize="medium")
             self.table.drawn(self.rows, figure)
             write_figure(figure, path, dpi=120)
 

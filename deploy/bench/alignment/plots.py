@@ -15,7 +15,7 @@ def draw_division(rows: Sequence[Row], figure: "Figure") -> None:
     for key, label in (("divided", "with division"), ("undivided", "without")):
         axes.plot(robots, [row[key] for row in rows], "o-", label=label)
     axes.axhline(rows[0]["alone"], color="0.5", ls="--", label="one robot")
-    axes.set(xlabel="robots", ylabel="s until 99 % by the team", title="maze-15", xticks=robots, ylim=(0, None))
+    axes.set(xlabel="robots", ylabel="s until 99 % by the team", xticks=robots, ylim=(0, None))
     axes.legend()
 
 
@@ -26,7 +26,7 @@ def draw_range(rows: Sequence[Row], figure: "Figure") -> None:
         axes.plot([row[key] for row in rows], "o-", label=label)
     ticks = ["unlimited" if row["range"] >= 1000 else f"{row['range']:g}" for row in rows]
     axes.set_xticks(range(len(rows)), ticks)
-    axes.set(xlabel="radio range, m", ylabel="s", title="maze-15, 3 robots", ylim=(0, None))
+    axes.set(xlabel="radio range, m", ylabel="s", ylim=(0, None))
     beside = axes.twinx()
     beside.plot([row["bytes"] / 1000 for row in rows], "s:", color="0.4", label="kB sent")
     beside.set(ylabel="kB sent", ylim=(0, None))

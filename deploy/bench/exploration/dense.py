@@ -266,9 +266,13 @@ def _compared(mine: Runs, theirs: Runs) -> Row:
 
 
 def _rows(figures: Outcomes) -> list[Row]:
-    """Ours and the dense one, a row a layout and one for all."""
-    ours, dense = by_label(figures, "runs/{world}/*"), by_label(figures, "dense/{world}/*")
-    pairs = {world: (ours[world], dense[world]) for world in dense if len(ours.get(world, [])) == len(dense[world])}
+    """Ours and the dense one, of starts that both have, a row a layout and one for all."""
+    pairs = dict[str, tuple[list[Figures], list[Figures]]]()
+    for start, (dense,) in by_label(figures, "dense/{start}").items():
+        if ours := figures.get(f"runs/{start}"):
+            mine, theirs = pairs.setdefault(start.partition("/")[0], ([], []))
+            mine.append(ours)
+            theirs.append(dense)
     rows: list[Row] = []
     for world, (mine, theirs) in pairs.items():
         row = {"world": world, **_compared(mine, theirs), "dense_contacts": most(theirs, "wall_contacts")}

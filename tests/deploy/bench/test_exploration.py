@@ -11,7 +11,7 @@ import pytest
 
 from agent.config import AgentConfig
 from deploy import inprocess
-from deploy.bench.exploration import runs
+from deploy.bench.exploration import dense, runs
 from deploy.bench.exploration.dense import DenseRobot, _frontiers, _grown, _heard, _pulled, _way
 from deploy.bench.exploration.mazes import measure_maze
 from deploy.bench.exploration.teams import corridor
@@ -123,6 +123,18 @@ def test_the_dense_robot_explores(tmp_path: Path) -> None:
     assert reached is not None and 1.0 < reached <= robot["path_m"] < 40.0
     raw, packed = minds[0].grid_bytes()
     assert 7.0 * 4.0 / 0.05**2 < raw < 1.6 * 7.0 * 4.0 / 0.05**2 and packed < raw / 10
+
+
+def test_ours_and_the_dense_one_are_compared_start_by_start() -> None:
+    """They were paired by their places, and where one had failed, its layout had no row."""
+    rest = dict.fromkeys(("path_90_m", "map_bytes", "filter_bytes", "grid_bytes", "grid_zlib_bytes"), 1.0)
+    figures: dict[str, dict[str, Any]] = {
+        f"{kind}/hall/{seed}": {"path_99_m": factor * (seed + 1.0), "wall_contacts": 0, **rest}
+        for kind, factor, seeds in (("runs", 1.0, (0, 2)), ("dense", 2.0, (2, 1, 0)))
+        for seed in seeds
+    }
+    (hall, every) = dense.TABLES[0].section(figures).rows
+    assert hall["ratio"] == every["ratio"] == 0.5 and hall["reached"] == "2 / 2"
 
 
 def test_a_generated_maze_tells_how_it_ended() -> None:
