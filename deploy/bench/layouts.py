@@ -1,6 +1,7 @@
 """The layouts that benchmarks run in: bundled worlds, real ones beside the repository, and those that are made."""
 
 import hashlib
+import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -18,7 +19,9 @@ from world.worldfile import BUNDLED, load, to_yaml
 SHARED = ROOT.parent / "shared" / "worlds"  # layouts made by others, which are not part of the project
 PLAIN = ["drlnav_stage7", "gbeltramo_building", "pal_passage_110cm_w", "tb3_dqn_stage4", "uday_building"]  # unfurnished
 FURNISHED = ["drlnav_house_tomas", "hurtado_apartment", "pal_home_w"]  # those with furniture
-KEEP = Path(gettempdir()) / "wireswarm-bench"  # folder of large or intermediate files; made again where missing
+KEEP = Path(os.environ.setdefault("WIRESWARM_BENCH", str(Path(gettempdir(), "wireswarm-bench"))))
+"""Folder of large or intermediate files; made again where missing. Workers, whose temporary folder is another one,
+inherit the variable, and so find what was made beforehand."""
 
 
 def path_of(name: str) -> str:

@@ -24,6 +24,10 @@ def square(x: int, log: str) -> dict[str, Any]:
     return {"square": x * x}
 
 
+def folder_of_files() -> dict[str, Any]:
+    return {"folder": str(layouts.KEEP)}
+
+
 def logged(log: Path) -> list[str]:
     return [line.split()[0] for line in log.read_text().splitlines()]
 
@@ -43,7 +47,8 @@ def without_dask(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_cases_are_measured_by_workers(tmp_path: Path) -> None:
     log = tmp_path / "log"
     squares = [Case(f"squares/{x}", square, {"x": x, "log": str(log)}) for x in (1, 2)]
-    outcome = measure_all(squares, tmp_path / "kept", jobs=1, quiet=True)
+    outcome = measure_all([*squares, Case("folder", folder_of_files)], tmp_path / "kept", jobs=1, quiet=True)
+    assert outcome.figures.pop("folder") == folder_of_files()  # what was made beforehand is found there
     assert outcome.figures == {f"squares/{x}": {"square": x * x} for x in (1, 2)} and not outcome.failed
     assert str(os.getpid()) not in log.read_text()
 
