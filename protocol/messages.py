@@ -49,6 +49,11 @@ Tick = Annotated[int, Field(ge=0, le=MAX_TICK)]
 Payload = Annotated[bytes, Field(max_length=2**20)]
 
 
+def clipped(text: str) -> str:
+    """As much of a text as a message holds: what a robot did wrong may quote it at length."""
+    return text[:MAX_TEXT]
+
+
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
     """The value, if it is JSON, bounded and small. It is walked without recursion, so that no depth is a danger."""
     left = MAX_EVENT_NODES

@@ -7,7 +7,9 @@ from typing import Any
 import zenoh
 
 from protocol import keys
+from protocol.codec import encode
 from protocol.inbox import Arrival, Inbox
+from protocol.messages import Refused, clipped
 
 MOST_WAITING, MOST_BYTES_WAITING = 4096, 8 << 20
 """Arrivals of one robot that wait for the world, and their bytes (ours). An honest one answers a tick in at most 260
@@ -63,3 +65,8 @@ class WorldInbox(Inbox):
         key = str(query.key_expr)
         payload = query.payload.to_bytes() if query.payload is not None else b""
         self.put(Arrival(keys.channel_of(key), keys.robot_of(key), payload, query))
+
+
+def refuse(query: zenoh.Query, reason: str) -> None:
+    """Answer a question by why it is refused."""
+    query.reply_err(encode(Refused(reason=clipped(reason))))

@@ -96,7 +96,7 @@ class Participants:
     def admit(self, robot: str, service: str, payload: bytes) -> str | None:
         """Let in a robot that asks with these bytes; returns the reason where it is refused."""
         if service != keys.JOIN:
-            return f"the world offers no {service!r}"
+            return "the world offers no such service"
         try:
             join = decode(Join, payload)
         except ProtocolError as error:
@@ -106,7 +106,7 @@ class Participants:
         if join.robot != robot:
             return f"it says that it is {join.robot}"
         if robot not in self._robots:
-            return f"no {robot} takes part, only {', '.join(self._robots)}"
+            return f"no {robot} takes part, only {_some(self._robots)}"
         if self._known is not None and join.session != self._known(robot):
             return "its certificate does not count: it was revoked, or made after the world began"
         if robot in self._dead:
@@ -124,7 +124,7 @@ class Participants:
         except ProtocolError as error:
             return str(error)
         if robot not in self.processes or (leave.robot, leave.process) != (robot, self.processes[robot]):
-            return f"this process is not the {robot} that was let in"
+            return "this process is not the one that was let in"
         self.token_went(robot)
         return None
 

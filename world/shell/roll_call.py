@@ -6,11 +6,9 @@ from collections.abc import Callable, Collection, Sequence
 import zenoh
 
 from protocol import keys
-from protocol.codec import encode
 from protocol.errors import LinkError
 from protocol.inbox import Inbox
-from protocol.messages import Refused
-from world.shell.inbox import WorldInbox
+from world.shell.inbox import WorldInbox, refuse
 from world.shell.participants import Participants
 
 SILENT_S = 3.0
@@ -71,7 +69,7 @@ def _note(
     refusal = there.dismiss(robot, payload) if leaves else there.admit(robot, service, payload)
     with query:  # at once, as a question that waits keeps a robot from hearing signals
         if refusal is not None:
-            query.reply_err(encode(Refused(reason=refusal)))
+            refuse(query, refusal)
         elif leaves:
             query.reply(query.key_expr, b"")
             asked.pop(robot, None)

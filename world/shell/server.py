@@ -15,13 +15,13 @@ from protocol.access import WORLD, Credentials
 from protocol.codec import encode
 from protocol.errors import InputError, Interrupted, LinkError, ProtocolError
 from protocol.inbox import Arrival, Inbox
-from protocol.messages import Clock, End, Progress, Refused
+from protocol.messages import Clock, End, Progress, clipped
 from protocol.session import at_once, open_client, open_router, wait_for_matching
 from world.config import ServerConfig, WorldConfig
 from world.episode import Episode
 from world.recorder import REPLACED
 from world.shell.answers import LockstepAnswers, RealTimeAnswers
-from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
+from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox, refuse
 from world.shell.participants import Awaited, Participants
 from world.shell.roll_call import count
 from world.shell.showing import Showing
@@ -516,7 +516,7 @@ class Shell:
     def _kill(self, robot: str, reason: str) -> None:
         self._away.pop(robot, None)
         self.episode.kill(robot, reason)
-        self._say(robot, keys.END, encode(End(reason=f"given up by the world: {reason}")))
+        self._say(robot, keys.END, encode(End(reason=clipped(f"given up by the world: {reason}"))))
 
     def _reply(self, arrival: Arrival, query: zenoh.Query) -> None:
         """Answer a question. One too many gets no answer; who asks it honestly asks again."""
@@ -532,7 +532,7 @@ class Shell:
         with query:
             refusal = self._participants.admit(robot, arrival.what, arrival.payload)
             if refusal is not None:
-                query.reply_err(encode(Refused(reason=refusal)))
+                refuse(query, refusal)
             else:
                 welcome = self.episode.welcome(robot, lockstep=self._lockstep)
                 query.reply(query.key_expr, encode(welcome))
@@ -546,7 +546,7 @@ class Shell:
         with query:
             refusal = self._participants.dismiss(arrival.robot, arrival.payload)
             if refusal is not None:
-                query.reply_err(encode(Refused(reason=refusal)))
+                refuse(query, refusal)
                 return
             query.reply(query.key_expr, b"")
         self._part_with(arrival.robot, LEFT)

@@ -1,9 +1,12 @@
 """What waits for the world is bounded for each robot."""
 
 import time
+from typing import Any
 
+from protocol.codec import decode
 from protocol.inbox import Arrival
-from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox
+from protocol.messages import MAX_TEXT, Refused
+from world.shell.inbox import MOST_BYTES_WAITING, MOST_WAITING, WorldInbox, refuse
 
 
 def taken(inbox: WorldInbox) -> list[Arrival]:
@@ -25,3 +28,10 @@ def test_a_robot_that_floods_the_world_is_told_once_and_the_others_are_heard() -
         assert (last.what, last.robot, other.robot, stop.what) == (inbox.FLOOD, "r1", "r2", inbox.STOP)
     inbox.put(Arrival("act", "r1"))  # what was taken counts no more
     assert [arrival.what for arrival in taken(inbox)] == ["act"]
+
+
+def test_a_refusal_of_any_length_is_told_in_a_message() -> None:
+    said: list[bytes] = []
+    query: Any = type("Query", (), {"reply_err": said.append})
+    refuse(query, "x" * (MAX_TEXT + 1))
+    assert [decode(Refused, payload).reason for payload in said] == ["x" * MAX_TEXT]

@@ -39,3 +39,9 @@ def test_a_name_is_for_one_process_whatever_it_tells_of_itself(
     links.clear()
     there.token_went("r1")
     assert asks(there, *second) is None
+
+
+def test_a_refusal_among_many_robots_fits_into_a_message() -> None:
+    there = Participants([f"r{number + 1}" for number in range(500)], {})
+    refusal = there.admit("r501", keys.JOIN, encode(Join(version=PROTOCOL_VERSION, robot="r501")))
+    assert refusal == "no r501 takes part, only r1, r2, r3, r4, r5, r6, r7, r8 and 492 more"

@@ -129,7 +129,7 @@ def test_who_has_gone_again_is_not_counted(tmp_path: Path, monkeypatch: pytest.M
 
 def test_who_cannot_take_part_is_told_so_at_once_and_not_counted(tmp_path: Path) -> None:
     with world(tiny_config(tmp_path), tmp_path / "out", counted := [], settle_s=0.2) as (endpoint, ended):
-        with pytest.raises(RefusedError, match="no r9 takes part, only r1, r2, r3"):
+        with pytest.raises(RefusedError, match="no r9 takes part, only r1, r2 and r3"):
             run_agent("r9", endpoint, AgentConfig(), make_mind=Wanderer)
         with open_client(endpoint, 10.0) as session:
             for word in (keys.LEAVE, "else"):
