@@ -16,7 +16,8 @@ VIEWER = "viewer"
 WORLD = "world"
 """Name of the world, where the router is another process."""
 ANYBODY = "anybody"
-"""Who is known by nothing but a certificate of the authority: may ask to be let in, and is told why not."""
+"""Who is known by nothing but a certificate of the authority: may ask why it is not let in. So may all others that have
+one, a robot in another's name, too: that question changes nothing, and all who ask it share one small budget."""
 
 
 class Credentials(Protocol):
@@ -99,7 +100,7 @@ _RULES: dict[str, list[Rule]] = {
     ANYBODY: [
         ("ingress", _WATCH, [keys.WORLD_ALIVE]),
         ("egress", ["liveliness_token"], [keys.WORLD_ALIVE]),
-        ("ingress", ["query"], [keys.ALL_SRV]),
+        ("ingress", ["query"], [keys.ALL_WHY]),
         ("egress", ["declare_queryable", "reply"], [keys.ALL_SRV]),
     ],
 }

@@ -80,7 +80,7 @@ class Certificates:
         return [name for name in self._names if name not in RESERVED]
 
     def subjects(self) -> dict[str, dict[str, list[str]]]:
-        """Common name and the one session of each on the roster; anybody else with a certificate may ask."""
+        """Common name and the one session of each on the roster; anybody with a certificate may ask why not."""
         self._ruled = roster = read_roster(self._folder)
         found = {name: roster[name] for name in self._names if name in roster}
         known = {

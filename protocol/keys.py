@@ -1,7 +1,8 @@
 """Every key expression, and who writes it; docs/protocol.md gives the reasons.
 
 A robot writes robots/ID/out/** and its token, reads robots/ID/in/** and world/pub/**, and asks
-robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control.
+robots/ID/srv/**; so one rule set per robot, with its own ID, is its whole access control. Who has no rights of a robot
+may ask robots/*/srv/why, and nothing else.
 """
 
 # World to robot: the last part of robots/ID/in/...
@@ -22,6 +23,7 @@ OUTPUTS = (*NEEDED, SCAN, POSE)
 
 # Robot asks world: the last part of robots/ID/srv/...
 JOIN, LEAVE = "join", "leave"
+WHY = "why"  # may I not join? Answered only where something is against it, and whatever ID is in the key
 
 ALL_PUBLIC = "world/pub/**"
 ALL_TRUTH = "world/truth/**"
@@ -50,11 +52,11 @@ def alive(robot: str) -> str:
 
 
 def service(robot: str, name: str = "**") -> str:
-    """Robot asks, world answers: JOIN or LEAVE, or all."""
+    """Robot asks, world answers: JOIN, LEAVE or WHY, or all."""
     return f"robots/{robot}/srv/{name}"
 
 
-ALL_OUT, ALL_ALIVE, ALL_SRV = from_robot("*"), alive("*"), service("*")
+ALL_OUT, ALL_ALIVE, ALL_SRV, ALL_WHY = from_robot("*"), alive("*"), service("*"), service("*", WHY)
 
 
 def robot_of(key: str) -> str:

@@ -167,8 +167,7 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
     question, left_s = _question(session, robot, inbox), timeout_s
     while True:
         began, changes = time.monotonic(), inbox.world_changes
-        service = keys.service(robot, keys.JOIN)
-        for reply in session.get(service, payload=question, timeout=ANSWER_S) if inbox.world_up else ():
+        for reply in _ask(session, robot, question) if inbox.world_up else ():
             if reply.ok is not None and inbox.world_changes == changes:
                 return Entry(decode(Welcome, reply.ok.payload.to_bytes()), changes)
             if reply.err is not None:
@@ -192,6 +191,15 @@ def join(session: zenoh.Session, robot: str, inbox: AgentInbox, timeout_s: float
         f"the world does not answer {robot} for {timeout_s:g} s: it ended or stands still, the network is cut, or this "
         "is another program's address; look at the world's last words"
     )
+
+
+def _ask(session: zenoh.Session, robot: str, question: bytes) -> list[zenoh.Reply]:
+    """What the world says to a robot that asks to be let in; why not, where its question may not come that far."""
+
+    def replies(service: str) -> list[zenoh.Reply]:
+        return list(session.get(keys.service(robot, service), payload=question, timeout=ANSWER_S))
+
+    return replies(keys.JOIN) or replies(keys.WHY)
 
 
 @contextmanager

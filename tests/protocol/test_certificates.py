@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
@@ -174,6 +175,28 @@ def test_a_revoked_certificate_is_told_so_and_its_successor_joins(certs: Path, t
                 join(world, "r3", certs)
             both = [pool.submit(join, world, robot, certs) for robot in ("r1", "r2")]
             assert [one.result(JOIN_S) for one in both] == ["time", "time"]
+
+
+def test_who_has_a_certificate_and_no_rights_may_ask_why_and_nothing_else(certs: Path, tmp_path: Path) -> None:
+    """The thief of a revoked certificate, the viewer and another robot sent r1 away in its name."""
+    stolen, asked = tmp_path / "stolen", list[str]()
+    shutil.copytree(certs, stolen)
+    revoke(certs, "r2")
+    issue(certs, ["r3"], [])
+
+    def reply(query: zenoh.Query) -> None:
+        asked.append(str(query.key_expr))
+        with query:
+            query.reply_err(b"")
+
+    questions = [f"robots/{robot}/srv/{name}" for robot in ("r1", "*") for name in ("join", "leave", "*", "**", "why")]
+    with open_router(None, Certificates(certs, ["r1", "r3", VIEWER])) as (world, endpoint):
+        world.declare_queryable(keys.ALL_SRV, reply)
+        for name, folder in (("r2", stolen), (VIEWER, certs), ("r3", certs)):
+            with open_client(endpoint, JOIN_S, name, Certificates(folder, [name])) as session:
+                answered = [key for key in questions if list(session.get(key, timeout=JOIN_S))]
+            assert answered == ["robots/r1/srv/why", "robots/*/srv/why"]
+    assert asked == answered * 3
 
 
 def test_robots_that_have_joined_go_on_while_strangers_keep_breaking_their_handshakes(certs: Path) -> None:

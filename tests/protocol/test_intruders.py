@@ -9,14 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pytest
 import zenoh
 
 from agent.config import AgentConfig
 from agent.shell.process import run_agent
 from deploy import inprocess
+from deploy.certs import issue
 from deploy.config import RunConfig
 from protocol import keys
 from protocol.access import Credentials
+from protocol.certificates import Certificates
 from protocol.codec import encode
 from protocol.messages import PROTOCOL_VERSION, Action, End, Heard, Join, Observation, Send
 from protocol.secrets import new_secrets
@@ -66,13 +69,16 @@ def tokens(intruder: Intruder, tick: int) -> None:
 def questions(intruder: Intruder, tick: int) -> None:
     """To the world in others' names, for what it does not offer, and to be let in again and again."""
     for robot, key in (("r1", "robots/r1/srv/join"), ("r1", "robots/r1/srv/leave"), ("r1", "robots/*/srv/leave"),
-                       ("r1", "robots/r3/srv/join"), ("r1", "robots/r3/srv/leave"), ("r3", "robots/r3/srv/**"),
-                       ("r3", "robots/r3/srv/stop"), ("r3", "**"), ("r3", "world/pub/alive")):  # fmt: skip
+                       ("r1", "robots/r1/srv/why"), ("r1", "robots/r1/srv/**"), ("r1", "robots/r3/srv/join"),
+                       ("r1", "robots/r3/srv/leave"), ("r3", "robots/r3/srv/**"), ("r3", "robots/r3/srv/stop"),
+                       ("r3", "**"), ("r3", "world/pub/alive")):  # fmt: skip
         join = encode(Join(version=PROTOCOL_VERSION, robot=robot, session=str(intruder.session.info.zid())))
         with suppress(zenoh.ZError):
             assert not any(reply.ok for reply in intruder.session.get(key, payload=join, timeout=0.2))
     asked = [intruder.session.get(keys.service("r3", keys.JOIN), payload=intruder.question) for _ in range(200)]
     assert sum(reply.ok is not None for replies in asked for reply in replies) <= 2 * MOST_QUESTIONS
+    asked = [intruder.session.get(keys.service(f"x{number}", keys.WHY)) for number in range(200)]
+    assert sum(reply.err is not None for replies in asked for reply in replies) <= 2 * MOST_QUESTIONS
 
 
 def sessions(intruder: Intruder, tick: int) -> None:
@@ -144,9 +150,11 @@ def act(intruder: Intruder, tick: int, **more: Any) -> bool:
     return True
 
 
-def run(config: RunConfig, out: Path, attacks: Mapping[str, Attack]) -> dict[str, str]:
+def run(
+    config: RunConfig, out: Path, attacks: Mapping[str, Attack], credentials: Credentials | None = None
+) -> dict[str, str]:
     """How the run ended for those that attack; for the world and the others it ends by its time."""
-    credentials: Credentials = new_secrets(config.robot_ids)
+    credentials = credentials or new_secrets(config.robot_ids)
     with World(config, out, credentials) as world, ThreadPoolExecutor(16) as pool:
         endpoint = world.endpoint.result(JOIN_S)
         more = {"credentials": credentials, "make_mind": endless}
@@ -166,15 +174,20 @@ def intrude(robot: str, endpoint: str, credentials: Credentials, attack: Attack)
     return Intruder(robot, endpoint, credentials).live(attack)
 
 
-def test_what_is_no_answer_leaves_all_files_of_a_run_as_they_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize("certified", [False, True])
+def test_what_is_no_answer_leaves_all_files_of_a_run_as_they_are(tmp_path: Path, certified: bool) -> None:
     config = tiny_config(tmp_path, until=4.0)
+    certs = None
+    if certified:
+        issue(tmp_path / "certs", config.robot_ids, [])
+        certs = Certificates(tmp_path / "certs", config.robot_ids)
     inprocess.run(config, config.agent, tmp_path / "undisturbed", make_mind=endless)
     at = dict(enumerate((forged, tokens, questions, sessions, declarations), ATTACK_TICK))
 
     def attack(intruder: Intruder, tick: int) -> None:
         at.get(tick, nothing)(intruder, tick)
 
-    assert run(config, tmp_path / "out", {"r3": attack}) == {"r3": "time"}
+    assert run(config, tmp_path / "out", {"r3": attack}, certs) == {"r3": "time"}
     assert digests(tmp_path / "out") == digests(tmp_path / "undisturbed")
 
 

@@ -40,7 +40,7 @@ def test_every_field_of_every_message_is_in_its_rows(kind: type[Message]) -> Non
 
 def test_the_page_has_every_key_and_the_version() -> None:
     assert f"This is version {PROTOCOL_VERSION}." in TEXT
-    services = (keys.service("ID", name) for name in (keys.JOIN, keys.LEAVE))
+    services = (keys.service("ID", name) for name in (keys.JOIN, keys.LEAVE, keys.WHY))
     told = [
         keys.WORLD_ALIVE,
         keys.CLOCK,

@@ -7,6 +7,7 @@ from typing import Any
 import zenoh
 
 from protocol import keys
+from protocol.access import ANYBODY
 from protocol.codec import encode
 from protocol.inbox import Arrival, Inbox
 from protocol.messages import Refused, clipped
@@ -64,9 +65,12 @@ class WorldInbox(Inbox):
         """Take a question on robots/*/srv/**."""
         key = str(query.key_expr)
         payload = query.payload.to_bytes() if query.payload is not None else b""
-        self.put(Arrival(keys.channel_of(key), keys.robot_of(key), payload, query))
+        what, robot = keys.channel_of(key), keys.robot_of(key)
+        # whoever asks why may have made up the ID: all of them count as one
+        self.put(Arrival(what, ANYBODY if what == keys.WHY else robot, payload, query))
 
 
-def refuse(query: zenoh.Query, reason: str) -> None:
-    """Answer a question by why it is refused."""
-    query.reply_err(encode(Refused(reason=clipped(reason))))
+def refuse(query: zenoh.Query, reason: str | None) -> None:
+    """Answer a question by why it is refused; not at all where there is no reason."""
+    if reason is not None:
+        query.reply_err(encode(Refused(reason=clipped(reason))))

@@ -101,20 +101,34 @@ class Participants:
             join = decode(Join, payload)
         except ProtocolError as error:
             return str(error)
-        if join.version != PROTOCOL_VERSION:
-            return f"it speaks version {join.version} of the protocol, the world version {PROTOCOL_VERSION}"
         if join.robot != robot:
             return f"it says that it is {join.robot}"
-        if robot not in self._robots:
-            return f"no {robot} takes part, only {_some(self._robots)}"
-        if self._known is not None and join.session != self._known(robot):
-            return "its certificate does not count: it was revoked, or made after the world began"
+        unfit = self._unfit(join)
+        if unfit is not None:
+            return unfit
         if robot in self._dead:
             return f"it was given up: {self._dead[robot]}"
         # a process whose link was lost and is there again asks again; one that died has no link any more
         if robot in self.sessions and self._is_another(join) and self._is_there(robot):
             return f"another {robot} is there already"
         self.sessions[robot], self.processes[robot] = join.session, join.process
+        return None
+
+    def why_not(self, payload: bytes) -> str | None:
+        """Why nobody who asks with these bytes can take part; None where they may. Nobody is let in by it."""
+        try:
+            return self._unfit(decode(Join, payload))
+        except ProtocolError as error:
+            return str(error)
+
+    def _unfit(self, join: Join) -> str | None:
+        """What is against a robot whatever the others do."""
+        if join.version != PROTOCOL_VERSION:
+            return f"it speaks version {join.version} of the protocol, the world version {PROTOCOL_VERSION}"
+        if join.robot not in self._robots:
+            return f"no {join.robot} takes part, only {_some(self._robots)}"
+        if self._known is not None and join.session != self._known(join.robot):
+            return "its certificate does not count: it was revoked, or made after the world began"
         return None
 
     def dismiss(self, robot: str, payload: bytes) -> str | None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 import zenoh
 
 from protocol import keys
+from protocol.access import ANYBODY
 from protocol.errors import LinkError
 from protocol.inbox import Inbox
 from world.shell.inbox import WorldInbox, refuse
@@ -40,7 +41,7 @@ def count(
             before, complete = set(asked), _first(asked, robots)
             deadline = changed + (settle_s if complete else timeout_s)
             arrival = inbox.take(min(deadline, time.monotonic() + LOOK_S))
-            if arrival is None and time.monotonic() >= deadline:
+            if (arrival is None or arrival.robot == ANYBODY) and time.monotonic() >= deadline:
                 if complete:
                     break
                 missing = next(robot for robot in robots if robot not in asked)
@@ -65,6 +66,10 @@ def _note(
     there: Participants, asked: dict[str, float], robot: str, service: str, payload: bytes, query: zenoh.Query
 ) -> None:
     """Take a question: who may take part is there, who takes its leave is not."""
+    if service == keys.WHY:
+        with query:
+            refuse(query, there.why_not(payload))
+        return
     leaves = service == keys.LEAVE
     refusal = there.dismiss(robot, payload) if leaves else there.admit(robot, service, payload)
     with query:  # at once, as a question that waits keeps a robot from hearing signals

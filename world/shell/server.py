@@ -524,6 +524,10 @@ class Shell:
         if self._asked[arrival.robot] > MOST_QUESTIONS:
             query.drop()  # type: ignore[no-untyped-call]
             return
+        if arrival.what == keys.WHY:
+            with query:
+                refuse(query, self._participants.why_not(arrival.payload))
+            return
         if arrival.what == keys.LEAVE:
             self._let_go(arrival, query)
             return

@@ -8,6 +8,7 @@ from protocol.messages import PROTOCOL_VERSION, Join
 from world.shell.participants import Participants
 
 THERE = "another r1 is there already"
+NO_MORE = "its certificate does not count: it was revoked, or made after the world began"
 
 
 def asks(there: Participants, session: str, process: str) -> str | None:
@@ -45,3 +46,16 @@ def test_a_refusal_among_many_robots_fits_into_a_message() -> None:
     there = Participants([f"r{number + 1}" for number in range(500)], {})
     refusal = there.admit("r501", keys.JOIN, encode(Join(version=PROTOCOL_VERSION, robot="r501")))
     assert refusal == "no r501 takes part, only r1, r2, r3, r4, r5, r6, r7, r8 and 492 more"
+
+
+def test_who_asks_why_is_told_what_is_against_it_and_never_let_in() -> None:
+    there = Participants(["r1", "r2"], {}, known={"r1": "0a"}.get)
+
+    def why(**join: str) -> str | None:
+        return there.why_not(encode(Join.model_validate({"version": PROTOCOL_VERSION} | join)))
+
+    assert why(robot="r1", session="0a") is None
+    assert why(robot="r1", session="0b") == why(robot="r2", session="0c") == NO_MORE
+    assert why(robot="r3") == "no r3 takes part, only r1 and r2"
+    assert "no msgpack" in str(there.why_not(b""))
+    assert not there.sessions
