@@ -24,6 +24,7 @@ from protocol.codec import decode, encode
 from protocol.errors import ProtocolError
 from protocol.geometry import Pose, pose_of, relative
 from protocol.messages import (
+    MAX_EVENT_VALUES,
     Action,
     Event,
     Heard,
@@ -34,6 +35,7 @@ from protocol.messages import (
     RobotSpec,
     ScanReport,
     Send,
+    values_in,
 )
 from protocol.session import at_once, open_ros2_client
 from protocol.settings import MAX_NUMBER
@@ -96,7 +98,8 @@ class DriverInbox:
                 self._sends = [*self._sends, message][-MAX_SENDS:]
                 return
             if isinstance(message, Action):
-                self._events = [*self._events, *message.events][-MAX_EVENTS:]
+                events = [*self._events, *message.events][-MAX_EVENTS:]
+                self._events = events if values_in(events) <= MAX_EVENT_VALUES else message.events[-MAX_EVENTS:]
             self._last[channel] = message
 
     def take(self) -> tuple[tuple[float, float], list[Send], list[Event], dict[str, Message]]:

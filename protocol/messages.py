@@ -4,10 +4,22 @@ Units: metres, radians, seconds; a pose is (x, y, theta), counter-clockwise.
 """
 
 import math
+from collections.abc import Iterable
+from itertools import chain, islice
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FailFast,
+    Field,
+    Strict,
+    StringConstraints,
+    model_validator,
+)
 
 from protocol.arrays import Floats
 from protocol.errors import ProtocolError
@@ -19,14 +31,16 @@ PROTOCOL_VERSION = 3
 
 EVERYONE = "*"
 """The receiver of a broadcast."""
+MAX_ROBOTS = 500
+"""Robots of a run (ours)."""
 MAX_TEXT = 1000
 """Characters of a text (ours)."""
 MAX_EVENTS = 1000
 """Events of a robot in a tick (ours)."""
 MAX_EVENT_DEPTH = 8
 """Levels of nested values in an event (ours). A transform in a list of candidates is at level 4."""
-MAX_EVENT_NODES = 10_000
-"""Values in one event (ours)."""
+MAX_EVENT_VALUES = 10_000
+"""Values in all events of a robot in a tick (ours): they take some ms to check."""
 MTU_BYTES = 1200
 """The longest message that goes on the air by default: below what any IP link carries in one piece."""
 MAX_WAY = 1000
@@ -55,8 +69,7 @@ def clipped(text: str) -> str:
 
 
 def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
-    """The value, if it is JSON, bounded and small. It is walked without recursion, so that no depth is a danger."""
-    left = MAX_EVENT_NODES
+    """The value, if it is JSON and bounded. It is walked without recursion, so that no depth is a danger."""
     level: list[Any] = [value]
     for _ in range(MAX_EVENT_DEPTH):
         below: list[Any] = []
@@ -71,16 +84,13 @@ def _bounded_json(value: dict[str, Any]) -> dict[str, Any]:
                 case str():
                     if len(node) > MAX_TEXT:
                         raise ValueError(f"a text of more than {MAX_TEXT} characters")
-                case float():
+                case float() | int():
                     if not abs(node) <= MAX_NUMBER:  # NaN is not
                         raise ValueError(f"not within {MAX_NUMBER:g}")
-                case bool() | int() | None:
+                case None:
                     pass
                 case _:
                     raise ValueError(f"{type(node).__name__} is no JSON value")
-        left -= len(below)
-        if left < 0:
-            raise ValueError(f"more than {MAX_EVENT_NODES} values")
         if not below:
             return value
         level = below
@@ -354,6 +364,35 @@ class Event(Message):
     """JSON values, numbers within MAX_NUMBER, of limited size."""
 
 
+def values_in(events: Iterable[Any]) -> int:
+    """How many values there are in events, or in what may become such; one too many where there are more."""
+    level = [_data(event) for event in events]
+    count = 0
+    while level and count <= MAX_EVENT_VALUES:
+        level = list(islice(chain.from_iterable(map(_within, level)), MAX_EVENT_VALUES + 1 - count))
+        count += len(level)
+    return count
+
+
+def _data(event: Any) -> Any:
+    if isinstance(event, Event):
+        return event.data
+    return event.get("data") if isinstance(event, dict) else None
+
+
+def _within(value: Any) -> Iterable[Any]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list | tuple) else ()
+
+
+def _of_few_values(events: Any) -> Any:
+    """Events, if they are few enough to be looked at."""
+    if isinstance(events, list) and values_in(events) > MAX_EVENT_VALUES:
+        raise ValueError(f"more than {MAX_EVENT_VALUES} values")
+    return events
+
+
 class Action(Message):
     """Robot to world, the last of a tick's messages: how it drives, and how it does."""
 
@@ -364,14 +403,14 @@ class Action(Message):
     """How many Send of the same tick came before."""
     complete: bool = False
     """Whether the robot has nothing left to explore."""
-    events: Annotated[list[Event], Field(max_length=MAX_EVENTS)] = []
+    events: Annotated[list[Event], FailFast(), Field(max_length=MAX_EVENTS), BeforeValidator(_of_few_values)] = []
     map_bytes: Count = 0
     """Of the map as `MapReport` carries it."""
     filter_bytes: Count = 0
     """Of its own map with all that goes on with it, and of places seen, felt and tried; not of peers' maps."""
     step_ms: Annotated[Finite, Field(ge=0)] = 0.0
     """Wall-clock time of the step; it is reported and changes nothing."""
-    merged: dict[RobotId, Tick] = {}
+    merged: Annotated[dict[RobotId, Tick], Field(max_length=MAX_ROBOTS)] = {}
     """Peers whose maps are part of the robot's, with the ticks of these maps."""
 
 
@@ -408,7 +447,7 @@ class PoseReport(Message):
 
     tick: Tick
     pose: FinitePose
-    teammates: list[TeammatePose] = []
+    teammates: Annotated[list[TeammatePose], FailFast(), Field(max_length=MAX_ROBOTS)] = []
 
 
 class Clock(Message):

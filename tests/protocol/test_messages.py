@@ -3,6 +3,7 @@
 import contextlib
 import math
 import struct
+import time
 from typing import Any
 
 import msgpack
@@ -10,12 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from protocol import keys
 from protocol.codec import MAX_MESSAGE_BYTES, decode, encode
 from protocol.errors import ProtocolError
 from protocol.messages import (
     MAX_EVENT_DEPTH,
+    MAX_EVENT_VALUES,
+    MAX_ROBOTS,
     MAX_TICK,
     MAX_WAY,
     Action,
@@ -52,7 +56,7 @@ poses = st.tuples(finite, finite, finite)
 near_poses = st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), finite)
 texts = st.text(max_size=50)
 json_values = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | finite | texts,
+    st.none() | st.booleans() | st.integers(-int(MAX_NUMBER), int(MAX_NUMBER)) | finite | texts,
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(texts, inner, max_size=4),
     max_leaves=20,
 )
@@ -173,7 +177,8 @@ def test_deep_nesting_is_refused() -> None:
         b"bytes",
         "x" * 1001,
         {"x" * 1001: 1},
-        [0] * 10_001,
+        2**64 - 1,
+        -int(MAX_NUMBER) - 1,
         msgpack.Timestamp(0),
     ],
     ids=lambda value: type(value).__name__,
@@ -181,6 +186,60 @@ def test_deep_nesting_is_refused() -> None:
 def test_event_data_is_bounded_json(value: Any) -> None:
     action = {"tick": 0, "speed_mps": 0.0, "turn_rps": 0.0, "events": [{"event": "e", "data": {"v": value}}]}
     assert refused(Action, msgpack.packb(action)).startswith("a bad Action: events.0.data")
+
+
+@pytest.mark.parametrize("values", [[MAX_EVENT_VALUES], [1, MAX_EVENT_VALUES - 1], [100] * 100])
+def test_events_have_so_many_values_together(values: list[int]) -> None:
+    """Also those of a mind in this process, which are no bytes."""
+    still = {"tick": 0, "speed_mps": 0.0, "turn_rps": 0.0}
+    some = [{"event": "e", "data": {"v": [None] * (number - 1)}} for number in values]
+    many = [*some, {"event": "e", "data": {"v": 0}}]
+    whole = Action(**still, events=[Event.model_validate(event) for event in some])
+    assert decode(Action, msgpack.packb(still | {"events": some})) == whole
+    assert "more than 10000 values" in refused(Action, msgpack.packb(still | {"events": many}))
+    with pytest.raises(ValidationError, match="more than 10000 values"):
+        Action(**still, events=[Event.model_validate(event) for event in many])
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        (Join, dict.fromkeys(map(str, range(100_000)))),
+        (Action, {"events": [{"event": "e", "data": {"v": [None] * 9_990}}] * 100}),
+        (Action, {"events": [dict.fromkeys(map(str, range(1_000)))] * 100}),
+        (Action, {"merged": dict.fromkeys(map(str, range(100_000)), -1)}),
+        (PoseReport, {"teammates": [{}] * 10_000}),
+        (PoseReport, {"teammates": [{}] * 100_000}),
+    ],
+)
+def test_a_long_message_is_refused_at_once(kind: type[Message], fields: dict[str, Any]) -> None:
+    """Such ones took 0.4 s and more, and some of them ended no robot's part."""
+    data = msgpack.packb(fields)
+    began = time.process_time()
+    refused(kind, data)
+    assert time.process_time() - began < 0.2
+
+
+def test_a_join_is_short_whatever_it_says() -> None:
+    longest = Join(version=2**63, robot="r" * 16, session="0" * 32, process="0" * 16)
+    assert decode(Join, encode(longest)) == longest
+    assert "at most 512" in refused(Join, encode(longest) + bytes(512))
+
+
+def test_no_more_robots_are_told_of_than_a_run_may_have() -> None:
+    robots = [f"r{number}" for number in range(MAX_ROBOTS + 1)]
+    mate = {"tick": 0, "pose": [0, 0, 0], "covariance": [0] * 9, "status": "merged"}
+    mates = [mate | {"robot": robot} for robot in robots]
+    assert "at most 500" in refused(PoseReport, msgpack.packb({"tick": 0, "pose": [0, 0, 0], "teammates": mates}))
+    merged = {"tick": 0, "speed_mps": 0.0, "turn_rps": 0.0, "merged": dict.fromkeys(robots, 0)}
+    assert "at most 500" in refused(Action, msgpack.packb(merged))
+
+
+def test_a_key_comes_once() -> None:
+    twice = b"\x82" + 2 * (msgpack.packb("reason") + msgpack.packb("time"))
+    assert "a key twice" in refused(End, twice)
+    within = {"tick": 0, "speed_mps": 0.0, "turn_rps": 0.0, "events": [{"event": "e", "data": {"a": 1, "b": 2}}]}
+    assert "a key twice" in refused(Action, msgpack.packb(within).replace(b"\xa1b", b"\xa1a"))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1.7e308, -1.1 * MAX_NUMBER, "1.0", True, None])

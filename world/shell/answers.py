@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ProtocolError
-from protocol.messages import MAX_EVENTS, Action, Event, MapReport, Send
+from protocol.messages import MAX_EVENT_VALUES, MAX_EVENTS, Action, Event, MapReport, Send, values_in
 from protocol.talk import MAX_SENDS
 from world.tick import Outputs
 
@@ -24,6 +24,8 @@ class Answer:
     sent_bytes: int = 0
     """Of their payloads."""
     events: list[Event] = field(default_factory=list)
+    event_values: int = 0
+    """In the events."""
     map: MapReport | None = None
     action: Action | None = None
     """The last message of a tick; None until it comes."""
@@ -54,9 +56,11 @@ class Answers:
                 answer.map = message
             case Action():
                 answer.action = message
+                # in real time several actions may come in one tick
                 answer.events.extend(message.events)
-                if len(answer.events) > MAX_EVENTS:  # in real time several actions may come in one tick
-                    raise ProtocolError(f"more than {MAX_EVENTS} events in one tick")
+                answer.event_values += values_in(message.events)
+                if len(answer.events) > MAX_EVENTS or answer.event_values > MAX_EVENT_VALUES:
+                    raise ProtocolError(f"more than {MAX_EVENTS} events or {MAX_EVENT_VALUES} values in one tick")
         return False
 
     def _came_before(self, robot: str, message: Send | MapReport | Action, tick: int) -> bool:
