@@ -9,8 +9,12 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
+from protocol.codec import MAX_MESSAGE_BYTES
 from protocol.messages import MTU_BYTES, RobotId
 from protocol.settings import Chance, Config, NotNegative, Positive
+
+MAX_MTU_BYTES = MAX_MESSAGE_BYTES - 256
+"""What is heard comes with its sender, in a message of the world that may be no longer than others (ours)."""
 
 LinkName = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_-]{0,15}>[a-z][a-z0-9_-]{0,15}$")]
 
@@ -163,7 +167,7 @@ class RadioConfig(Config):
 
     range_m: Positive | None = 4.0
     """Range in m, judged at the sending tick (paper III: robots within radio range); null for no limit."""
-    mtu_bytes: Annotated[int, Field(ge=64, le=2**20)] = MTU_BYTES
+    mtu_bytes: Annotated[int, Field(ge=64, le=MAX_MTU_BYTES)] = MTU_BYTES
     """The longest message that goes on the air; robots are told it."""
     models: list[Model] = Field(default_factory=list, max_length=100)
     """Further losses and delays in this order, such as [{kind: bernoulli, loss: 0.3}, {kind: line_of_sight}]."""

@@ -5,8 +5,8 @@ import pytest
 
 from protocol.codec import decode, encode
 from protocol.errors import ProtocolError
-from protocol.messages import MAX_TICK, MOST_LINKS, LinkReport, LinkTable, Send
-from world.radio.config import RadioConfig
+from protocol.messages import MAX_TICK, MOST_LINKS, Heard, LinkReport, LinkTable, Send
+from world.radio.config import MAX_MTU_BYTES, RadioConfig
 from world.radio.gate import Passage, Radio
 
 NAMES = ["r1", "r2", "r3"]
@@ -35,6 +35,16 @@ def test_range_is_judged_where_the_sender_stood_when_it_sent() -> None:
     radio.offer(1, {"r3": [send(1, b"b")]}, np.zeros((3, 2)))
     heard, _ = radio.deliver(2, NAMES)
     assert [m.payload for m in heard["r1"]] == [b"b"]
+
+
+def test_the_longest_message_on_the_air_fits_into_one_of_the_world() -> None:
+    sent = Send(tick=MAX_TICK - 1, to="*", kind="k" * 16, payload=bytes(MAX_MTU_BYTES))
+    radio = Radio(["r" * 16, "r2"], RadioConfig(mtu_bytes=MAX_MTU_BYTES))
+    radio.offer(MAX_TICK - 1, {"r" * 16: [decode(Send, encode(sent))]}, LINE[:2])
+    (heard,) = radio.deliver(MAX_TICK, ["r2"])[0]["r2"]
+    assert decode(Heard, encode(heard)) == heard
+    with pytest.raises(ValueError, match="less than or equal to 1044224"):
+        RadioConfig(mtu_bytes=MAX_MTU_BYTES + 1)
 
 
 def test_unicasts_go_to_one_and_order_is_by_sender_and_sequence() -> None:
