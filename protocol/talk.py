@@ -45,9 +45,8 @@ class Beacon(NamedTuple):
     @classmethod
     def decode(cls, data: bytes) -> "Beacon":
         """Raises ProtocolError on anything else than a beacon."""
-        check_version(data)
-        if len(data) != _HEAD.size + POSE_BYTES:
-            raise ProtocolError(f"a beacon of {len(data)} bytes instead of {_HEAD.size + POSE_BYTES}")
+        if check_version(data) or len(data) != _HEAD.size + POSE_BYTES:
+            raise ProtocolError(f"a beacon with flags, or of {len(data)} bytes instead of {_HEAD.size + POSE_BYTES}")
         _, tick = _HEAD.unpack_from(data)
         return cls(tick, take_pose(data, _HEAD.size)[0])
 
@@ -62,7 +61,7 @@ class Part(NamedTuple):
     body: bytes
 
     def encode(self) -> bytes:
-        """The part's message: four to ten bytes more than the body."""
+        """The part's message: 3 to 13 bytes more than the body."""
         numbers = [self.version, self.version - self.base if self.base else 0]
         numbers += [self.number, self.parts] if self.parts > 1 else []
         return first_byte(_SINGLE if self.parts == 1 else 0) + b"".join(map(varint, numbers)) + self.body
@@ -74,11 +73,11 @@ class Part(NamedTuple):
         version, at = take_varint(data, 1)
         back, at = take_varint(data, at)
         index, count = 0, 1
-        if not flags & _SINGLE:
+        if flags != _SINGLE:
             index, at = take_varint(data, at)
             count, at = take_varint(data, at)
-        if not 1 <= count <= MAX_PARTS or index >= count:
-            raise ProtocolError(f"part {index + 1} of {count} of a map; at most {MAX_PARTS} are taken")
+            if flags or not 1 < count <= MAX_PARTS or index >= count:
+                raise ProtocolError(f"part {index + 1} of {count} of a map; at most {MAX_PARTS} are taken")
         if back >= version:
             raise ProtocolError("changes to a map of the future")
         return cls(version, version - back if back else 0, index, count, data[at:])
@@ -92,7 +91,7 @@ class Ack(NamedTuple):
     """Parts that have not arrived; empty when the map is whole; None when the base of the changes is not there."""
 
     def encode(self, count: int = 1) -> bytes:
-        """Two to twelve bytes; `count` is the number of parts."""
+        """2 to 14 bytes; `count` is the number of parts."""
         flags = _UNKNOWN if self.missing is None else _PARTIAL if self.missing else 0
         bits = sum(1 << index for index in self.missing or ())
         return first_byte(flags) + varint(self.version) + bits.to_bytes((count + 7) // 8 if bits else 0)
@@ -103,7 +102,7 @@ class Ack(NamedTuple):
         flags = check_version(data)
         version, at = take_varint(data, 1)
         rest = data[at:]
-        if len(rest) > MAX_PARTS // 8 or bool(rest) != (flags == _PARTIAL) or flags > _UNKNOWN:
+        if len(rest) > MAX_PARTS // 8 or {bool(rest), any(rest)} != {flags == _PARTIAL} or flags > _UNKNOWN:
             raise ProtocolError("an acknowledgement of parts that are none")
         if flags == _UNKNOWN:
             return cls(version, None)
@@ -185,5 +184,7 @@ def take_varint(data: bytes, at: int) -> tuple[int, int]:
         value |= (data[at] & 0x7F) << shift
         at += 1
         if data[at - 1] < 0x80:
+            if shift and not data[at - 1]:
+                raise ProtocolError("a number in a message has more bytes than it needs")
             return value, at
     raise ProtocolError("a number in a message is too large")

@@ -39,7 +39,7 @@ class AskViews(NamedTuple):
     that robot's map, or told it lately."""
 
     def encode(self) -> bytes:
-        """Two to seven bytes, and ten of the frame."""
+        """2 to 6 bytes, and 10 of the frame."""
         if self.frame is None:
             return first_byte(_ASKS) + varint(self.since)
         return first_byte(_ASKS | _PLACES) + varint(self.since) + pose_bytes(self.frame)

@@ -102,7 +102,7 @@ def a_part(data: bytes) -> None:
                 Beacon.decode(data[1:])
             case 1:
                 part = Part.decode(data[1:])
-                assert Part.decode(part.encode()) == part
+                assert part.encode() == data[1:]
             case 2:
                 Ack.decode(data[1:])
             case 3:
