@@ -11,6 +11,7 @@ import json
 import struct
 import sys
 import time
+from contextlib import suppress
 from queue import SimpleQueue
 
 import msgpack
@@ -121,15 +122,25 @@ class BareRobot:
         return struct.pack("<4sBII", b"WSWF", 1, 2 * n, n) + ends + rest
 
 
+def joined(session: zenoh.Session, robot: str) -> dict:
+    """The world's Welcome, asked for until it comes; ends the program where the world refuses."""
+    question = msgpack.packb({"version": 3, "robot": robot, "session": str(session.info.zid())})
+    while True:
+        for reply in session.get(f"robots/{robot}/srv/join", payload=question):
+            if reply.ok:
+                return msgpack.unpackb(reply.ok.payload.to_bytes())
+            with suppress(Exception):  # other errors are of Zenoh itself
+                sys.exit(f"{robot} is not let in: {msgpack.unpackb(reply.err.payload.to_bytes())['reason']}")
+        time.sleep(0.2)
+
+
 def main(robot: str, endpoint: str) -> None:
     """Live in the world at an endpoint."""
     settings = {"mode": "client", "connect": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
     block = {"congestion_control": zenoh.CongestionControl.BLOCK, "express": True}
     inbox, said = SimpleQueue(), {"tick": -1}
     with zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
-        question = msgpack.packb({"version": 3, "robot": robot, "session": str(session.info.zid())})
-        (reply,) = session.get(f"robots/{robot}/srv/join", payload=question)
-        explorer = BareRobot(msgpack.unpackb(reply.ok.payload.to_bytes())["spec"])
+        explorer = BareRobot(joined(session, robot)["spec"])
         session.declare_subscriber(f"robots/{robot}/in/**", lambda one: inbox.put((str(one.key_expr), one.payload)))
         out = {name: session.declare_publisher(f"robots/{robot}/out/{name}", **block) for name in ("map", "act")}
         while not all(publisher.matching_status.matching for publisher in out.values()):

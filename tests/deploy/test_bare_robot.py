@@ -8,11 +8,16 @@ from queue import SimpleQueue
 from threading import Thread
 
 import pytest
+import zenoh
 
 from deploy.metrics import score_walls, truth_of
 from deploy.report.rundir import read_run
 from deploy.revision import ROOT
 from deploy.sensing import IDEAL
+from protocol import keys
+from protocol.codec import encode
+from protocol.messages import Refused
+from protocol.session import open_router
 from world.config import ServerConfig, WorldConfig
 from world.shell.server import serve
 from world.worldfile import load
@@ -32,6 +37,22 @@ def test_the_robot_says_how_it_is_called(arguments: list[str]) -> None:
     command = [sys.executable, str(ROBOT), *arguments]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert "python examples/bare_robot.py r1 tcp/" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_the_robot_asks_until_it_is_answered_and_says_why_it_is_refused() -> None:
+    answers = [b"", b"Timeout", encode(Refused(reason="no r9 takes part"))]
+
+    def reply(query: zenoh.Query) -> None:
+        answer = answers.pop(0)
+        with query:
+            if answer:
+                query.reply_err(answer)
+
+    with open_router() as (world, endpoint):
+        world.declare_queryable(keys.service("r9", keys.JOIN), reply)
+        command = [sys.executable, str(ROBOT), "r9", endpoint]
+        done = subprocess.run(command, env={}, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (1, "r9 is not let in: no r9 takes part\n") and not answers
 
 
 def test_the_robot_maps_a_flat(tmp_path: Path) -> None:
