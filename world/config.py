@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, StringConstraints, ValidationInfo, field_validator, model_validator
 
-from protocol.messages import MTU_BYTES, RobotSpec
+from protocol.messages import MAX_ROBOTS, MTU_BYTES, RobotSpec
 from protocol.settings import Config, Positive, is_to_come
 from world.radio.config import RadioConfig
 
@@ -16,7 +16,7 @@ class WorldConfig(Config):
 
     world: str = "maze-15"
     """Name of a bundled world, generated-WIDTHxHEIGHT-SEED for a maze (sides in metres), or a world file."""
-    robots: Annotated[int, Field(ge=1, le=500)] = 3
+    robots: Annotated[int, Field(ge=1, le=MAX_ROBOTS)] = 3
     """Number of robots: r1, r2, ..."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Everything random in a run is drawn from it."""
