@@ -170,7 +170,7 @@ class Explorer:
             return None
         if self.target is None and not errand.ended:
             for roads in self.surroundings.ways(scene):
-                route = standing.near(errand.place, roads)
+                route = standing.near(errand.place, roads, self.surroundings.lasting)
                 if route is not None:
                     return self._pursue(scene, Task("errand", errand.place, route.path[-1]), roads, None)
             errand.ended = "no way"
@@ -345,10 +345,13 @@ class Explorer:
 
     def _reconsiders(self, scene: Scene, target: Target) -> bool:
         """Whether the target is to be compared with other tasks, or its path is no longer good."""
-        walls = np.vstack((scene.wireframe.segments(), self.surroundings.touch.walls))
-        if not still_clear(target.path, walls, target.clearance - GIVE_M):
+        clearance_m = target.clearance - GIVE_M
+        if not still_clear(target.path, self.surroundings.lasting, clearance_m):
             return True
-        if target.task.kind in ("errand", "home", "lap", "retreat", "wait", "park") or not len(self.goals.fresh()):
+        if target.task.kind == "errand":  # the peer itself may stand where the robot was to look for it
+            x, y = target.task.stand.tolist()
+            return self.surroundings.teammates.take(scene.tick, x, y, clearance_m)
+        if target.task.kind in ("home", "lap", "retreat", "wait", "park") or not len(self.goals.fresh()):
             return False
         if target.looks > 0 and target.within(ARRIVED_M, scene.here):
             return False

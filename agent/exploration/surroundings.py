@@ -110,6 +110,11 @@ class Surroundings:
         self.teammates, self.touch, self._close = Teammates(spec), Touch(spec, driving), CloseWalls(spec)
         self._map, self._known = Wireframe(), np.zeros((0, 4))  # and its walls, as the map changes seldom
 
+    @property
+    def lasting(self) -> Floats:
+        """(m, 4) walls of the map that was looked at last, and those found by touch."""
+        return np.vstack((self._known, self.touch.walls))
+
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
         tick, pose = situation.tick, situation.pose

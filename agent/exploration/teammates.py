@@ -80,6 +80,11 @@ class Teammates:
         still = TEAMMATE_STILL_S * self.rate_hz
         return [mate for mate in self.known if tick - mate.still_since >= still or tick < mate.avoid_until]
 
+    def take(self, tick: int, x: float, y: float, clearance_m: float) -> bool:
+        """Whether one that is planned around leaves no room to stand at (x, y) with this clearance."""
+        apart_m = self.radius + ROOM_M + clearance_m
+        return any(math.hypot(mate.x - x, mate.y - y) < apart_m for mate in self.in_the_way(tick))
+
     def walls(self, tick: int) -> Floats:
         """(k, 4) outlines of the teammates that are planned around."""
         rings = self._rings(tick, self.radius + ROOM_M)
