@@ -61,11 +61,11 @@ def own_share(agenda: Agenda, roads: Roads, partners: Floats, silent: Floats) ->
     """
     silent, partners = (_that_may_be_nearer(some, agenda) for some in (silent, partners))
     if len(silent):
-        theirs = roads.costs_from(silent[:, :2], agenda.stands) + silent[:, 2:]
+        theirs = roads.of_teammates.costs_from(silent[:, :2], agenda.stands) + silent[:, 2:]
         agenda = agenda.of(np.flatnonzero((agenda.costs <= theirs).all(0)))
     if not agenda.tasks or not len(partners):
         return agenda
-    theirs = roads.costs_from(partners[:, :2], agenda.stands) + partners[:, 2:]
+    theirs = roads.of_teammates.costs_from(partners[:, :2], agenda.stands) + partners[:, 2:]
     owner = auction(with_extra(np.vstack((agenda.costs, theirs)), agenda.tasks), agenda.between)
     return agenda.of(np.flatnonzero(owner == 0))
 

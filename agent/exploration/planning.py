@@ -7,7 +7,8 @@ walls move a little with every scan.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -235,9 +236,13 @@ class Roads:
         more_walls: Floats = _NO_WALLS,
         more_nodes: Floats = _NO_NODES,
         node_offset_m: float = NODE_OFFSET_M,
+        of_teammates: "Callable[[], Roads] | None" = None,
     ) -> None:
-        """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map."""
-        self.clearance = clearance_m
+        """start: (2,) metres in the map's frame; more_walls (k, 4), more_nodes (j, 2): obstacles not in the map.
+
+        of_teammates: makes the roads that teammates take, where they are others.
+        """
+        self.clearance, self._of_teammates = clearance_m, of_teammates
         self.walls = np.ascontiguousarray(np.vstack((wireframe.segments(), more_walls)))
         into, out_of = neighbours(wireframe.edges, len(wireframe.points))
         nodes = _corner_nodes(wireframe.points, into, out_of, clearance_m + node_offset_m)
@@ -254,6 +259,11 @@ class Roads:
         start = np.ascontiguousarray(start, np.float64)
         clearance = first_clearance(start, self.walls, self.clearance)
         return Origin(start, clearance, *_shortest(start, clearance, self.terrain))
+
+    @cached_property
+    def of_teammates(self) -> "Roads":
+        """The roads that teammates take: they lead through teammates, as none stands in its own way."""
+        return self._of_teammates() if self._of_teammates else self
 
     def standable(self, points: Floats) -> Bools:
         """Whether each of points (n, 2) keeps the clearance."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -141,8 +142,9 @@ class Surroundings:
         return self._ways(scene, self.tight_m, True)
 
     def _ways(self, scene: Scene, clearance: float, teammates: bool) -> Roads:
-        walls, nodes = self.touch.walls, self.touch.nodes(clearance)
-        if teammates:
+        walls, nodes, theirs = self.touch.walls, self.touch.nodes(clearance), None
+        if teammates and self.teammates.in_the_way(scene.tick):
             walls = np.vstack((walls, self.teammates.walls(scene.tick)))
             nodes = np.vstack((nodes, self.teammates.nodes(scene.tick, clearance)))
-        return Roads(scene.wireframe, scene.here, clearance, walls, nodes)
+            theirs = partial(self._ways, scene, clearance, False)
+        return Roads(scene.wireframe, scene.here, clearance, walls, nodes, of_teammates=theirs)

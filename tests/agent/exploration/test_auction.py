@@ -6,6 +6,10 @@ import numpy as np
 
 from agent.exploration.agenda import TOUR_TASKS, agenda_of
 from agent.exploration.auction import auction, own_share
+from agent.exploration.config import DrivingConfig
+from agent.exploration.surroundings import Situation, Surroundings
+from protocol.messages import RobotSpec
+from protocol.wireframe import Wireframe
 from tests.agent.exploration.test_agenda import end, roads_from
 
 NOBODY = np.zeros((0, 3))
@@ -75,3 +79,17 @@ def test_a_silent_teammate_has_what_it_is_nearer_to() -> None:
     assert share((0.2, 0.0), silent=[(0.3, 0.0, 0.0)]) == [-6.0, -5.0]
     assert share((-0.2, 0.0), silent=[(0.3, 0.0, 1.0)]) == [-6.0, -5.0, 5.0, 6.0]  # it may have gone since
     assert share((0.4, 0.0), [(0.3, 0.0, 0.0)], [(-7.0, 0.0, 0.0)]) == [5.0, 6.0]
+
+
+def test_a_teammate_that_stands_in_sight_bids_like_one_that_drives() -> None:
+    """Who stands for 2 s is planned around, and so had no way to any task: robots took the work of such a teammate."""
+    spec, mate = RobotSpec(), np.array([(1.0, 0.0, 0.0)])
+    around, shares = Surroundings(DrivingConfig(), spec), []
+    for tick in range(12):
+        scene = around.look(Situation(tick, Wireframe(), 1, (0.0, 0.0, 0.0), Wireframe(), mate[:, :2]))
+        for roads in around.ways(scene):
+            agenda = agenda_of([end(x, 0.0) for x in (-6.0, -5.0, 5.0, 6.0)], roads)
+            for partners, silent in ((mate, NOBODY), (NOBODY, mate)):
+                shares.append([float(task.stand[0]) for task in own_share(agenda, roads, partners, silent).tasks])
+    assert around.teammates.in_the_way(tick)
+    assert all(sorted(share) == [-6.0, -5.0] for share in shares)
