@@ -41,6 +41,11 @@ SPACING_M = 0.5
 MOST_SAMPLES = 20_000
 """Unseen samples, 200 m2, for which standing points are looked for at a time, the nearest: which point shows which is a
 table of 50 to 100 MB then. In a hall of 80 m a side all half a million of them would take 8 GB."""
+MOST_VIEWS = 400_000_000
+"""Bytes of that table at most, those of a maze of 80 m: where samples lie scattered, of standing points the nearest."""
+MOST_AWAY = 1500
+"""Samples, 150 m, by which those of the free area go at most beyond where the robot itself has been. The largest mazes
+measure 141 m across. A merged peer that lies may tell of four walls around square kilometres."""
 MOST_KEPT = 3000  # most own viewpoints kept (24 bytes each), 1.5 km of path; then every second one is forgotten
 MOST_SLIVERS = 2 * MOST_KEPT  # most samples kept that sweeps have left, two of each at most; the oldest are forgotten
 
@@ -115,6 +120,14 @@ def _cover(views: Bools, keep: bool) -> list[int]:
         views = views[:, ~views[best]]
 
 
+def _nearest(points: Floats, here: Floats, most: int) -> Floats:
+    """Those of points (n, 2) that are nearest to here (2,), so many at most, in their order."""
+    if len(points) <= most:
+        return points
+    away = np.hypot(*(points - here).T)
+    return points[np.sort(np.argsort(away, kind="stable")[:most])]
+
+
 def free_face(wireframe: Wireframe, poses: Floats, reach_m: float) -> shapely.Geometry:
     """The faces of the map's walls that hold any of poses (k, 2).
 
@@ -155,10 +168,12 @@ class Sweep:
     def unseen(self, wireframe: Wireframe, viewpoints: Viewpoints) -> Floats:
         """Samples (n, 2) of the free area that nobody has seen from within the radius."""
         face = free_face(wireframe, viewpoints.all(), self.range)
-        bounds = shapely.bounds(face)
-        lattice = lattice_between(bounds[:2], bounds[2:], self.sample_m)
+        bounds, own = shapely.bounds(face), viewpoints.own_places()
+        been, away_m = np.vstack((own, np.zeros(2))), MOST_AWAY * self.sample_m
+        low, high = np.maximum(bounds[:2], been.min(0) - away_m), np.minimum(bounds[2:], been.max(0) + away_m)
+        lattice = lattice_between(low, high, self.sample_m)
         left = inside(lattice, face)
-        self._take_swept(left, lattice, viewpoints.own_places(), viewpoints.teammates, wireframe.segments())
+        self._take_swept(left, lattice, own, viewpoints.teammates, wireframe.segments())
         return lattice.points(left)
 
     def passed_by(self, wireframe: Wireframe, viewpoints: Viewpoints, here: Floats, reach_m: float) -> Floats:
@@ -217,12 +232,10 @@ class Sweep:
         """
         if not len(unseen):
             return []
-        if len(unseen) > MOST_SAMPLES:
-            away = np.hypot(*(unseen - roads.origin.point).T)
-            unseen = unseen[np.sort(np.argsort(away, kind="stable")[:MOST_SAMPLES])]
+        unseen = _nearest(unseen, roads.origin.point, MOST_SAMPLES)
         lattice = lattice_between(unseen.min(0) - self.radius, unseen.max(0) + self.radius, LATTICE_M)
         points = lattice.points(np.ones((len(lattice.ys), len(lattice.xs)), np.bool_))
-        points = points[roads.standable(points)]
+        points = _nearest(points[roads.standable(points)], roads.origin.point, MOST_VIEWS // len(unseen))
         for x, y in self._stood:  # never twice, so that the sweep ends whatever the map does
             points = points[np.hypot(points[:, 0] - x, points[:, 1] - y) > _STOOD_M]
         if begun is not None:

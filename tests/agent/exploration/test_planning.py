@@ -9,11 +9,12 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agent.exploration import sweep as sweeping
 from agent.exploration.config import DrivingConfig
 from agent.exploration.frontiers import open_ends
 from agent.exploration.path import still_clear
 from agent.exploration.planning import Roads, hurdles_of
-from agent.exploration.sweep import LEAST_SAMPLES, MOST_SLIVERS, Sweep, Viewpoints, free_face
+from agent.exploration.sweep import LEAST_SAMPLES, MOST_AWAY, MOST_SLIVERS, Sweep, Viewpoints, free_face
 from agent.geometry.clearance import distance_to_walls, distances_to_walls, keeps_clear
 from protocol.arrays import Floats
 from protocol.geometry import apply
@@ -251,3 +252,20 @@ def test_nothing_is_unseen_where_no_middle_of_the_smallest_object_can_be():
     """The corners of a room are full of samples that are nearer to a wall than half of such an object."""
     unseen = Sweep(0.1, ideal_lidar()).unseen(chain(room(4.02, 4.02)), looked_from(np.array([[2.0, 0.3]])))
     assert len(unseen) and unseen.min() > 0.09 and unseen.max() < 3.95  # 4.0 is 2 cm before the wall
+
+
+def test_free_area_is_sampled_no_farther_than_a_building_reaches_beyond_where_the_robot_has_been() -> None:
+    """Four walls that a merged peer tells may lie kilometres apart: their samples took all memory."""
+    hall, been = chain(room(400.0, 4.0)), np.array([(20.0, 2.0)])
+    unseen = Sweep(0.1, ideal_lidar()).unseen(hall, looked_from(been, np.array([(399.0, 2.0)])))
+    assert unseen[:, 0].max() == pytest.approx(20.0 + 0.1 * MOST_AWAY)
+
+
+def test_of_standing_points_that_are_too_many_the_nearest_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few samples that lie kilometres apart have millions of places between them."""
+    sweep, hall, here = Sweep(0.1, ideal_lidar()), chain(room(50.0, 4.0)), np.array([(2.0, 2.0)])
+    unseen = sweep.unseen(hall, looked_from(here))
+    every = [task.stand[0] for task in sweep.tasks(unseen, Roads(hall, here[0], ROOMY_M))]
+    monkeypatch.setattr(sweeping, "MOST_VIEWS", 100 * len(unseen))
+    nearest = [task.stand[0] for task in sweep.tasks(unseen, Roads(hall, here[0], ROOMY_M))]
+    assert max(every) > 45.0 and 0 < max(nearest) < 12.0
