@@ -38,6 +38,7 @@ class Glimpses:
         self._places = np.zeros((0, 2))
         self._scans, self._last = np.zeros(0, np.int64), np.zeros(0, np.int64)  # how many, and the tick of the last
         self._done = np.zeros(0, np.bool_)
+        self._kept: Floats | None = None  # what was kept last
         self._break = in_ticks(BREAK_S, lidar.rate_hz)
 
     @property
@@ -46,7 +47,10 @@ class Glimpses:
         return self._places.nbytes + self._scans.nbytes + self._last.nbytes + self._done.nbytes
 
     def keep(self, tick: int, places: Floats) -> None:
-        """Remember places (k, 2), metres, of what the scan of this tick hit and is no wall yet."""
+        """Remember places (k, 2), metres, of what a scan hit and is no wall yet. The same array is the same scan."""
+        if places is self._kept:
+            return
+        self._kept = places
         self._select((self._scans >= LEAST_SCANS) | (tick - self._last <= self._break))
         for place in places:
             away = np.hypot(*(self._places - place).T)

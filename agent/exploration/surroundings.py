@@ -49,7 +49,7 @@ class Situation:
     left_ends: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     """(v, 4) open ends that are left to teammates, which looked at them in vain, and unit: where their walls go on."""
     glimpses: Floats = field(default_factory=lambda: np.zeros((0, 2)))
-    """(g, 2) middles of what this scan hit and is no wall yet."""
+    """(g, 2) middles of what the last mapped scan hit and is no wall yet: the same array until another is mapped."""
     is_stranger: bool = False  # whether somebody in contact does not know where the robot's frame lies
     pose_sd_m: float = 0.0  # standard deviation of the place of the pose
     map_sd_m: Callable[[], float] = lambda: 0.0  # how far a wall may be off in the frame, worked out when asked

@@ -198,7 +198,7 @@ class WireframeFilter:
         self.wheels = Wheels(spec.odometry, n, spec.lidar.rate_hz)
         self.poles: Records = np.zeros(MOST, POLE)
         self.glimpses = np.zeros((0, 2))
-        """(g, 2) metres: middles of what the last scan hit and is no wall yet."""
+        """(g, 2) metres: middles of what the last scan that was merged hit and is no wall yet."""
         self.joint = np.zeros((n, WALLS, WALLS))  # of errors of poses, constants, axes and walls
         if self._noisy:
             self.joint[:, :6, :6] = self.wheels.first
@@ -253,7 +253,7 @@ class WireframeFilter:
         slips: whether the wheels may have slipped. Returns (p, 2): by how much the variance of place and heading grew.
         """
         way, before = np.atleast_2d(odometry), self._odometry
-        self._odometry, self.glimpses = way[-1].copy(), self.glimpses[:0]
+        self._odometry = way[-1].copy()
         if not self._noisy:
             self.poses[:] = self._odometry
             return np.zeros((len(self.poses), 2))

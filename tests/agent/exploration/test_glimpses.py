@@ -31,6 +31,16 @@ def test_two_lines_in_one_scan_are_one_sighting():
     assert not found(glimpses)
 
 
+def test_a_scan_that_is_told_until_the_next_one_is_mapped_counts_once():
+    glimpses = Glimpses(LidarSpec(rate_hz=20.0))
+    for tick in range(4 * LEAST_SCANS):
+        if tick % 4 == 0:
+            assert not found(glimpses)
+            places = POST[None].copy()
+        glimpses.keep(tick, places)
+    assert np.allclose(found(glimpses), POST)
+
+
 @pytest.mark.parametrize(("ticks", "is_one_thing"), [(BREAK, True), (BREAK + 1, False)])
 def test_what_shows_now_and_then_is_not_one_thing(ticks, is_one_thing):
     glimpses = Glimpses(LidarSpec())

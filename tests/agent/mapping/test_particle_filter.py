@@ -428,6 +428,18 @@ def test_three_smears_over_two_faces_of_a_far_post_are_no_wall() -> None:
         assert np.hypot(*(points - (5.0, 1.5)).T).min() > 0.3
 
 
+def test_what_a_scan_hit_and_is_no_wall_is_told_until_the_next_one_is_merged() -> None:
+    """Above 5 Hz not every scan is: ends were given up whose walls the next scans would have shown."""
+    post = 3.0, 1.5
+    walk = Walk(ring((0, 0), (7, 0), (7, 3), (0, 3)) + ring(*turned(*post, 0.6, 0.3)), ideal_lidar())
+    walk.see((1.6, 1.5, 0.0), post=post)
+    seen = walk.filter.glimpses
+    walk.filter.move((1.65, 1.5, 0.0))
+    assert len(seen) and walk.filter.glimpses is seen
+    walk.see((1.7, 1.5, 0.0), post=post)
+    assert walk.filter.glimpses is not seen
+
+
 def most_oblique_deg(wireframe: Wireframe) -> float:
     """Greatest angle of a wall to the nearest axis of the world."""
     along = np.diff(wireframe.segments().reshape(-1, 2, 2), axis=1)[:, 0]
