@@ -13,22 +13,24 @@ from agent.corner_scan import CUT_SIGMAS, NOISE_FLOOR_M, at_start, noise_at
 from protocol.arrays import Floats
 from protocol.messages import LidarSpec
 
-MOST_SCANS = 64  # that are kept: at 5 Hz a robot looks for 50, at higher rates until it has as many
+MOST_SCANS = 64
+"""At 5 Hz a robot looks for 50, at higher rates until it has as many. Who stands on sees scan by scan from then on: a
+median of so many shows nobody who comes."""
 MEDIAN_WORTH = 0.64  # what a scan is worth in a median, beside one in a mean: 2 / pi where noise is normal
 
 
 class MedianScan:
-    """The scans of a robot that has not moved yet."""
+    """The first scans of a robot that has not moved yet."""
 
     def __init__(self, lidar: LidarSpec) -> None:
         """Begin without any."""
         self._lidar, self._scans = lidar, list[Floats]()
-        self.moved = False
-        """Whether the robot has left: from then on no scan is taken."""
+        self.ended = False
+        """Whether the robot has left, or has all scans that it needs: from then on none is taken."""
 
     @property
     def number(self) -> int:
-        """How many scans there are; 0 once the robot has moved."""
+        """How many scans there are; 0 once it has ended."""
         return len(self._scans)
 
     def add(self, ranges: Floats, odometry: Floats, touching: bool) -> None:
@@ -36,10 +38,10 @@ class MedianScan:
 
         A robot that touches something may be pushed, of which odometry tells nothing.
         """
-        self.moved |= touching or not at_start(odometry)
-        if self.moved:
+        self.ended |= touching or not at_start(odometry) or len(self._scans) == MOST_SCANS
+        if self.ended:
             self._scans.clear()
-        elif len(self._scans) < MOST_SCANS:
+        else:
             self._scans.append(ranges)
 
     def median(self) -> Floats:

@@ -101,7 +101,7 @@ class Perception:
         if heard:
             self._posts.hear(observation.tick, predicted, stranger=strangers)
         company, ranges = self._posts.company(observation.tick), observation.scan()
-        if self._spec.odometry.noisy and not self._median_scan.moved:
+        if self._spec.odometry.noisy and not self._median_scan.ended:
             self._median_scan.add(ranges, np.array(observation.odometry), _touching(ranges, self._spec))
         median_of = self._median_scan.number
         near = walls_near(self._walls, predicted[0], predicted[1], self._spec.lidar.range_max_m + NOT_BEYOND_M)

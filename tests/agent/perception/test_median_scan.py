@@ -102,12 +102,24 @@ def test_far_ends_of_the_first_look_hold_the_robot() -> None:
 @pytest.mark.parametrize(("odometry", "touching"), [((0.01, 0.0, 0.0), False), ((0.0, 0.0, 0.0), True)])
 def test_who_has_moved_or_may_be_pushed_stands_no_more(odometry: tuple[float, float, float], touching: bool) -> None:
     standing = MedianScan(ideal_lidar())
-    for _ in range(MOST_SCANS + 5):
+    for _ in range(MOST_SCANS):
         standing.add(np.ones(4), STILL, touching=False)
     assert standing.number == MOST_SCANS
     standing.add(np.ones(4), np.array(odometry), touching)
     standing.add(np.ones(4), STILL, touching=False)
     assert standing.number == 0
+
+
+def test_who_stands_on_sees_who_comes() -> None:
+    """A robot that had not moved since its start saw the same 64 scans for ever."""
+    perception, rng = Perception(PerceptionConfig(), SPEC), np.random.default_rng(0)
+    lidar, mate = Lidar(np.array([WALL]), SPEC.lidar), np.array([(1.0, 0.5, SPEC.radius_m)])
+    for tick in range(MOST_SCANS + 2):
+        ranges = lidar.measured(lidar.cast(np.array([HERE]), mate if tick == MOST_SCANS + 1 else None), [rng])[0]
+        seen = Observation(tick=tick, ranges=ranges.astype("<f4").tobytes(), odometry=HERE)
+        scan = perception.see(seen, np.zeros((2, 3)), HERE, Wireframe(), heard=True)
+        assert scan.median_of == (tick + 1 if tick < MOST_SCANS else 0)
+    assert np.hypot(*(scan.discs - mate[0, :2]).T).min() < 0.02
 
 
 def test_exact_odometry_takes_scan_by_scan() -> None:
