@@ -32,6 +32,10 @@ class CloseWalls:
         self._blind_m = blind_m(spec)
         self._walls = np.zeros((0, 4))
 
+    def move(self, by: Pose) -> None:
+        """Have what is remembered elsewhere in the frame of the map."""
+        self._walls = apply(by, self._walls.reshape(-1, 2)).reshape(-1, 4)
+
     def hidden(self, x: float, y: float, seen: Floats, known: Floats, close: Floats) -> Floats:
         """(k, 4) walls beside a robot at (x, y) that are not known: those of former scans, and what is close now.
 

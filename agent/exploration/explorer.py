@@ -31,6 +31,7 @@ from agent.geometry.clearance import distances_to_walls
 from agent.mapping.submaps.settled import Settled
 from agent.state import State, checked
 from protocol.arrays import Floats
+from protocol.geometry import pose_of
 from protocol.messages import Event, RobotSpec
 
 LOOKS_S = {"frontier": 0.8, "occlusion": 0.8, "glimpse": 3.0, "home": 3.0}
@@ -140,11 +141,11 @@ class Explorer:
     def mend(self, settled: Settled) -> None:
         """The map was torn and is merged anew: from where it was looked moves with it.
 
-        All else that is remembered of places begins anew.
+        So does what is beside the robot. All else that is remembered of places begins anew.
         """
         eyes = self.viewpoints
         eyes.own = [(x, y) for x, y in settled.places(np.array(eyes.ticks, np.int64), eyes.own_places()).tolist()]
-        self.surroundings.touch.walls, self.surroundings.teammates.known = self.surroundings.touch.walls[:0], []
+        self.surroundings.mend(pose_of(settled.by[-1]))
         self._remember_nothing(self.states.rng)
 
     # the branches of Algorithm 1

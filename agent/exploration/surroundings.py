@@ -116,6 +116,11 @@ class Surroundings:
         """(m, 4) walls of the map that was looked at last, and those found by touch."""
         return np.vstack((self._known, self.touch.walls))
 
+    def mend(self, by: Pose) -> None:
+        """The map was torn and is merged anew: what is beside the robot has moved so; all else is forgotten."""
+        self.touch.walls, self.teammates.known = self.touch.walls[:0], []
+        self._close.move(by)
+
     def look(self, situation: Situation) -> Scene:
         """Take in what is seen."""
         tick, pose = situation.tick, situation.pose

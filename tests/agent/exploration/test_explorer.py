@@ -385,6 +385,16 @@ def test_what_it_remembers_of_places_in_a_torn_map_begins_anew():
     assert not robot.goals.in_vain and not robot.surroundings.teammates.known
 
 
+@pytest.mark.parametrize("seen", [chain([(0.17, -3.0), (0.17, 3.0)]), None], ids=["it is seen again", "it is too near"])
+def test_a_wall_beside_it_moves_with_a_map_that_is_mended(seen):
+    """It stayed where it had been, in the robot's body, and held it up for nothing."""
+    robot, far = explorer(), chain([(-3.0, 3.0), (-3.0, -3.0)])
+    scene_of(robot, 0, 0.0, far, NOBODY, chain([(0.17, -3.0), (0.17, 3.0)]))
+    robot.mend(Settled(NO_WALLS, (0.16, 0.0, 0.0), np.array([0]), np.array([(0.16, 0.0, 0.0)])))
+    near = scene_of(robot, 1, 0.16, far, NOBODY, seen).near
+    assert np.allclose(near.walls, [(0.33, -3.0, 0.33, 3.0)])
+
+
 def test_a_sweep_is_left_to_a_nearer_teammate_but_not_when_it_is_all_there_is():
     room = chain([(-6, -1), (6, -1), (6, 1), (-6, 1), (-6, -1)])
     targets = {}
