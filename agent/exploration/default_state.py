@@ -116,10 +116,10 @@ class DefaultStates:
         return None
 
     def _random_vertex(self, scene: Scene, roads: Roads) -> Task | None:
-        """Vertices at random [paper], until so many showed no new wall. None where ten drawn are out of reach.
+        """Vertices at random [paper], until so many showed no new wall. None where all that are drawn are out of reach.
 
-        A wall is new where there is more of it than ever, by the smallest object: corners move by centimetres with each
-        visit, and faces of that size go and come back.
+        As many are drawn as may still be visited in vain. A wall is new where there is more of it than ever, by the
+        smallest object: corners move by centimetres with each visit, and faces of that size go and come back.
         """
         wall_m = float(lengths(scene.wireframe.segments()).sum())
         if wall_m >= self._most_wall_m + self.config.smallest_object_m:

@@ -1,9 +1,9 @@
 """A received map merged with the robot's own (paper IV; rule ours): as if it were one large scan, moved by T.
 
 The filter itself stays what own scans made of it. Received walls are laid over its best particle anew whenever
-either changes: matched walls keep the own line, open ends are closed by what the other saw, and what is left is
-added. So walls that come back are no fresh evidence, a newer map replaces the older one, and undoing a merge is
-complete: the layer is left away.
+either changes: matched walls become one line by their hits, of which a received one has few, open ends are closed by
+what the other saw, and what is left is added. So walls that come back are no fresh evidence, a newer map replaces the
+older one, and undoing a merge is complete: the layer is left away.
 """
 
 from collections.abc import Sequence

@@ -22,7 +22,7 @@ PASSES = 4  # as merged segments grow, they meet others; after four passes 1 in 
 
 
 def united(parts: Sequence[Records]) -> Records:
-    """All segments of several maps in one frame as one map: (n,), longest first."""
+    """All segments of several maps in one frame as one map: (n,), those of most hits first, or nearly so."""
     walls = np.concatenate((np.zeros(0, SEGMENT), *parts))
     for _ in range(PASSES):
         walls = walls[np.argsort(-walls["hits"], kind="stable")]
