@@ -27,6 +27,8 @@ from protocol.errors import InputError
 from protocol.messages import RobotSpec
 from world.worldfile import MAX_CORNERS, polygons_of
 
+FORMATS = ("BMP", "GIF", "JPEG", "PNG", "PPM", "TIFF")
+"""Of pictures. Pillow alone reads these: PostScript it hands to Ghostscript, which nothing bounds."""
 MAX_CELLS = 25_000_000
 MAX_JAGS = 5 * MAX_CORNERS
 """Corners of a picture's outlines: a floor of 58 m x 47 m at 5 cm, as scanned, has 38,000, of which straightening
@@ -66,9 +68,9 @@ def read_map_server(about: Mapping[Any, Any], folder: Path, straighten: bool) ->
         raise InputError("origin: must be a list of 3 numbers")
     if (negate := about.get("negate", 0)) not in (0, 1):
         raise InputError("negate: must be 0 or 1")
-    if about.get("mode", "trinary") not in ("trinary", "scale"):
+    if (mode := about.get("mode", "trinary")) not in ("trinary", "scale"):
         raise InputError("mode: must be trinary or scale; of other modes no threshold tells walls")
-    darkness = read_darkness(folder / image, negate=bool(negate))
+    darkness = read_darkness(folder / image, negate=bool(negate), mode=mode)
     free, occupied = darkness < free_below, darkness > occupied_above
     x, y, yaw = map(float, origin)
     if not free.any():
@@ -95,14 +97,19 @@ def read_bitmap(file: Path, width_m: float, straighten: bool, boundary: bool) ->
     return shapes
 
 
-def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
-    """(rows, columns) 0 to 1 of a picture, row 0 the lowest y; what is transparent is white. Raises InputError."""
+def read_darkness(file: Path, *, negate: bool, mode: str | None = None) -> NDArray[np.float32]:
+    """(rows, columns) 0 to 1 of a picture, row 0 the lowest y; NaN where it is not known. Raises InputError.
+
+    mode: of map_server, for what is transparent: it is not known in `scale`, and opacity counts as a fourth colour in
+    `trinary` (nav2_map_server, map_io.cpp). Without a mode it is white.
+    """
     try:
         check_is_file(file)
-        with catch_warnings(action="ignore"), Image.open(file) as image:  # Pillow warns of what MAX_CELLS refuses
+        with catch_warnings(action="ignore"), Image.open(file, formats=FORMATS) as image:
+            # Pillow warns of what is refused here
             if image.width * image.height > MAX_CELLS:
                 raise InputError(f"{image.width} x {image.height} pixels are too many")
-            bright = _brightness(image)
+            bright = _brightness(image, mode)
     except InputError as error:
         raise InputError(f"{file.name}: {error}") from None
     except Exception as error:  # decoders raise what they like for damaged pictures
@@ -111,8 +118,8 @@ def read_darkness(file: Path, *, negate: bool) -> NDArray[np.float32]:
     return np.asarray(bright if negate else 1 - bright, np.float32)[::-1]
 
 
-def _brightness(image: Image.Image) -> NDArray[np.float32]:
-    """(rows, columns) 0 to 1, row 0 the first. Raises InputError for pixels whose white is not known."""
+def _brightness(image: Image.Image, mode: str | None) -> NDArray[np.float32]:
+    """(rows, columns) 0 to 1, row 0 the first, else as above. Raises InputError for pixels whose white is not known."""
     if image.mode.startswith("I"):  # 16 bits; `convert` would take all from 255 on for white
         grey = np.asarray(np.asarray(image, np.float32) / 65_535, np.float32)
         if grey.min() < 0 or grey.max() > 1:
@@ -120,8 +127,16 @@ def _brightness(image: Image.Image) -> NDArray[np.float32]:
         return grey
     if image.mode == "F":
         raise InputError("its pixels are fractions; save it with 8 or 16 bits")
-    rgba = np.asarray(image.convert("RGBA"), np.float32) / 255
-    return np.asarray(rgba[..., :3].mean(2) * rgba[..., 3] + 1 - rgba[..., 3])
+    rgba = np.asarray(image.convert("RGBA"))
+    bright: NDArray[Any] = rgba[..., :3].mean(2, dtype=np.float32) / 255
+    opacity = rgba[..., 3].astype(np.float32) / 255
+    if mode == "scale":
+        bright = np.where(opacity < 1, np.nan, bright)
+    elif mode == "trinary" and image.has_transparency_data:
+        bright = (3 * bright + opacity) / 4
+    else:
+        bright = bright * opacity + 1 - opacity
+    return np.asarray(bright, np.float32)
 
 
 def solid_area(solid: Bools, sure: Bools, cell: float, straighten: bool, pad: int) -> BaseGeometry:
@@ -130,10 +145,12 @@ def solid_area(solid: Bools, sure: Bools, cell: float, straighten: bool, pad: in
     sure: of these, the ones where something was seen; an island without any is nothing.
     pad: so many cells around the picture are solid, too.
     """
-    solid, sure = (np.pad(cells, pad, constant_values=value) for cells, value in ((solid, True), (sure, False)))
-    parts = polygons_of(_outlined(solid))
-    seen = shapely.STRtree(shapely.points(np.argwhere(sure)[:, ::-1] + 0.5))
-    parts = [part for part in parts if part.bounds[0] <= 0 or len(seen.query(part, "intersects"))]
+    solid, sure = (np.pad(cells, pad, constant_values=True) for cells in (solid, sure))
+    rows, begins, ends = _strips(solid)
+    seen = np.logical_or.reduceat(sure.ravel(), rows * sure.shape[1] + begins)  # between strips nothing is sure
+    tree = shapely.STRtree(shapely.points((begins + ends)[seen] / 2, rows[seen] + 0.5))
+    area = shapely.union_all(shapely.box(begins, rows, ends, rows + 1))
+    parts = [part for part in polygons_of(area) if len(tree.query(part, "intersects"))]
     rooms = [shapely.Polygon(hole) for part in parts for hole in part.interiors]
     narrow = [room for room in rooms if room.buffer(-BODY_M / cell).is_empty]
     area = shapely.union_all([*parts, *narrow])
@@ -153,8 +170,11 @@ def _straightened(area: BaseGeometry, pad: int) -> BaseGeometry:
     return shapely.union_all([_straight(part, axis) for part in polygons_of(area)])
 
 
-def _outlined(solid: Bools) -> BaseGeometry:
-    """Area of the cells, in cells. Raises InputError for a picture that would take minutes."""
+def _strips(solid: Bools) -> tuple[NDArray[np.int64], ...]:
+    """Row, first column and the one after the last of each solid strip, (n,) each.
+
+    Raises InputError for a picture whose outlines would take minutes.
+    """
     around = np.pad(solid, 1)
     sides = around[:, 1:] != around[:, :-1]
     below, above = sides[:-1], sides[1:]
@@ -166,7 +186,7 @@ def _outlined(solid: Bools) -> BaseGeometry:
     edges = np.diff(around[1:-1].astype(np.int8), axis=1)
     rows, begins = np.nonzero(edges == 1)
     _, ends = np.nonzero(edges == -1)
-    return shapely.union_all(shapely.box(begins, rows, ends, rows + 1))
+    return rows, begins, ends
 
 
 def _axis(area: BaseGeometry, pad: int) -> float:

@@ -4,6 +4,7 @@ import json
 import math
 import random
 import sys
+import tracemalloc
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -18,7 +19,7 @@ from PIL import Image, ImageDraw
 from deploy import cli
 from deploy.exchange import FORMS, drawings
 from deploy.exchange.maps import export_maps
-from deploy.exchange.raster import read_darkness
+from deploy.exchange.raster import read_bitmap, read_darkness
 from deploy.exchange.worlds import Options, import_world
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, write_run
@@ -149,6 +150,33 @@ def test_a_picture_of_16_bits_is_as_dark_as_that_of_8(tmp_path: Path, name: str)
     darkness = read_darkness(tmp_path / name, negate=False)
     assert darkness[::-1] == pytest.approx(1 - cells / 255, abs=1e-6)
     assert read_darkness(tmp_path / name, negate=True) == pytest.approx(1 - darkness, abs=1e-6)
+
+
+def test_what_is_transparent_is_as_nav2_has_it(tmp_path: Path) -> None:
+    """It was free whatever the mode."""
+    white, black, clear, veiled = (255,) * 4, (0, 0, 0, 255), (127, 127, 127, 0), (255, 255, 255, 127)
+    Image.fromarray(np.array([[white, black, clear, veiled]], np.uint8)).save(tmp_path / "map.png")
+    read = partial(read_darkness, tmp_path / "map.png", negate=False)
+    assert read(mode="scale")[0] == pytest.approx([0, 1, math.nan, math.nan], nan_ok=True)
+    assert read(mode="trinary")[0] == pytest.approx([0, 0.75, 1 - 381 / 1020, 1 - 892 / 1020])
+    assert read()[0] == pytest.approx([0, 1, 0, 0])
+
+
+def test_no_other_program_is_asked_for_a_picture(tmp_path: Path) -> None:
+    """Pillow hands PostScript to Ghostscript, whatever the file's name."""
+    Image.new("L", (8, 8)).save(tmp_path / "map.png", "EPS")
+    with pytest.raises(InputError, match=r"map\.png: no picture that can be read: UnidentifiedImageError"):
+        read_darkness(tmp_path / "map.png", negate=False)
+
+
+def test_a_dark_picture_costs_no_more_than_its_cells(tmp_path: Path) -> None:
+    """A point for each dark cell took 330 bytes."""
+    picture(tmp_path / "dark.png", lambda image: image.rectangle((90, 90, 109, 109), fill=255), (400, 400))
+    tracemalloc.start()
+    read_bitmap(tmp_path / "dark.png", width_m=20, straighten=True, boundary=False)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 40 * 400 * 400
 
 
 @pytest.mark.parametrize(("kind", "said"), [(np.int32, "16 bits"), (np.float32, "fractions")])
