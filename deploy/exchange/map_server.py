@@ -58,9 +58,10 @@ def cells(named: NamedMap) -> NDArray[np.uint8]:
 
 
 def _box(named: NamedMap) -> tuple[tuple[float, float], tuple[int, int]]:
-    """Lower left corner, a multiple of the cell, and numbers of cells along x and y."""
+    """Lower left corner, a multiple of the cell, and numbers of cells along x and y; all walls and views are in it."""
     points = np.vstack([named.map.vertices, named.viewpoints, np.zeros((0 if len(named.map.vertices) else 1, 2))])
-    low, high = np.floor(points.min(0) / CELL_M) - MARGIN_CELLS, np.floor(points.max(0) / CELL_M) + MARGIN_CELLS + 1
+    ends = np.floor(shapely.total_bounds([shapely.MultiPoint(points), named.free]) / CELL_M)
+    low, high = ends[:2] - MARGIN_CELLS, ends[2:] + MARGIN_CELLS + 1
     nx, ny = (high - low).astype(int).tolist()
     if nx * ny > MAX_CELLS:
         raise InputError(f"the map of {named.robot} is {nx * CELL_M:.0f} m x {ny * CELL_M:.0f} m: too large for a grid")

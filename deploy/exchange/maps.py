@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -35,7 +36,9 @@ class NamedMap:
     frame: str  # in words
     map: Map
     viewpoints: Floats  # (k, 2) where the robot has looked from; empty where that is not on record
-    range_m: float  # of its lidar
+    range_m: float
+    """Of its lidar. Of recorded logs the default's: their maps have gaps, and of a view of 80 m through these 98 %
+    would be places that no beam has crossed (two public logs)."""
 
     @property
     def chains(self) -> list[tuple[Floats, bool]]:
@@ -54,7 +57,7 @@ class NamedMap:
         """(m, 4) x1, y1, x2, y2, free space on the left."""
         return self.map.vertices[self.map.edges].reshape(-1, 4)
 
-    @property
+    @cached_property
     def free(self) -> BaseGeometry:
         """What is known to be free: within closed outlines, and in view of the robot's path.
 
@@ -86,7 +89,8 @@ def read_maps(path: Path, frame: Frame) -> list[NamedMap]:
         run = read_run(path)
         maps = run.maps
     else:  # its robot is the first word of its name, r1 of r1.own.json
-        run = read_run(path.parents[1]) if path.parent.name == "maps" else Run(path.parent)
+        folder = path.absolute().parent
+        run = read_run(folder.parent) if folder.name == "maps" else Run(folder)
         try:
             maps = {path.name.split(".")[0]: parse_map(read_text(path))}
         except InputError as error:

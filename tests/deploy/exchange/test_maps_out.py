@@ -14,6 +14,7 @@ from PIL import Image
 from deploy.exchange import FORMS, map_server
 from deploy.exchange.maps import NamedMap, export_maps, read_maps
 from deploy.exchange.mcap import write_mcap
+from deploy.report.rundir import Map
 from protocol.arrays import Floats
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, STARTS, seen, write_run
@@ -122,6 +123,20 @@ def test_one_map_file_is_exported_alone_and_placed_by_its_run(run: Path, tmp_pat
     (made,) = export_maps(run / "maps" / "r2.json", tmp_path / "one", "world", FORMS["svg"])
     (_, both) = export_maps(run, tmp_path / "all", "world", FORMS["svg"])
     assert made.read_bytes() == both.read_bytes()
+
+
+def test_a_map_file_in_the_current_folder_is_placed_by_its_run(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (there,) = read_maps(run / "maps" / "r2.json", "world")
+    monkeypatch.chdir(run / "maps")
+    (here,) = read_maps(Path("r2.json"), "world")
+    assert len(here.viewpoints) == len(there.viewpoints) > 0
+
+
+def test_what_was_seen_beyond_all_walls_is_in_the_grid() -> None:
+    wall = Map(np.array([[-1.0, 1.0], [1.0, 1.0]]), np.zeros(2, np.uint8), np.array([[1, 0]]))
+    looked = NamedMap("r1", "r1", "world", wall, np.zeros((1, 2)), 3.5)
+    free = (map_server.cells(looked) == map_server.FREE).sum() * map_server.CELL_M**2
+    assert free == pytest.approx(looked.free.area, rel=0.02)
 
 
 def test_the_two_maps_of_a_robot_are_exported_beside_each_other(run: Path, tmp_path: Path) -> None:
