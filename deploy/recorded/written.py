@@ -84,9 +84,9 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
 
 
 def _first(lidar: LidarSpec) -> float:
-    """Bearing of the rightmost beam from the lidar's own heading, rad: readings are written from right to left."""
+    """Bearing of the rightmost beam from the lidar's own heading, -pi to pi: readings are written from right to left."""
     bearings = lidar.bearings() - math.radians(lidar.mount_yaw_deg)
-    return float(bearings.min())
+    return math.remainder(bearings.min(), 2 * math.pi)
 
 
 def _poses(track: Floats) -> list[Pose]:

@@ -25,6 +25,7 @@ from tests.scripted import Wanderer
 from tests.tiny import tiny_config
 
 TURTLEBOT = {"turning": True, "dropout": 0.05, "range_max_m": 2.0}
+CLOCKWISE = {"beams": 90, "clockwise": True, "first_beam_deg": -30.0, "range_max_m": 2.0}
 SICK = {"beams": 180, "field_of_view_deg": 180.0, "first_beam_deg": 89.0, "clockwise": True, "mount_x_m": 0.05}
 
 
@@ -54,7 +55,7 @@ def test_what_was_measured_comes_back(tmp_path: Path, lidar: dict[str, object], 
     assert np.ptp(np.degrees(log.lidar.bearings())) == pytest.approx(359 if kind == "ROBOTLASER1" else 179, abs=1e-5)
 
 
-@pytest.mark.parametrize("lidar", [TURTLEBOT, SICK])
+@pytest.mark.parametrize("lidar", [TURTLEBOT, CLOCKWISE, SICK])
 def test_a_run_is_a_log_for_each_robot(tmp_path: Path, lidar: dict[str, object]) -> None:
     out = run(tmp_path, lidar)
     logs = read_logs([out], Given())
