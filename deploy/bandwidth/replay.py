@@ -58,7 +58,7 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
         frames = {robot: frame.tolist() for robot, frame in read_truth(run / "truth.json")[0].items()}
         if not frames or not frames.keys() <= set(config.robot_ids):
             raise ValueError("truth.json names other robots than manifest.json")
-        tracks = {robot: _track(run / "trajectories" / f"{robot}.tum") for robot in frames}
+        tracks = {robot: read_track(run / "trajectories" / f"{robot}.tum") for robot in frames}
         ends = _deaths(run / "events.jsonl")
     except BROKEN as error:
         raise NoRunError(f"{run} is no finished run: {error}") from None
@@ -90,7 +90,7 @@ def seen_again(run: Path, config: WorldConfig) -> dict[str, Seen]:
     return found
 
 
-def _track(file: Path) -> Floats:
+def read_track(file: Path) -> Floats:
     """(t, 3) poses of a TUM file, world frame. Raises one of BROKEN."""
     if not file.exists():
         raise ValueError(f"it has no trajectories/{file.name}")

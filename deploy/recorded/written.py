@@ -10,14 +10,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from deploy.bandwidth.books import NoRunError
-from deploy.bandwidth.replay import config_of
+from deploy.bandwidth.replay import config_of, read_track
 from deploy.recorded.carmen import FLASER, REVOLUTION, ROBOTLASER, SICK_RANGE_M
 from deploy.recorded.runs import kept_files, kept_scans
-from protocol.arrays import Floats
-from protocol.document import MAX_RESULT_BYTES, read_text
+from deploy.report.rundir import BROKEN
 from protocol.files import check_own, make_folder, write_whole
 from protocol.geometry import Pose, compose
 from protocol.messages import LidarSpec
@@ -42,12 +39,11 @@ def write_carmen(run: Path, out: Path) -> list[Path]:
     for source in sources:
         scans = list(kept_scans(source, lidar.beams))
         try:
-            told = read_text(run / "trajectories" / f"{source.stem}.tum", MAX_RESULT_BYTES)
-            track = np.loadtxt(told.splitlines(), ndmin=2)
-            true = track[[scan["tick"] for scan in scans]].reshape(-1, 8)
-        except (OSError, ValueError, LookupError) as error:
+            track = read_track(run / "trajectories" / f"{source.stem}.tum")
+            true = track[[scan["tick"] for scan in scans]].tolist()
+        except BROKEN as error:
             raise NoRunError(f"{run}: no true way for each scan of {source.name}: {error}") from None
-        poses = [compose(pose, lidar.mount) for pose in _poses(true)]
+        poses = [compose((x, y, theta), lidar.mount) for x, y, theta in true]
         made.append(out / f"{source.stem}.log")
         write_whole(made[-1], "".join((_setting(lidar), *map(_lines, scans, [lidar] * len(scans)))))
         reference = (
@@ -84,11 +80,6 @@ def _lines(scan: dict[str, Any], lidar: LidarSpec) -> str:
 
 
 def _first(lidar: LidarSpec) -> float:
-    """Bearing of the rightmost beam from the lidar's own heading, -pi to pi: readings are written from right to left."""
+    """Bearing of the rightmost beam from the lidar's own heading, -pi to pi: readings are told from right to left."""
     bearings = lidar.bearings() - math.radians(lidar.mount_yaw_deg)
     return math.remainder(bearings.min(), 2 * math.pi)
-
-
-def _poses(track: Floats) -> list[Pose]:
-    """Rows of a TUM file as poses."""
-    return [(x, y, 2 * math.atan2(z, w)) for x, y, z, w in track[:, [1, 2, 6, 7]].tolist()]

@@ -138,3 +138,8 @@ def test_a_way_that_never_ends_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(way)
     with pytest.raises(NoRunError, match=r"no true way for each scan of r1\.jsonl: this is no file"):
         write_carmen(out, tmp_path / "logs")
+    for told, why in (("", r"r1\.tum holds no pose"), ("0 1e300 0 0 0 0 0 1\n" * 30, "a number in it is not finite")):
+        way.unlink()
+        way.write_text(told)
+        with pytest.raises(NoRunError, match=f"no true way for each scan of r1\\.jsonl: {why}"):
+            write_carmen(out, tmp_path / "logs")
