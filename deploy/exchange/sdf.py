@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element, ParseError
@@ -29,8 +29,11 @@ MAX_DEPTH = 16  # models within each other, included ones too
 MAX_INCLUDES = 200
 MAX_SHAPES = 20_000  # collision shapes, the included ones too: a world has at most half as many corners
 SDF_END = "</sdf>"
+ELSEWHERE = "placed relative to another"  # what is said of it: chains of frames are not followed
 UNSEEN = frozenset({"plane", "empty"})  # shapes that no level beam meets
 Matrix = Floats  # (4, 4)
+Frames = Mapping[str, Matrix | None]
+"""What poses may be given in, by name, "" the parent; None where that is not known."""
 
 
 @dataclass
@@ -42,6 +45,7 @@ class _Reading:
     cuts: list[shapely.Geometry] = field(default_factory=list)
     left_out: Counter[str] = field(default_factory=Counter)
     includes: int = 0
+    files: dict[Path, Element] = field(default_factory=dict)  # those of included models
     shapes: int = 0
 
 
@@ -67,34 +71,35 @@ def read_sdf(root: Element, height_m: float = HEIGHT_M, models: Sequence[Path] =
     over each other by the thousand.
     """
     reading = _Reading(height_m, models)
+    origin = {"": np.eye(4), "world": np.eye(4)}
     for world in root.iter("world"):
         moved = {state.get("name"): _pose(state) for state in world.findall("state/model")}
-        _models(world, np.eye(4), reading, moved, 0)
-    _models(root, np.eye(4), reading, {}, 0)
+        _models(world, origin, reading, moved, 0)
+    _models(root, origin, reading, {}, 0)
     check_crossings(reading.cuts)
     return Shapes(reading.cuts, left_out=reading.left_out)
 
 
-def _models(parent: Element, frame: Matrix, reading: _Reading, moved: dict[str | None, Matrix], depth: int) -> None:
+def _models(parent: Element, frames: Frames, reading: _Reading, moved: Mapping[str | None, Matrix], depth: int) -> None:
     """All models that are children of an element. moved: poses that count in place of the models' own."""
     if depth > MAX_DEPTH:
         raise InputError(f"models within models, deeper than {MAX_DEPTH}")
     for model in parent.findall("model"):
-        _model(model, frame, reading, moved.get(model.get("name")), depth)
+        place = moved.get(model.get("name"))
+        _model(model, _place(model, frames) if place is None else place, reading, depth)
     for include in parent.findall("include"):
         uri = (include.findtext("uri") or "").strip()
-        found = _included(uri, reading)
-        if found is None or include.find("plugin") is not None:
+        found = None if include.find("plugin") is not None else _included(uri, reading)
+        if found is None:
             reading.left_out[f"<include> {uri or 'without a uri'}"] += 1
             continue
         reading.includes += 1
         if reading.includes > MAX_INCLUDES:
             raise InputError(f"more than {MAX_INCLUDES} models are included")
         place = moved.get(include.findtext("name"))
-        if place is None and include.find("pose") is not None:
-            place = _pose(include)
         for model in found.findall("model"):
-            _model(model, frame, reading, place, depth + 1)
+            told = model if include.find("pose") is None else include
+            _model(model, _place(told, frames) if place is None else place, reading, depth + 1)
 
 
 def _included(uri: str, reading: _Reading) -> Element | None:
@@ -104,29 +109,36 @@ def _included(uri: str, reading: _Reading) -> Element | None:
         return None
     files = (folder / name / "model.sdf" for folder in reading.models)
     file = next((file for file in files if file.is_file()), None)
-    return None if file is None else parse_xml(read_text(file))
+    if file is not None and file not in reading.files:
+        reading.files[file] = parse_xml(read_text(file))
+    return None if file is None else reading.files[file]
 
 
-def _model(model: Element, frame: Matrix, reading: _Reading, place: Matrix | None, depth: int) -> None:
+def _model(model: Element, here: Matrix | None, reading: _Reading, depth: int) -> None:
+    """Its links and the models in it. here: where it is; None where that is not known."""
     name = f"model {model.get('name', '')}"
     if model.find("plugin") is not None:
         reading.left_out[f"{name}, which a plugin moves"] += 1
         return
-    here = frame @ (_pose(model) if place is None else place)
+    if here is None:
+        reading.left_out[f"{name}, {ELSEWHERE}"] += 1
+        return
+    frames: Frames = {"": here, "__model__": here}
     for link in model.findall("link"):
-        at = here @ _pose(link)
+        around = {**frames, "": _place(link, frames)}
         for collision in link.findall("collision"):
-            if any(map(_relative, (model, link, collision))):
-                reading.left_out[f"{name}, placed relative to another"] += 1
+            if (place := _place(collision, around)) is None:
+                reading.left_out[f"a part of {name}, {ELSEWHERE}"] += 1
             else:
-                _shape(collision.find("geometry"), at @ _pose(collision), name, reading)
-    _models(model, here, reading, {}, depth + 1)
+                _shape(collision.find("geometry"), place, name, reading)
+    _models(model, frames, reading, {}, depth + 1)
 
 
-def _relative(element: Element) -> bool:
-    """Whether an element's pose is given in a frame that is not its parent's."""
+def _place(element: Element, frames: Frames) -> Matrix | None:
+    """An element's pose in the world; None where it is given in a frame that is not among these."""
     pose = element.find("pose")
-    return pose is not None and (pose.get("relative_to") or pose.get("frame") or "world") not in ("world", "__model__")
+    frame = frames.get("" if pose is None else pose.get("relative_to") or pose.get("frame") or "")
+    return None if frame is None else frame @ _pose(element)
 
 
 def _shape(geometry: Element | None, frame: Matrix, name: str, reading: _Reading) -> None:
@@ -167,13 +179,16 @@ def _circle(radius: float) -> Floats:
 
 
 def _cut(base: Floats, low: float, high: float, frame: Matrix, height_m: float) -> shapely.Geometry:
-    """Where a level plane cuts a prism over a convex base (k, 2), which stands in the frame as it likes."""
+    """Where a level plane cuts a prism over a convex base (k, 2), which stands in the frame as it likes.
+
+    What begins at the plane is cut, and what ends there is not.
+    """
     ends = [np.column_stack([base, np.full(len(base), z), np.ones(len(base))]) @ frame.T for z in (low, high)]
     below, above = (end[:, :3] for end in ends)
     edges = [(below, above), *((end, np.roll(end, -1, 0)) for end in (below, above))]
     starts, stops = (np.vstack([edge[k] for edge in edges]) for k in (0, 1))
     a, b = starts[:, 2] - height_m, stops[:, 2] - height_m
-    across = np.sign(a) * np.sign(b) < 0
+    across = (a <= 0) != (b <= 0)
     share = (a[across] / (a[across] - b[across]))[:, None]
     points = starts[across, :2] + share * (stops[across, :2] - starts[across, :2])
     return shapely.MultiPoint(points).convex_hull

@@ -8,6 +8,7 @@ import tracemalloc
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from unittest.mock import Mock
 
 import ezdxf
 import numpy as np
@@ -20,6 +21,7 @@ from deploy import cli
 from deploy.exchange import FORMS, drawings
 from deploy.exchange.maps import export_maps
 from deploy.exchange.raster import read_bitmap, read_darkness
+from deploy.exchange.sdf import parse_xml, read_sdf
 from deploy.exchange.worlds import Options, import_world
 from protocol.errors import InputError
 from tests.deploy.test_report import RING, write_run
@@ -45,6 +47,7 @@ SDF = """<?xml version='1.0'?>
 143"""
 WALL = """<link name='{}'><pose>{} {} 0 0 0 {}</pose><collision name='c'><pose>0 0 1.25 0 0 0</pose>
 <geometry><box><size>{} 0.15 2.5</size></box></geometry></collision></link>"""
+BOX = """<link name='l'><collision name='c'>{}<geometry><box><size>{}</size></box></geometry></collision></link>"""
 POSTS = """<sdf version='1.6'><model name='posts'><pose>5 5 0 0 0 0</pose><model name='inner'><pose>0 1 0 0 0 0</pose>
 <link name='l'><pose>0 0.5 0.5 0 0 0</pose>
 <collision name='up'><geometry><cylinder><radius>0.2</radius><length>1</length></cylinder></geometry></collision>
@@ -93,6 +96,51 @@ def test_sdf_is_cut_at_the_height_of_the_lidar(tmp_path: Path) -> None:
     left_out = [line.removeprefix("left out: ") for line in told if line.startswith("left out")]
     assert left_out == ["mesh of model sofa", "model r, which a plugin moves", "<include> model://sun"]
     assert "3 robots can start" in told[0] and "hall" in told[0]
+
+
+@pytest.mark.parametrize(
+    ("body", "left_out"),
+    [
+        ("<include><uri>model://box</uri><pose relative_to='x'>1 0 0 0 0 0</pose></include>", "model box"),
+        ("<model name='m'><pose relative_to='x'/>{box}<model name='n'>{box}</model></model>", "model m"),
+        ("<model name='m'><link name='l'><pose relative_to='x'/>{part}</link></model>", "a part of model m"),
+    ],
+)
+def test_what_is_placed_relative_to_another_is_left_out_with_all_in_it(
+    tmp_path: Path, body: str, left_out: str
+) -> None:
+    box = BOX.format("", "1 1 1")
+    (tmp_path / "box").mkdir()
+    (tmp_path / "box" / "model.sdf").write_text(f"<sdf><model name='box'>{box}</model></sdf>")
+    body = body.format(box=box, part=box.removeprefix("<link name='l'>").removesuffix("</link>"))
+    shapes = read_sdf(parse_xml(f"<sdf><world>{body}</world></sdf>"), 0.2, [tmp_path])
+    assert not shapes.areas and shapes.left_out == {f"{left_out}, placed relative to another": 1}
+
+
+def test_a_collision_shape_may_be_placed_in_its_model() -> None:
+    link = BOX.format("<pose relative_to='__model__'>1 0 0 0 0 0</pose>", "1 1 1")
+    link = link.replace("<link name='l'>", "<link name='l'><pose>5 0 0 0 0 0</pose>")
+    (area,) = read_sdf(parse_xml(f"<sdf><model>{link}</model></sdf>")).areas
+    assert area.equals(shapely.box(0.5, -0.5, 1.5, 0.5))
+
+
+@pytest.mark.parametrize(("pose", "area"), [("0 0 0.5 45 0 0", 2**0.5), ("0 0 1 0 0 0", 1), ("0 0 0 0 0 0", 0)])
+def test_a_shape_with_corners_at_the_height_is_cut(pose: str, area: float) -> None:
+    """A box on its edge was lost, and so was one that stands on the plane; one that ends there is none."""
+    link = BOX.format(f"<pose degrees='true'>{pose}</pose>", "1 1 1")
+    root = parse_xml(f"<sdf><model>{link}</model></sdf>")
+    assert sum(cut.area for cut in read_sdf(root, 0.5).areas) == pytest.approx(area)
+
+
+def test_an_included_file_is_read_once_and_not_for_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file of 10 MB could name another one 100,000 times."""
+    (tmp_path / "box").mkdir()
+    (tmp_path / "box" / "model.sdf").write_text(f"<sdf><model>{BOX.format('', '1 1 1')}</model></sdf>")
+    once, moved = (f"<include><uri>model://box</uri>{more}</include>" for more in ("", "<plugin/>"))
+    root = parse_xml(f"<sdf><world>{moved * 9}{once * 2}</world></sdf>")
+    monkeypatch.setattr("deploy.exchange.sdf.read_text", read := Mock(side_effect=Path.read_text))
+    shapes = read_sdf(root, 0.2, [tmp_path])
+    assert read.call_count == 1 and len(shapes.areas) == 2 and shapes.left_out == {"<include> model://box": 9}
 
 
 @pytest.mark.parametrize(("name", "text"), [("made.yaml", "a note: mine"), ("made.yaml", "- [:"), ("made.png", "mine")])
