@@ -61,7 +61,7 @@ def read_own_map(text: str) -> Shapes:
 
 def read_geojson(about: Mapping[Any, Any]) -> Shapes:
     """Areas and lines of a GeoJSON file in metres. Raises InputError."""
-    if about.get("unit") != "m" and '"metre"' not in json.dumps(about.get("crs")):
+    if about.get("unit") != "m":
         raise InputError('it is in degrees; a file in metres has the field "unit": "m"')
     try:
         shapes = shapely.get_parts(shapely.from_geojson(json.dumps(about)))
@@ -93,15 +93,17 @@ def read_dxf(file: Path) -> Shapes:
         drawing = readfile(file)
         scale = conversion_factor(InsertUnits(drawing.units), InsertUnits.Meters) if drawing.units else 1.0
         entities = list(drawing.modelspace())
-        known = {entity.dxf.layer for entity in entities}
-        for entity in entities:
+        on_layer = [entity for entity in entities if entity.dxf.layer.lower() == LAYER]  # case tells no layers apart
+        for entity in on_layer or entities:
             kind = entity.dxftype()
-            if kind in ("POINT", "TEXT", "MTEXT") or (LAYER in known and entity.dxf.layer != LAYER):
+            if kind in ("POINT", "TEXT", "MTEXT"):
                 continue
             if kind not in ("LINE", "LWPOLYLINE", "POLYLINE", "CIRCLE", "ARC", "ELLIPSE", "SPLINE"):
                 shapes.left_out[f"{kind} on layer {entity.dxf.layer}"] += 1
                 continue
             path = make_path(entity).transform(Matrix44.scale(scale, scale, 0))  # metres, seen from above
+            if not len(path):  # a polyline of one vertex
+                continue
             _points([(point.x, point.y) for point in path.control_vertices()], kind)  # a huge curve has endless chords
             flat = [(point.x, point.y) for point in islice(path.flattening(SAGITTA_M), left + 1)]
             left -= len(flat)

@@ -44,7 +44,7 @@ class Shapes:
 
         Raises InputError where too many walls lie over each other.
         """
-        lines = [shapely.LineString(wall) for wall in self.walls]
+        lines = [shapely.LineString(wall) for wall in self.walls if len(wall) > 1]
         check_crossings(self.areas, lines)
         solid = shapely.union_all([*self.areas, *(line.buffer(LEAST_M, cap_style="flat") for line in lines)])
         parts = shapely.get_parts(solid)  # each by itself: all at once, 1,000 boxes take 12 s and 1.3 GB

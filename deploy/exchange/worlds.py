@@ -43,6 +43,8 @@ class Options:
 
 def import_world(file: Path, out: Path, options: Options) -> list[str]:
     """Write a world file and a picture of it, and return what there is to tell, a line each. Raises InputError."""
+    if not out.name:
+        raise InputError(f"--out {out}: this is a folder; name a world file")
     picture = out.with_suffix(".png")
     if out == picture:
         raise InputError(f"{out}: its picture goes there; name the world file {out.with_suffix('.yaml').name}")

@@ -498,6 +498,8 @@ def test_nothing_that_is_read_is_written_over(tmp_path: Path) -> None:
         import_world(tmp_path / "map.yaml", tmp_path / "plan.yaml", Options())
     with pytest.raises(InputError, match=r"its picture goes there"):
         import_world(plan, tmp_path / "world.png", Options(width_m=8))
+    with pytest.raises(InputError, match=r"--out \.: this is a folder"):
+        import_world(plan, Path(), Options(width_m=8))
     assert plan.read_bytes() == before and not (tmp_path / "world.png").exists()
 
 
@@ -518,6 +520,29 @@ def test_a_drawing_has_an_encoding_of_its_own(tmp_path: Path) -> None:
     drawing.saveas(tmp_path / "room.dxf", encoding="cp1252")
     assert b"W\xe4nde" in (tmp_path / "room.dxf").read_bytes()
     assert imported(tmp_path / "room.dxf")[1][0].startswith("room: 3.0 m x 2.4 m")
+
+
+def test_a_polyline_of_one_vertex_is_no_wall(tmp_path: Path) -> None:
+    """It ended `--close` in a traceback, and a whole drawing was refused for it."""
+    drawing = ezdxf.new(units=6)
+    drawing.modelspace().add_lwpolyline([(9, 9)])
+    drawing.modelspace().add_lwpolyline(RING, close=True)
+    drawing.saveas(tmp_path / "room.dxf")
+    ring = " ".join(f"{x},{y}" for x, y in RING)
+    lines = f'<polyline points="9,9"/><polygon points="{ring}"/>'
+    (tmp_path / "room.svg").write_text(f'<svg xmlns="http://www.w3.org/2000/svg" data-unit="m">{lines}</svg>')
+    for suffix in ("dxf", "svg"):
+        world, _ = imported(tmp_path / f"room.{suffix}", Options(robots=1, close_m=1))
+        assert room_of(world, 1, 1).symmetric_difference(ROOM).area < 0.01
+
+
+def test_the_case_of_a_layer_tells_nothing(tmp_path: Path) -> None:
+    drawing = ezdxf.new(units=6)
+    drawing.modelspace().add_lwpolyline(RING, close=True, dxfattribs={"layer": "WALLS"})
+    drawing.modelspace().add_line((1, 1), (2, 2), dxfattribs={"layer": "furniture"})
+    drawing.saveas(tmp_path / "room.dxf")
+    (wall,) = drawings.read_dxf(tmp_path / "room.dxf").walls
+    assert len(wall) == len(RING) + 1
 
 
 def test_what_is_jagged_beyond_what_a_world_may_have_is_refused_at_once(
