@@ -66,7 +66,8 @@ class Robot:
         self.filter = WireframeFilter(config.filter, spec, np.random.SeedSequence([seed, zlib.crc32(b"filter")]))
         self.loops = LoopClosing(config.filter.submaps, spec.lidar.half_view()) if spec.odometry.noisy else None
         self.explorer = Explorer(config.exploration, config.driving, spec, self._random(seed, "explore"))
-        self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes)
+        wants_maps = config.cooperation.sharing
+        self.exchange = Exchange(config.radio, spec.lidar.rate_hz, spec.radio_mtu_bytes, wants_maps)
         self.team = Team(config.cooperation, config.alignment, spec, self._random(seed, "align"))
         self._own = Drawing()  # of own scans alone
         self._map = Drawing()  # the same with merged maps laid over it

@@ -86,7 +86,7 @@ class Part(NamedTuple):
 class Ack(NamedTuple):
     """The receiver's answer to a map: which parts of it have arrived."""
 
-    version: int
+    version: int  # 0, and None missing: the receiver has no map of the sender at all
     missing: frozenset[int] | None = frozenset()
     """Parts that have not arrived; empty when the map is whole; None when the base of the changes is not there."""
 

@@ -70,9 +70,13 @@ class News(NamedTuple):
 class Exchange:
     """One robot's part of all that is told and heard."""
 
-    def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int) -> None:
-        """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries."""
-        self.mtu_bytes = mtu_bytes
+    def __init__(self, config: TalkConfig, rate_hz: float, mtu_bytes: int, wants_maps: bool = False) -> None:
+        """rate_hz: ticks a second. mtu_bytes: the longest message that the radio carries.
+
+        wants_maps: whether a peer in contact of whose map nothing is there is told so, once a beacon's period. It may
+        have told it before the robot began anew.
+        """
+        self.mtu_bytes, self._wants_maps = mtu_bytes, wants_maps
         self.contacts: dict[str, Contact] = {}
         """Peers heard lately, in the order in which their contacts began: C of Algorithm 1."""
         self._told: defaultdict[str, Told] = defaultdict(Told)
@@ -215,6 +219,8 @@ class Exchange:
         sends += self._views_to_tell(tick, told_version, looked)
         if regular:
             for peer in self.contacts:
+                if self._wants_maps and self._known[peer].is_empty:
+                    sends.append(Send(tick=tick, to=peer, kind=ACK, payload=Ack(0, None).encode()))
                 sends += self._questions(tick, peer, frames) if asks else []
                 sends += self._frames_to_tell(tick, peer, frames)
         return sends[:MAX_SENDS]

@@ -84,6 +84,11 @@ class Known:
         """Version of its map as known; 0: none."""
         return max(self.maps, default=0)
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether neither a map of it is there nor a part of one."""
+        return not self.maps and self.arriving is None
+
     def map(self) -> ReceivedMap | None:
         """The newest map; None before the first."""
         return ReceivedMap(self.maps[self.newest].wireframe(), self.newest) if self.maps else None

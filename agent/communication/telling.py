@@ -68,7 +68,8 @@ class Told:
 
     def take_ack(self, ack: Ack) -> None:
         """Note what the peer has, or lacks."""
-        if ack.version not in self.maps:
+        has_begun_anew = ack == Ack(0, None) and self.acked > 0 and not self.parts
+        if ack.version not in self.maps and not has_begun_anew:
             return  # an answer to an earlier process of this name, or to a version given up since
         if ack.missing is None:  # the peer has lost its base: the whole map goes again
             self.maps, self.acked, self.whole, self.parts, self.compared, self.current = {}, 0, [], [], -1, 0

@@ -39,8 +39,10 @@ def comb(rooms: int, shift: float = 0.0) -> Wireframe:
 class Pair:
     """Two exchanges and what is between them. Robot a has a map that changes, b has none."""
 
-    def __init__(self, mtu_bytes: int = MTU_BYTES, seed: int = 0, loss: float = 0.0, latency: int = 1) -> None:
-        self.mtu_bytes = mtu_bytes
+    def __init__(
+        self, mtu_bytes: int = MTU_BYTES, seed: int = 0, loss: float = 0.0, latency: int = 1, wants_maps: bool = False
+    ) -> None:
+        self.mtu_bytes, self.wants_maps = mtu_bytes, wants_maps
         self.rng, self.loss, self.latency = np.random.default_rng(seed), loss, latency
         self.tick = 0
         self.robots = {name: self.new() for name in "ab"}
@@ -52,7 +54,7 @@ class Pair:
         """The newest map that was received, by receiver and sender."""
 
     def new(self) -> Exchange:
-        return Exchange(TalkConfig(), RATE_HZ, self.mtu_bytes)
+        return Exchange(TalkConfig(), RATE_HZ, self.mtu_bytes, self.wants_maps)
 
     def show(self, wireframe: Wireframe) -> None:
         self.map, self.state = wireframe, self.state + 1
@@ -231,6 +233,27 @@ def test_a_peer_that_begins_anew_gets_all_again() -> None:
     pair.show(comb(21))
     pair.run(80)
     assert pair.agrees() and pair.kinds("a")["map"] == 2
+
+
+@pytest.mark.parametrize("away", [0, 100])
+def test_a_peer_that_begins_anew_gets_a_map_that_does_not_change(away: int) -> None:
+    pair = Pair(wants_maps=True)
+    pair.show(comb(20))
+    pair.run(20)
+    pair.run(away, cut=True)
+    pair.robots["b"] = pair.new()
+    pair.maps.clear()
+    before = pair.tick
+    pair.run(200)
+    assert pair.agrees() and pair.kinds("a", before)["map"] == 1
+    assert pair.kinds("b", before)["ack"] == 2
+
+
+def test_who_has_no_map_of_a_peer_says_so_once_a_beacon_s_period_at_most_and_not_where_it_is_of_no_use() -> None:
+    for wants_maps in (True, False):
+        pair = Pair(wants_maps=wants_maps)  # neither has any wall
+        pair.run(1000)
+        assert all(pair.kinds(name)["ack"] == (39 if wants_maps else 0) for name in "ab")
 
 
 def test_a_sender_that_begins_anew_is_believed() -> None:
