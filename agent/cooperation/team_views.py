@@ -33,7 +33,7 @@ class _Taken(NamedTuple):
     heard: int
     """How many from second hand, those included that the peer's list holds no more."""
     places: Floats
-    """(k, 2) those of them that were kept, metres, the robot's own frame."""
+    """(k, 2) those of them that were kept, the newest KEPT_VIEWS: metres, the robot's own frame."""
 
 
 class _Usable(NamedTuple):
@@ -134,7 +134,7 @@ class TeamViews:
                     if cell not in known:
                         known.add(cell)
                         rows.append(row)
-                places = np.vstack((places, more[rows]))
+                places = np.vstack((places, more[rows]))[-KEPT_VIEWS:]
             self._taken[name] = _Taken(views.editions, total, places)
         self.places = np.vstack(
             [np.zeros((0, 2)), *self._first_hand.values(), *(taken.places for taken in self._taken.values())]

@@ -7,6 +7,7 @@ import pytest
 
 from agent.communication import receiving
 from agent.communication.receiving import Known, PeerViews, ReceivedMap
+from agent.cooperation import team_views
 from agent.cooperation.evidence import WallEvidence
 from agent.cooperation.peer import Laid, Merged, PeerLog
 from agent.cooperation.team_views import TOLD_A_TICK, TeamViews
@@ -132,3 +133,12 @@ def test_a_full_list_says_how_many_viewpoints_made_room(monkeypatch: pytest.Monk
         known.views_asked = True
         known.take_views(Views(since, until, np.zeros((1, 2), np.int64), np.zeros((2, 2), np.int64)))
     assert len(known.views.points) == 3 and known.views.forgotten == (1, 2)
+
+
+def test_what_is_kept_of_a_peer_s_second_hand_viewpoints_has_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(team_views, "KEPT_VIEWS", 3)
+    views, peer = TeamViews(), merged("b", [1.0], [])
+    for k in range(4):
+        peer.log.views = merged("b", [1.0], [20.0 + 2 * k, 21.0 + 2 * k]).log.views._replace(forgotten=(0, 2 * k))
+        views.gather([peer])
+    assert views.places[:, 0].tolist() == [11.0, 35.0, 36.0, 37.0]
