@@ -163,7 +163,7 @@ class PeerLog:
             self.encounters.append(Encounter(sighting.here, sighting.theirs))
 
     def move(self, by: Pose) -> None:
-        """The robot's map has moved by so much where it met the peer, in its own frame.
+        """The robot's map has moved by so much where the last contact began, in its own frame.
 
         What was seen of the peer, and its word on frames, are of the map before. Of the last contact its begin is kept.
         """

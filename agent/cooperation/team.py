@@ -154,7 +154,7 @@ class Team:
                     self._look(peer, view)
 
     def mend(self, settled: Settled) -> None:
-        """The robot's map was torn and is merged anew: peers' frames move as it did where each was last met.
+        """The robot's map was torn and is merged anew: peers' frames move as it did where each was last heard.
 
         To be called before `hear`.
         """
@@ -162,7 +162,7 @@ class Team:
         first = self.queue.proposals[0] if self.queue.proposals else None
         for name, peer in list(self.peers.items()):
             by, met = settled.at(peer.log.pose_tick), peer.log.first_encounter
-            peer.log.move(by)
+            peer.log.move(settled.at(peer.log.met))
             if isinstance(peer, Merged):
                 self.peers[name] = moved(peer, by)
             elif isinstance(peer, Proposed):

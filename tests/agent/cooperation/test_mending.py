@@ -27,31 +27,35 @@ TORN = Settled(np.zeros(0, SEGMENT), HERE, np.array([0, 100]), np.array([HERE, (
 MAP = maze(0)
 
 
-def heard_of(tick: int) -> PeerLog:
-    """A peer that was last heard then."""
-    log = PeerLog("r2", encounters=[Encounter(HERE, HERE), Encounter((1.0, 0.0, 0.0), HERE)], pose_tick=tick)
+def heard_of(tick: int, met: int) -> PeerLog:
+    """A peer that was last heard at a tick, in a contact that began at another one."""
+    log = PeerLog("r2", encounters=[Encounter(HERE, HERE), Encounter((1.0, 0.0, 0.0), HERE)], pose_tick=tick, met=met)
     log.map, log.claim = ReceivedMap(MAP, tick), np.zeros(3)
     log.sightings.append(Sighting(HERE, HERE, np.zeros((0, 2)), SCAN))
     return log
 
 
-def team_with(tick: int) -> tuple[Team, Proposed]:
+def team_with(tick: int, met: int = 50) -> tuple[Team, Proposed]:
     """A robot that has its peer's transform on trial, and drives to it."""
     team = Team(CooperationConfig(), AlignmentConfig(), RobotSpec(radio_range_m=4.0), np.random.default_rng(0))
-    proposed = team.propose(Unaligned(heard_of(tick)), HERE, MAP, {})
+    proposed = team.propose(Unaligned(heard_of(tick, met)), HERE, MAP, {})
     team.queue.set_out(tick, HERE)
     return team, proposed
 
 
-@pytest.mark.parametrize(("tick", "by"), [(50, (0.0, 0.0)), (150, (2.0, 1.0))])
-def test_a_proposal_its_errand_and_its_encounter_move_with_the_submap_in_which_the_peer_was_met(tick, by) -> None:
-    team, proposed = team_with(tick)
+@pytest.mark.parametrize(
+    ("met", "tick", "begin_by", "by"),
+    [(50, 60, (0.0, 0.0), (0.0, 0.0)), (50, 150, (0.0, 0.0), (2.0, 1.0)), (140, 150, (2.0, 1.0), (2.0, 1.0))],
+)
+def test_a_proposal_its_errand_and_its_encounter_move_each_with_its_submap(met, tick, begin_by, by) -> None:
+    """The transform with that in which the peer was last heard, its place at contact with that where this began."""
+    team, proposed = team_with(tick, met)
     proposed.waits_since = proposed.log.first_encounter
     team.mend(TORN)
     assert team.errand is not None
     assert team.errand.place == pytest.approx(by) and proposed.transform[:2] == pytest.approx(by)
     log = proposed.log
-    assert [one.here for one in log.encounters] == [(*by, 0.0)] and proposed.waits_since is log.first_encounter
+    assert [one.here for one in log.encounters] == [(*begin_by, 0.0)] and proposed.waits_since is log.first_encounter
     assert not log.sightings and log.claim is None
 
 
